@@ -1,0 +1,51 @@
+"""Errors of the package, one subclass a cause.
+
+    TwinError
+    +-- ScenarioError          the scenario file cannot be used as written
+    +-- RobotModelError        a robot description cannot be used
+    +-- InfeasibleStepError    no robot, object and pose can do an assembly step
+    +-- TransitError           no collision-free path was found
+    +-- PlanInvariantError     a plan breaks a guarantee it must keep
+    +-- OutputError            a file or folder cannot be written or read
+"""
+
+from __future__ import annotations
+
+
+class TwinError(Exception):
+    """Base of every error that a user can cause and mend.
+
+    Attributes:
+        message: one sentence that names the place and the offending value.
+        choices: the valid alternatives, empty where there are none to list.
+    """
+
+    def __init__(self, message: str, *, choices: tuple[str, ...] = ()) -> None:
+        self.message = message
+        self.choices = choices
+        hint = f" (valid: {', '.join(choices)})" if choices else ""
+        super().__init__(message + hint)
+
+
+class ScenarioError(TwinError):
+    """The scenario file cannot be used as written."""
+
+
+class RobotModelError(TwinError):
+    """A robot description cannot be used."""
+
+
+class InfeasibleStepError(TwinError):
+    """No robot, object and pose can do an assembly step."""
+
+
+class TransitError(TwinError):
+    """No collision-free path was found for a transit."""
+
+
+class PlanInvariantError(TwinError):
+    """A plan breaks a guarantee that it must keep."""
+
+
+class OutputError(TwinError):
+    """A file or folder cannot be written or read."""

@@ -1,0 +1,39 @@
+"""Convex bodies and the capsules that bound them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from planning.transforms import Array
+
+
+@dataclass(frozen=True)
+class Capsules:
+    """Capsules: all points within ``radius`` of the segment ``start``-``end``.
+
+    Attributes:
+        start: segment starts, shape (c, 3) [m].
+        end: segment ends, shape (c, 3) [m].
+        radius: radii, shape (c,) [m].
+    """
+
+    start: Array
+    end: Array
+    radius: Array
+
+
+@dataclass(frozen=True)
+class ConvexBody:
+    """A convex hull and capsules whose union contains it.
+
+    The capsules propose contacts cheaply, the hull decides them.
+
+    Attributes:
+        name: unique within what carries the body.
+        vertices: corners of the hull, shape (v, 3), in the frame of what carries it [m].
+        capsules: a cover of the hull, in the same frame.
+    """
+
+    name: str
+    vertices: Array
+    capsules: Capsules

@@ -1,0 +1,167 @@
+"""LEGO assemblies as data: plate, brick types, stock and steps, all on the stud grid.
+
+The grid of a plate counts studs from its corner: x and y from 0, layer z from 1 (on the plate).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from planning.transforms import Transform
+
+STUD_PITCH = 0.008
+"""Distance between studs [m]."""
+
+LAYER_HEIGHT = 0.0096
+"""Height of a brick without its studs [m]."""
+
+
+@dataclass(frozen=True)
+class BrickType:
+    """A type of brick.
+
+    Attributes:
+        name: such as ``"2x4"``, or the number a published library gives it.
+        studs: studs along the brick's own x and y.
+        mass: [kg].
+    """
+
+    name: str
+    studs: tuple[int, int]
+    mass: float
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A base plate.
+
+    Attributes:
+        pose: of the centre of the surface that bricks rest on, in the world.
+        studs: studs along x and y.
+    """
+
+    pose: Transform
+    studs: tuple[int, int] = (48, 48)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Where a brick sits: the stud of its least x and y, its layer, and whether it is turned.
+
+    Attributes:
+        x, y: stud of the least corner, from 0.
+        z: layer, 1 on the plate.
+        turned: True when the brick is turned by +90 degrees about z.
+    """
+
+    x: int
+    y: int
+    z: int
+    turned: bool = False
+
+
+@dataclass(frozen=True)
+class Press:
+    """Where the tool grips and presses a brick.
+
+    Attributes:
+        side: 1 to 4. For a brick that is not turned: 1 = edge of least x, 2 = of greatest y,
+            3 = of least y, 4 = of greatest x.
+        offset: stud index along that edge; the tool covers studs offset and offset + 1.
+    """
+
+    side: int
+    offset: int
+
+
+@dataclass(frozen=True)
+class Support:
+    """Where the supporting tool goes: a 1 x 2 cell.
+
+    Attributes:
+        x, y, z: stud and layer of the cell.
+        orientation: 0 = the tool comes from -x, 1 = from +y with J1 at -90 deg,
+            2 = with J1 at +90 deg, 3 = from +x.
+    """
+
+    x: int
+    y: int
+    z: int
+    orientation: int
+
+
+@dataclass(frozen=True)
+class StockBrick:
+    """A brick that stands on the plate at the start.
+
+    Attributes:
+        name: unique in the scenario.
+        brick: name of its type.
+        cell: where it stands.
+        fixed: scaffolding that no step may use.
+    """
+
+    name: str
+    brick: str
+    cell: Cell
+    fixed: bool = False
+
+
+@dataclass(frozen=True)
+class LegoStep:
+    """One step of the assembly sequence.
+
+    Attributes:
+        brick: name of the type it places.
+        cell: where the brick goes.
+        up: True for a place-up from below (handover and support-top), False for a place-down.
+        press: the grip, None when the planner may choose among all sides and offsets.
+        press_cell: contact cell of a place-up, with the press orientation as ``turned``.
+        support: the support pose, None where no support is needed.
+        attack: +1 or -1, sign of the sideways offset of the place approach.
+        stock: name of the prescribed stock brick, None when the planner may choose.
+    """
+
+    brick: str
+    cell: Cell
+    up: bool = False
+    press: Press | None = None
+    press_cell: Cell | None = None
+    support: Support | None = None
+    attack: int = 1
+    stock: str | None = None
+
+
+@dataclass(frozen=True)
+class LegoAssembly:
+    """A LEGO structure, what it is built from, and in which order.
+
+    Attributes:
+        plate: where everything stands.
+        bricks: brick types by name.
+        stock: bricks on the plate at the start.
+        steps: assembly sequence.
+        twist: twist angles by skill ("pick", "place-down", "place-up", "handover") [rad].
+    """
+
+    plate: Plate
+    bricks: Mapping[str, BrickType]
+    stock: tuple[StockBrick, ...]
+    steps: tuple[LegoStep, ...]
+    twist: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Subgoal:
+    """A pose that a tool frame must reach.
+
+    Attributes:
+        name: "approach", "attach", "twist", "leave" and the like.
+        frame: name of the tool frame, a key of RobotModel.frames.
+        pose: of that frame in the world.
+    """
+
+    name: str
+    frame: str
+    pose: Transform

@@ -1,0 +1,77 @@
+"""Tasks, what may touch whom during them, and the graph that orders them (APEX-MR IV-A)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from planning.transforms import Array, Transform
+
+TRANSIT = "transit"
+SKILLS = (
+    "pick",
+    "place-down",
+    "place-up",
+    "handover",
+    "support-bottom",
+    "support-top",
+)
+
+
+@dataclass(frozen=True)
+class Handling:
+    """An object changes hands, or is picked up or put down, within a task.
+
+    Attributes:
+        object: its name.
+        waypoint: index into the task's path (0 = the configuration the task starts from) at
+            which it happens.
+        holder: robot that holds it from then on, None when it is put down.
+        pose: of the object's centre in the holder's flange frame, or in the world.
+    """
+
+    object: str
+    waypoint: int
+    holder: str | None
+    pose: Transform
+
+
+@dataclass(frozen=True)
+class Task:
+    """A piece of work of one robot: a transit to a goal, or a skill.
+
+    Attributes:
+        index: position in the sequential plan; the task's identity everywhere.
+        robot: who does it.
+        kind: ``"transit"`` or a name from SKILLS.
+        step: assembly step it serves, counted from 1.
+        label: short text for people, such as ``"pick b2_4"``.
+        path: joint waypoints after the start, shape (w, n): the goal alone for a transit, the
+            subgoals of the reference path for a skill.
+        handlings: what changes hands in it, in order; ``waypoint`` counts within [start, *path].
+        object: object it is about, None for a plain move.
+    """
+
+    index: int
+    robot: str
+    kind: str
+    step: int
+    label: str
+    path: Array
+    handlings: tuple[Handling, ...] = ()
+    object: str | None = None
+
+
+@dataclass(frozen=True)
+class AllowedContact:
+    """Two things that may touch while the tasks listed are under way.
+
+    Attributes:
+        first, second: ``"<robot>/tool"``, an object's name or a fixture's name, unordered.
+        tasks: indices of the tasks. A contact of a node of task m with something that is not a
+            robot's node needs m in ``tasks``; a contact between nodes of tasks m and m' of two
+            robots needs both.
+    """
+
+    first: str
+    second: str
+    tasks: frozenset[int]

@@ -1,0 +1,110 @@
+"""Rigid transforms as 4 x 4 homogeneous matrices, metres and radians."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+Transform = npt.NDArray[np.float64]
+"""A (4, 4) homogeneous transform; ``parent_T_child`` maps child coordinates to the parent's."""
+
+Array = npt.NDArray[np.float64]
+
+
+def identity() -> Transform:
+    """Return the identity transform."""
+    return np.eye(4)
+
+
+def translation(x: float, y: float, z: float) -> Transform:
+    """Return a pure translation [m]."""
+    out = np.eye(4)
+    out[:3, 3] = (x, y, z)
+    return out
+
+
+def rotation(axis: str, angle: float) -> Transform:
+    """Return a rotation about a coordinate axis.
+
+    Args:
+        axis: ``"x"``, ``"y"`` or ``"z"``.
+        angle: angle [rad].
+    """
+    i = "xyz".index(axis)
+    a, b = (i + 1) % 3, (i + 2) % 3
+    c, s = np.cos(angle), np.sin(angle)
+    out = np.eye(4)
+    out[a, a] = out[b, b] = c
+    out[a, b], out[b, a] = -s, s
+    return out
+
+
+def from_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> Transform:
+    """Return translation ``xyz`` [m] after R = Rz(yaw) Ry(pitch) Rx(roll) [rad]."""
+    out = rotation("z", rpy[2]) @ rotation("y", rpy[1]) @ rotation("x", rpy[0])
+    out[:3, 3] = xyz
+    return out
+
+
+def from_quat_wxyz(xyz: Sequence[float], quat: Sequence[float]) -> Transform:
+    """Return the transform of a translation [m] and a quaternion (w, x, y, z), normalised here."""
+    w, x, y, z = np.asarray(quat, dtype=float) / np.linalg.norm(quat)
+    out = np.eye(4)
+    out[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    out[:3, 3] = xyz
+    return out
+
+
+def quat_wxyz(pose: Transform) -> Array:
+    """Return the unit quaternion (w, x, y, z) of a transform's rotation, with w >= 0."""
+    m = pose[:3, :3]
+    # The largest of the four squared components is at least 1/4: divide by that one.
+    squares = np.array(
+        [
+            1 + m[0, 0] + m[1, 1] + m[2, 2],
+            1 + m[0, 0] - m[1, 1] - m[2, 2],
+            1 - m[0, 0] + m[1, 1] - m[2, 2],
+            1 - m[0, 0] - m[1, 1] + m[2, 2],
+        ]
+    )
+    k = int(np.argmax(squares))
+    d = 0.5 / np.sqrt(squares[k])
+    if k == 0:
+        quat = np.array(
+            [squares[0], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]]
+        )
+    elif k == 1:
+        quat = np.array(
+            [m[2, 1] - m[1, 2], squares[1], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]]
+        )
+    elif k == 2:
+        quat = np.array(
+            [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], squares[2], m[1, 2] + m[2, 1]]
+        )
+    else:
+        quat = np.array(
+            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], squares[3]]
+        )
+    quat = quat * d
+    return quat if quat[0] >= 0 else -quat
+
+
+def inverse(pose: Transform) -> Transform:
+    """Return the inverse of a rigid transform."""
+    out = np.eye(4)
+    out[:3, :3] = pose[:3, :3].T
+    out[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
+    return out
+
+
+def readonly(values: npt.ArrayLike) -> Array:
+    """Return a float copy that cannot be written to."""
+    out = np.array(values, dtype=np.float64)
+    out.setflags(write=False)
+    return out
