@@ -1,0 +1,242 @@
+"""Capsules that bound a convex hull, several where one would be loose.
+
+The hull is cut by a grid of planes into convex cells. Each cell's corners, those on the
+cuts included, lie in one capsule; a capsule is convex, so it holds the whole cell, and the
+cells make up the hull: the union of the capsules contains it.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import ConvexHull, QhullError
+
+from planning.geometry.body import Capsules, ConvexBody
+from planning.transforms import Array, readonly
+
+_ROUNDING = 1e-9
+"""Added to every radius [m]: more than all rounding in the cuts at metre scale."""
+
+_MOST_BOX_TILES = 40
+
+_Segment = tuple[Array, Array, float]
+
+
+def capsule_cover(
+    vertices: npt.ArrayLike, *, tolerance: float = 0.01, most: int = 6
+) -> Capsules:
+    """Bound a convex hull by capsules.
+
+    The fewest capsules are taken that stand out of the hull by at most ``tolerance``; where
+    ``most`` do not reach that, the grid that stands out least.
+
+    Args:
+        vertices: points whose hull is covered, shape (v, 3) [m].
+        tolerance: distance the cover may stand out of the hull [m].
+        most: largest number of capsules.
+
+    Returns:
+        Capsules in the frame of ``vertices``; their union contains the hull.
+    """
+    points = hull_vertices(vertices)
+    axes = _tightest_axes(points)
+    local = points @ axes
+    normals = _directions()
+    support = (local @ normals.T).max(axis=0)
+    best: tuple[float, list[_Segment]] = (np.inf, [])
+    sides = range(1, most + 1)
+    grids = [
+        (i, j, k) for i in sides for j in sides for k in sides if i * j * k <= most
+    ]
+    for counts in sorted(grids, key=lambda g: int(np.prod(g))):
+        if best[0] <= tolerance and np.prod(counts) > len(best[1]):
+            break
+        segments = [
+            _capsule(cell, normals, support) for cell in _grid_cells(local, counts)
+        ]
+        excess = _excess(segments, normals, support)
+        # A finer grid has to earn its capsules.
+        if excess < (best[0] - 1e-6 if len(segments) > len(best[1]) else best[0]):
+            best = (excess, segments)
+    return _capsules(best[1], axes)
+
+
+def box_body(name: str, size: npt.ArrayLike) -> ConvexBody:
+    """Return a box centred at the origin, its middle axis tiled by the shortest one.
+
+    Args:
+        name: unique within what carries the box.
+        size: edge lengths, shape (3,), all positive [m].
+
+    Raises:
+        ValueError: an edge is not a positive finite number.
+    """
+    edges = np.asarray(size, dtype=np.float64)
+    if edges.shape != (3,) or not np.all(np.isfinite(edges)) or np.any(edges <= 0.0):
+        raise ValueError(f"box {name!r} needs three positive edge lengths, got {edges}")
+    vertices, capsules = _box(float(edges[0]), float(edges[1]), float(edges[2]))
+    return ConvexBody(name, vertices, capsules)
+
+
+def protrusion(vertices: npt.ArrayLike, capsules: Capsules) -> float:
+    """Return how far a cover stands out of its hull at most [m].
+
+    For convex sets the largest distance of a point of A from B is the largest difference of
+    their support functions over all directions; evaluated on some thousand directions.
+    """
+    points = np.asarray(vertices, dtype=np.float64)
+    normals = _directions(4000)
+    support = (points @ normals.T).max(axis=0)
+    segments = [
+        (start, end, float(radius))
+        for start, end, radius in zip(
+            capsules.start, capsules.end, capsules.radius, strict=True
+        )
+    ]
+    return _excess(segments, normals, support)
+
+
+def hull_vertices(vertices: npt.ArrayLike) -> Array:
+    """Return the extreme points of a cloud, shape (v, 3); a flat cloud is only thinned."""
+    points = np.unique(np.asarray(vertices, dtype=np.float64), axis=0)
+    if len(points) < 5:
+        return points
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except QhullError:  # all points in one plane
+        return points
+
+
+@lru_cache(maxsize=256)
+def _box(x: float, y: float, z: float) -> tuple[Array, Capsules]:
+    size = np.array([x, y, z])
+    vertices = readonly(list(product(*((-s / 2, s / 2) for s in size))))
+    short, middle, _ = np.argsort(size, kind="stable")
+    counts = [1, 1, 1]
+    tiles = round(float(size[middle] / size[short]))
+    counts[middle] = min(max(tiles, 1), _MOST_BOX_TILES)
+    normals = _directions()
+    support = (vertices @ normals.T).max(axis=0)
+    segments = [
+        _capsule(cell, normals, support)
+        for cell in _grid_cells(vertices, (counts[0], counts[1], counts[2]))
+    ]
+    return vertices, _capsules(segments, np.eye(3))
+
+
+def _directions(count: int = 300) -> Array:
+    """Return unit vectors spread over the sphere, the coordinate axes among them."""
+    k = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * k / count
+    angle = np.pi * (1.0 + np.sqrt(5.0)) * k
+    ring = np.sqrt(1.0 - z * z)
+    spread = np.column_stack([ring * np.cos(angle), ring * np.sin(angle), z])
+    return np.vstack([spread, np.eye(3), -np.eye(3)])
+
+
+def _tightest_axes(points: Array) -> Array:
+    """Return orthonormal axes (columns): coordinate or principal, the tighter box wins."""
+    centred = points - points.mean(axis=0)
+    principal = np.linalg.svd(centred, full_matrices=True)[2].T
+    frames = (np.eye(3), principal)
+    volumes = [np.prod(np.ptp(points @ axes, axis=0) + 1e-6) for axes in frames]
+    return frames[1] if volumes[1] < 0.98 * volumes[0] else frames[0]
+
+
+def _grid_cells(points: Array, counts: tuple[int, int, int]) -> list[Array]:
+    """Cut the hull of ``points`` into a grid; return the corners of every non-empty cell."""
+    cells = [points]
+    for axis, count in enumerate(counts):
+        low, high = points[:, axis].min(), points[:, axis].max()
+        for cut in np.linspace(low, high, count + 1)[1:-1]:
+            last = cells
+            cells = []
+            for cell in last:
+                below, above = _cut(cell, axis, float(cut))
+                cells += [part for part in (below, above) if len(part)]
+    return cells
+
+
+def _cut(points: Array, axis: int, level: float) -> tuple[Array, Array]:
+    """Cut a hull in two; the corners of either half are its points and those on the cut.
+
+    Every corner of the cut polygon lies on an edge of the hull, so on a segment between a
+    point below and one above: taking all such segments misses none and adds none outside.
+    """
+    height = points[:, axis] - level
+    below, above = points[height <= 0.0], points[height >= 0.0]
+    low, high = points[height < 0.0], points[height > 0.0]
+    if not len(low) or not len(high):
+        empty = np.empty((0, 3))
+        return (points, empty) if len(low) else (empty, points)
+    a = (level - low[:, axis])[:, None]
+    b = (high[:, axis] - level)[None, :]
+    share = (a / (a + b))[..., None]
+    crossing = (low[:, None] * (1.0 - share) + high[None, :] * share).reshape(-1, 3)
+    crossing[:, axis] = level
+    return (
+        hull_vertices(np.vstack([below, crossing])),
+        hull_vertices(np.vstack([above, crossing])),
+    )
+
+
+def _capsule(points: Array, normals: Array, support: Array) -> _Segment:
+    """Return the capsule along the longest axis that holds ``points`` and stands out least."""
+    extent = np.ptp(points, axis=0)
+    long = int(np.argmax(extent))
+    others = [i for i in range(3) if i != long]
+    centre = _circle_centre(points[:, others])
+    along = points[:, long]
+    aside = np.linalg.norm(points[:, others] - centre, axis=1)
+    best: tuple[float, float, _Segment] | None = None
+    for factor in np.linspace(1.0, 1.6, 25):
+        radius = max(float(aside.max()) * float(factor), 1e-9)
+        # A point is inside when the segment reaches within `reach` of its foot.
+        reach = np.sqrt(np.maximum(radius**2 - aside**2, 0.0))
+        first, last = float((along + reach).min()), float((along - reach).max())
+        if first > last:
+            first = last = (first + last) / 2.0
+        start, end = np.empty(3), np.empty(3)
+        start[others] = end[others] = centre
+        start[long], end[long] = first, last
+        # The radius that counts is measured again on the segment as it is stored.
+        offset = along - np.clip(along, first, last)
+        radius = float(np.sqrt(offset**2 + aside**2).max()) + _ROUNDING
+        segment = (start, end, radius)
+        volume = np.pi * radius**2 * (last - first + 4.0 / 3.0 * radius)
+        excess = _excess([segment], normals, support)
+        if best is None or (excess, volume) < best[:2]:
+            best = (excess, volume, segment)
+    assert best is not None
+    return best[2]
+
+
+def _circle_centre(points: Array) -> Array:
+    """Return a point near the centre of the smallest circle (Badoiu and Clarkson)."""
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2.0
+    best, radius = centre, np.linalg.norm(points - centre, axis=1).max()
+    for k in range(1, 60):
+        distance = np.linalg.norm(points - centre, axis=1)
+        far = int(np.argmax(distance))
+        if distance[far] < radius:
+            best, radius = centre, distance[far]
+        centre = centre + (points[far] - centre) / (k + 1.0)
+    return np.asarray(best)
+
+
+def _excess(segments: list[_Segment], normals: Array, support: Array) -> float:
+    starts = np.array([s for s, _, _ in segments]) @ normals.T
+    ends = np.array([e for _, e, _ in segments]) @ normals.T
+    radii = np.array([r for _, _, r in segments])
+    return float((np.maximum(starts, ends) + radii[:, None] - support).max())
+
+
+def _capsules(segments: list[_Segment], axes: Array) -> Capsules:
+    return Capsules(
+        readonly(np.array([s for s, _, _ in segments]) @ axes.T),
+        readonly(np.array([e for _, e, _ in segments]) @ axes.T),
+        readonly([r for _, _, r in segments]),
+    )
