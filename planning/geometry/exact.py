@@ -1,0 +1,250 @@
+"""Exact decisions: do two convex hulls come closer than a clearance while they move?
+
+coal measures the distance of the hulls at the middle of both motions. How far any point can get
+from there is bounded, so one measurement settles every pair that is clearly apart or clearly too
+close; what is left is split in two, down to a tolerance below which closeness is assumed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+from numba import njit
+
+from planning.geometry.body import ConvexBody
+from planning.geometry.chain import joint_poses
+from planning.geometry.kernel import RobotKernel
+from planning.transforms import Array, Transform
+
+TOLERANCE = 2e-4
+"""Hulls that may come within clearance + TOLERANCE of each other are called too close [m]."""
+
+_REQUEST = coal.DistanceRequest()
+_RESULT = coal.DistanceResult()
+_SHAPES: dict[int, tuple[ConvexBody, Any]] = {}
+
+
+def hull_shape(body: ConvexBody) -> Any:
+    """Return coal's convex shape of a body, built once a body."""
+    known = _SHAPES.get(id(body))
+    if known is None:
+        model = coal.BVHModelOBBRSS()
+        model.beginModel(0, len(body.vertices))
+        model.addVertices(np.asarray(body.vertices, dtype=np.float64))
+        model.endModel()
+        model.buildConvexHull(True, "Qt")
+        # The body is kept beside its shape so that its id is not given to another one.
+        known = _SHAPES[id(body)] = (body, model.convex)
+    return known[1]
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A convex body, at rest in the world or carried by a robot's joint.
+
+    Attributes:
+        name: the entity it belongs to, as allowed contacts name it.
+        shape: coal's convex shape.
+        vertices: hull corners in the frame of the joint, or in the world, shape (v, 3).
+        local: pose of the body in that frame.
+        carrier: the robot, None for a body at rest in the world.
+        joint: the carrying joint, -1 for the base.
+    """
+
+    name: str
+    shape: Any
+    vertices: Array
+    local: Transform
+    carrier: RobotKernel | None = None
+    joint: int = -1
+
+
+def resting_solid(name: str, body: ConvexBody, pose: Transform) -> Solid:
+    """Return a body at rest at ``pose`` in the world."""
+    return Solid(name, hull_shape(body), body.vertices, pose)
+
+
+def carried_solid(
+    name: str, body: ConvexBody, carrier: RobotKernel, joint: int, local: Transform
+) -> Solid:
+    """Return a body carried by ``joint`` of a robot at pose ``local`` in the joint's frame."""
+    vertices = np.ascontiguousarray(body.vertices @ local[:3, :3].T + local[:3, 3])
+    return Solid(name, hull_shape(body), vertices, local, carrier, joint)
+
+
+@njit(cache=True)
+def _carry(
+    kernel: RobotKernel,
+    joint: int,
+    vertices: Array,
+    local: Array,
+    q_a: Array,
+    q_b: Array,
+    rotation: Array,
+    offset: Array,
+) -> float:
+    """Write the pose of a carried body at the middle of a motion; return its motion bound."""
+    n = q_a.shape[0]
+    poses = np.empty((n + 1, 4, 4))
+    joint_poses(
+        kernel.placement,
+        kernel.axis,
+        kernel.prismatic,
+        kernel.base,
+        0.5 * (q_a + q_b),
+        poses,
+    )
+    pose = poses[joint + 1]
+    for r in range(3):
+        for c in range(3):
+            total = 0.0
+            for k in range(3):
+                total += pose[r, k] * local[k, c]
+            rotation[r, c] = total
+        total = pose[r, 3]
+        for k in range(3):
+            total += pose[r, k] * local[k, 3]
+        offset[r] = total
+    moved = 0.0
+    for j in range(joint, -1, -1):
+        half_travel = 0.5 * abs(q_b[j] - q_a[j])
+        if half_travel == 0.0:
+            continue
+        if kernel.prismatic[j]:
+            moved += half_travel
+            continue
+        frame = poses[j + 1]
+        ax = ay = az = 0.0
+        for k in range(3):
+            ax += frame[0, k] * kernel.axis[j, k]
+            ay += frame[1, k] * kernel.axis[j, k]
+            az += frame[2, k] * kernel.axis[j, k]
+        reach = 0.0
+        for v in range(vertices.shape[0]):
+            x, y, z = -frame[0, 3], -frame[1, 3], -frame[2, 3]
+            x += pose[0, 3]
+            y += pose[1, 3]
+            z += pose[2, 3]
+            for k in range(3):
+                x += pose[0, k] * vertices[v, k]
+                y += pose[1, k] * vertices[v, k]
+                z += pose[2, k] * vertices[v, k]
+            cx, cy, cz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
+            reach = max(reach, cx * cx + cy * cy + cz * cz)
+        moved += half_travel * (np.sqrt(reach) + moved)
+    return moved
+
+
+def place(solid: Solid, q_a: Array, q_b: Array) -> tuple[Any, float]:
+    """Return coal's pose of a body at the middle of a motion and how far it strays from there.
+
+    Args:
+        solid: the body.
+        q_a, q_b: ends of its carrier's motion, shape (n,); ignored for a body at rest.
+
+    Returns:
+        The pose, and a bound of the distance of every point at any time of the motion from
+        where it is in the middle [m].
+    """
+    if solid.carrier is None:
+        return coal.Transform3s(solid.local[:3, :3], solid.local[:3, 3]), 0.0
+    rotation = np.empty((3, 3))
+    offset = np.empty(3)
+    moved = _carry(
+        solid.carrier,
+        solid.joint,
+        solid.vertices,
+        solid.local,
+        q_a,
+        q_b,
+        rotation,
+        offset,
+    )
+    return coal.Transform3s(rotation, offset), moved
+
+
+def distance(a: Solid, pose_a: Any, b: Solid, pose_b: Any) -> float:
+    """Return the signed distance of two hulls at coal poses; negative is penetration [m]."""
+    _RESULT.clear()
+    return float(coal.distance(a.shape, pose_a, b.shape, pose_b, _REQUEST, _RESULT))
+
+
+def distance_at(a: Solid, q_a: Array, b: Solid, q_b: Array) -> float:
+    """Return the signed distance of two bodies, each carrier at one configuration [m]."""
+    return distance(a, place(a, q_a, q_a)[0], b, place(b, q_b, q_b)[0])
+
+
+def come_close(
+    a: Solid,
+    a_from: Array,
+    a_to: Array,
+    b: Solid,
+    b_from: Array,
+    b_to: Array,
+    clearance: float,
+) -> bool:
+    """Tell whether two bodies can come closer than a clearance, each anywhere on its motion.
+
+    The two motions are independent: either body may be anywhere on its way while the other is
+    anywhere on its own, which is what two unordered TPG nodes mean.
+
+    Args:
+        a, b: the bodies.
+        a_from, a_to: ends of the straight joint-space motion that carries ``a``, shape (n,).
+        b_from, b_to: likewise for ``b``.
+        clearance: least distance [m].
+    """
+    if a.carrier is None and b.carrier is not None:
+        a, a_from, a_to, b, b_from, b_to = b, b_from, b_to, a, a_from, a_to
+    stack = [(a_from, a_to, b_from, b_to)]
+    while stack:
+        a0, a1, b0, b1 = stack.pop()
+        pose_a, moved_a = place(a, a0, a1)
+        pose_b, moved_b = place(b, b0, b1)
+        gap = distance(a, pose_a, b, pose_b)
+        if gap < clearance:
+            return True
+        if gap - moved_a - moved_b >= clearance:
+            continue
+        if moved_a + moved_b < TOLERANCE:
+            return True
+        if moved_a >= moved_b:
+            middle = 0.5 * (a0 + a1)
+            stack.append((a0, middle, b0, b1))
+            stack.append((middle, a1, b0, b1))
+        else:
+            middle = 0.5 * (b0 + b1)
+            stack.append((a0, a1, b0, middle))
+            stack.append((a0, a1, middle, b1))
+    return False
+
+
+def come_close_together(
+    a: Solid, b: Solid, q_from: Array, q_to: Array, clearance: float
+) -> bool:
+    """Tell whether two bodies of one robot come closer than a clearance on its motion.
+
+    Args:
+        a, b: bodies carried by the same robot.
+        q_from, q_to: ends of the straight joint-space motion, shape (n,).
+        clearance: least distance [m].
+    """
+    stack = [(q_from, q_to)]
+    while stack:
+        q0, q1 = stack.pop()
+        pose_a, moved_a = place(a, q0, q1)
+        pose_b, moved_b = place(b, q0, q1)
+        gap = distance(a, pose_a, b, pose_b)
+        if gap < clearance:
+            return True
+        if gap - moved_a - moved_b >= clearance:
+            continue
+        if moved_a + moved_b < TOLERANCE:
+            return True
+        middle = 0.5 * (q0 + q1)
+        stack.append((q0, middle))
+        stack.append((middle, q1))
+    return False

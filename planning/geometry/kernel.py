@@ -1,0 +1,79 @@
+"""A placed robot, and what it holds, as flat arrays for compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.geometry.body import ConvexBody
+from planning.transforms import Array, Transform
+from planning.workcell import PlacedRobot
+
+
+class RobotKernel(NamedTuple):
+    """Kinematics and capsules of one robot.
+
+    Attributes:
+        placement, axis, prismatic: see KinematicChain.
+        base: pose of the base in the world, shape (4, 4).
+        joint: the joint that moves each capsule, -1 for the base, shape (c,).
+        start, end: capsule segments in the frame of their joint, shape (c, 3) [m].
+        radius: capsule radii, shape (c,) [m].
+        body: index of the body of each capsule, shape (c,): the robot's parts in order, then
+            the objects it holds.
+    """
+
+    placement: Array
+    axis: Array
+    prismatic: npt.NDArray[np.bool_]
+    base: Array
+    joint: npt.NDArray[np.int64]
+    start: Array
+    end: Array
+    radius: Array
+    body: npt.NDArray[np.int64]
+
+
+def robot_kernel(
+    robot: PlacedRobot, held: Sequence[tuple[ConvexBody, Transform]] = ()
+) -> RobotKernel:
+    """Return the arrays of a robot and of what it holds.
+
+    Args:
+        robot: the placed robot.
+        held: bodies in the hand, each with its pose in the flange frame.
+    """
+    model = robot.model
+    joint: list[npt.NDArray[np.int64]] = []
+    start: list[Array] = []
+    end: list[Array] = []
+    radius: list[Array] = []
+    body: list[npt.NDArray[np.int64]] = []
+
+    def add(which: int, carrier: int, capsules_of: ConvexBody, pose: Transform) -> None:
+        capsules = capsules_of.capsules
+        count = len(capsules.radius)
+        joint.append(np.full(count, carrier))
+        start.append(capsules.start @ pose[:3, :3].T + pose[:3, 3])
+        end.append(capsules.end @ pose[:3, :3].T + pose[:3, 3])
+        radius.append(capsules.radius)
+        body.append(np.full(count, which))
+
+    for index, part in enumerate(model.parts):
+        add(index, part.joint, part.body, np.eye(4))
+    for index, (item, pose) in enumerate(held):
+        add(len(model.parts) + index, model.dof - 1, item, model.flange @ pose)
+    return RobotKernel(
+        np.ascontiguousarray(model.chain.placement, dtype=np.float64),
+        np.ascontiguousarray(model.chain.axis, dtype=np.float64),
+        np.ascontiguousarray(model.chain.prismatic, dtype=np.bool_),
+        np.ascontiguousarray(robot.base, dtype=np.float64),
+        np.ascontiguousarray(np.concatenate(joint), dtype=np.int64),
+        np.ascontiguousarray(np.concatenate(start), dtype=np.float64),
+        np.ascontiguousarray(np.concatenate(end), dtype=np.float64),
+        np.ascontiguousarray(np.concatenate(radius), dtype=np.float64),
+        np.ascontiguousarray(np.concatenate(body), dtype=np.int64),
+    )

@@ -1,0 +1,109 @@
+"""Capsules that contain everything a robot sweeps on a straight line in joint space.
+
+Each capsule is placed at the middle of the line and its radius grown by a bound of how far any
+of its points gets from there: joint by joint from the tip, a point within r of the joint's axis
+(and displaced by at most m through the joints behind) moves at most (r + m) times half the
+joint's travel. The bound is rigorous, so nothing between two samples goes unseen.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from planning.geometry.chain import joint_poses
+from planning.geometry.kernel import RobotKernel
+from planning.transforms import Array
+
+
+@njit(cache=True)
+def place_capsules(
+    kernel: RobotKernel,
+    q_a: Array,
+    q_b: Array,
+    poses: Array,
+    q_mid: Array,
+    start: Array,
+    end: Array,
+    radius: Array,
+) -> None:
+    """Write the swept capsules of one joint-space segment.
+
+    Args:
+        kernel: the robot.
+        q_a, q_b: ends of the segment, shape (n,).
+        poses: scratch, shape (n + 1, 4, 4); holds the joint poses at the middle afterwards.
+        q_mid: scratch, shape (n,).
+        start, end: world ends of the capsule segments, shape (c, 3), written here [m].
+        radius: radii with the motion added, shape (c,), written here [m].
+    """
+    n = q_a.shape[0]
+    for j in range(n):
+        q_mid[j] = 0.5 * (q_a[j] + q_b[j])
+    joint_poses(
+        kernel.placement, kernel.axis, kernel.prismatic, kernel.base, q_mid, poses
+    )
+    for c in range(kernel.radius.shape[0]):
+        carrier = kernel.joint[c]
+        pose = poses[carrier + 1]
+        for r in range(3):
+            s = e = pose[r, 3]
+            for k in range(3):
+                s += pose[r, k] * kernel.start[c, k]
+                e += pose[r, k] * kernel.end[c, k]
+            start[c, r] = s
+            end[c, r] = e
+        moved = 0.0
+        for j in range(carrier, -1, -1):
+            half_travel = 0.5 * abs(q_b[j] - q_a[j])
+            if half_travel == 0.0:
+                continue
+            if kernel.prismatic[j]:
+                moved += half_travel
+                continue
+            joint = poses[j + 1]
+            ax = ay = az = 0.0
+            for k in range(3):
+                ax += joint[0, k] * kernel.axis[j, k]
+                ay += joint[1, k] * kernel.axis[j, k]
+                az += joint[2, k] * kernel.axis[j, k]
+            reach = max(
+                _off_axis(start[c], joint, ax, ay, az),
+                _off_axis(end[c], joint, ax, ay, az),
+            )
+            moved += half_travel * (reach + kernel.radius[c] + moved)
+        radius[c] = kernel.radius[c] + moved
+
+
+@njit(cache=True, inline="always")
+def _off_axis(point: Array, joint: Array, ax: float, ay: float, az: float) -> float:
+    x, y, z = point[0] - joint[0, 3], point[1] - joint[1, 3], point[2] - joint[2, 3]
+    cx, cy, cz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
+    return float(np.sqrt(cx * cx + cy * cy + cz * cz))
+
+
+@njit(cache=True)
+def sweep_segments(
+    kernel: RobotKernel, q_a: Array, q_b: Array
+) -> tuple[Array, Array, Array]:
+    """Return the swept capsules of many segments.
+
+    Args:
+        kernel: the robot, with what it holds in all of these segments.
+        q_a, q_b: ends of the segments, shape (s, n).
+
+    Returns:
+        Capsule starts and ends, shape (s, c, 3), and grown radii, shape (s, c) [m].
+    """
+    count, n = q_a.shape
+    c = kernel.radius.shape[0]
+    start = np.empty((count, c, 3))
+    end = np.empty((count, c, 3))
+    radius = np.empty((count, c))
+    poses = np.empty((n + 1, 4, 4))
+    q_mid = np.empty(n)
+    for i in range(count):
+        place_capsules(
+            kernel, q_a[i], q_b[i], poses, q_mid, start[i], end[i], radius[i]
+        )
+    return start, end, radius
