@@ -1,0 +1,1 @@
+"""Synthetic durations of the LEGO manipulation skills; README.md says what they are."""
