@@ -100,12 +100,14 @@ class StockBrick:
         brick: name of its type.
         cell: where it stands.
         fixed: scaffolding that no step may use.
+        station: a feeding station: there is always another brick of this type at this cell.
     """
 
     name: str
     brick: str
     cell: Cell
     fixed: bool = False
+    station: bool = False
 
 
 @dataclass(frozen=True)
