@@ -1,0 +1,167 @@
+"""The assignment problem: who can do which step with what, and at which cost (APEX-MR IV-A).
+
+Free of any domain: robots and objects are names, grasps and support poses are numbers whose
+meaning only the maker of the candidates knows.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from functools import cached_property
+
+
+@dataclass(frozen=True)
+class PrimaryCandidate:
+    """One way for a robot to be the primary robot of a step (X_ijkg of Appendix B).
+
+    Attributes:
+        step: counted from 1.
+        robot: who places the object.
+        object: what is placed.
+        grasp: number of the grasp.
+        cost: C_ijkg, joint-space distance [rad or m, summed over joints].
+        partner: robot that must be the support robot of the step, because it hands the object
+            over; None when any may.
+        after: objects that stand in the way until an earlier step has used them.
+    """
+
+    step: int
+    robot: str
+    object: str
+    grasp: int
+    cost: float
+    partner: str | None = None
+    after: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class SupportCandidate:
+    """One way for a robot to support a step (Y_ijg of Appendix B).
+
+    Attributes:
+        step: counted from 1.
+        robot: who supports.
+        pose: number of the support pose.
+        cost: C^s_ijg, joint-space distance.
+    """
+
+    step: int
+    robot: str
+    pose: int
+    cost: float
+
+
+@dataclass(frozen=True)
+class Rejection:
+    """Why something cannot be a candidate.
+
+    Attributes:
+        step: counted from 1.
+        what: the candidate in words, such as ``"left places b2_4 with grip 1/1"``.
+        reason: such as ``"attach is out of reach"``.
+    """
+
+    step: int
+    what: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class AssignmentProblem:
+    """Everything the integer program (1)-(8) of Appendix B speaks of; only feasible candidates.
+
+    Attributes:
+        robots: the N robots.
+        steps: what the steps are, in words; their number is N_a.
+        needs_support: delta^s per step.
+        primaries: candidates X.
+        supports: candidates Y.
+        incompatible: pairs (index into primaries, index into supports) of one step that cannot
+            go together, such as poses that collide with each other.
+        unlimited: objects that stand for an endless supply, exempt from use-once (6).
+        balance: load balance; lambda is this times the mean cost of a step at its cheapest. At
+            1 a robot that takes two steps in a row instead of sharing them (a spread of 2 in
+            one window) pays two steps' worth of motion, which outweighs all but large detours.
+            The published code uses 1000 against costs in degrees, about 4 here.
+        rejections: what is not a candidate and why; for messages only.
+    """
+
+    robots: tuple[str, ...]
+    steps: tuple[str, ...]
+    needs_support: tuple[bool, ...]
+    primaries: tuple[PrimaryCandidate, ...]
+    supports: tuple[SupportCandidate, ...]
+    incompatible: frozenset[tuple[int, int]] = frozenset()
+    unlimited: frozenset[str] = frozenset()
+    balance: float = 1.0
+    rejections: tuple[Rejection, ...] = field(default=(), repr=False)
+
+    @cached_property
+    def balance_weight(self) -> float:
+        """Lambda of (1), in the unit of the costs."""
+        cheapest: dict[int, float] = {}
+        for primary in self.primaries:
+            known = cheapest.get(primary.step, float("inf"))
+            cheapest[primary.step] = min(known, primary.cost)
+        support: dict[int, float] = {}
+        for item in self.supports:
+            support[item.step] = min(support.get(item.step, float("inf")), item.cost)
+        total = sum(cheapest.values()) + sum(support.values())
+        return self.balance * total / max(1, len(self.steps))
+
+    @cached_property
+    def primaries_of(self) -> dict[int, list[int]]:
+        """Indices of the primary candidates of each step."""
+        out: dict[int, list[int]] = defaultdict(list)
+        for index, item in enumerate(self.primaries):
+            out[item.step].append(index)
+        return out
+
+    @cached_property
+    def supports_of(self) -> dict[int, list[int]]:
+        """Indices of the support candidates of each step."""
+        out: dict[int, list[int]] = defaultdict(list)
+        for index, item in enumerate(self.supports):
+            out[item.step].append(index)
+        return out
+
+    def compatible(self, primary: int, support: int) -> bool:
+        """Return whether a primary and a support candidate of a step can go together."""
+        first, second = self.primaries[primary], self.supports[support]
+        if first.step != second.step or first.robot == second.robot:
+            return False
+        if first.partner is not None and first.partner != second.robot:
+            return False
+        return (primary, support) not in self.incompatible
+
+    def windows(self) -> list[range]:
+        """Return the windows of N consecutive steps (from 1) that (7) and (8) balance."""
+        size = len(self.robots)
+        last = len(self.steps) - size + 1
+        return [range(j, j + size) for j in range(1, last + 1)]
+
+
+def explain_rejections(problem: AssignmentProblem, step: int, *, most: int = 12) -> str:
+    """Return why each candidate of a step fell out, grouped by reason, one line each.
+
+    Args:
+        problem: with its rejections.
+        step: counted from 1.
+        most: longest list of reasons.
+    """
+    groups: dict[str, list[str]] = defaultdict(list)
+    for item in problem.rejections:
+        if item.step == step:
+            groups[item.reason].append(item.what)
+    if not groups:
+        return "  nothing of the right type is there to try"
+    ordered = sorted(groups.items(), key=lambda entry: (-len(entry[1]), entry[0]))
+    lines = []
+    for reason, whats in ordered[:most]:
+        shown = ", ".join(whats[:3])
+        more = f" and {len(whats) - 3} more" if len(whats) > 3 else ""
+        lines.append(f"  {reason}: {shown}{more}")
+    if len(ordered) > most:
+        lines.append(f"  and {len(ordered) - most} more reasons")
+    return "\n".join(lines)

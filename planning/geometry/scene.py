@@ -1,0 +1,315 @@
+"""May this robot be here, or move along there, in the cell as it stands at one instant?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planning.geometry.exact import (
+    Solid,
+    carried_solid,
+    come_close,
+    come_close_together,
+    distance_at,
+    resting_solid,
+)
+from planning.geometry.kernel import RobotKernel, robot_kernel
+from planning.geometry.proposals import BOX, SELF, SKIP, SOLID, Scene, propose
+from planning.geometry.swept import place_capsules
+from planning.transforms import Array
+from planning.workcell import PlacedRobot, Workcell, WorldState
+
+RESOLUTION = 0.003
+"""Stretches of a motion that move no link further than this go to the exact decision [m]."""
+
+_PROBE = 0.35
+"""Joint travel (largest joint) between the configurations probed before a whole motion [rad]."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two bodies that are too close.
+
+    Attributes:
+        first: the checked robot's body, as entity and body name.
+        second: the other one.
+        distance: signed distance, negative for penetration [m].
+        limit: least distance that was asked for [m].
+    """
+
+    first: str
+    second: str
+    distance: float
+    limit: float
+
+    def __str__(self) -> str:
+        """Describe the contact in one phrase."""
+        how = (
+            f"overlap by {-self.distance * 1e3:.1f} mm"
+            if self.distance < 0
+            else f"come within {self.distance * 1e3:.1f} mm"
+        )
+        return f"{self.first} and {self.second} {how}"
+
+
+def entity(robot: str, group: str) -> str:
+    """Return the name by which allowed contacts speak of a robot's arm or tool."""
+    return f"{robot}/{group}"
+
+
+class SceneChecker:
+    """Collision checks of one robot against everything else, which stands still.
+
+    Capsules propose, coal's convex hulls decide.
+
+    Args:
+        cell: the static cell.
+        robot: name of the robot that is checked.
+        state: configurations of the other robots, and where every object is; what the checked
+            robot holds moves with it.
+        allowed: unordered pairs of entities that may touch.
+        margin: added to the cell's clearances [m].
+    """
+
+    def __init__(
+        self,
+        cell: Workcell,
+        robot: str,
+        state: WorldState,
+        allowed: frozenset[frozenset[str]] = frozenset(),
+        *,
+        margin: float = 0.0,
+    ) -> None:
+        self.robot = cell.robot(robot)
+        self._allowed = allowed
+        self._between_robots = cell.clearances.robot_robot + margin
+        self._to_objects = cell.clearances.robot_object + margin
+        held = [
+            (item, state.attachments[item.name].pose)
+            for item in cell.objects
+            if state.attachments[item.name].holder == robot
+        ]
+        self.kernel = robot_kernel(
+            self.robot, [(item.body, pose) for item, pose in held]
+        )
+        self._own = robot_solids(self.robot, self.kernel) + [
+            carried_solid(
+                item.name,
+                item.body,
+                self.kernel,
+                self.robot.model.dof - 1,
+                self.robot.model.flange @ pose,
+            )
+            for item, pose in held
+        ]
+        self._boxes: list[Solid] = []
+        self._half: list[Array] = []
+        self._radius: list[float] = []
+        self._others: list[Solid] = []
+        self._other_q: list[Array] = []
+        self._stand(cell, state)
+        self._scene = self._compile(cell, state)
+
+    def _stand(self, cell: Workcell, state: WorldState) -> None:
+        """Collect what stands around the robot."""
+
+        def add_box(name: str, solid: Solid, size: Array) -> None:
+            self._boxes.append(solid)
+            half = 0.5 * np.asarray(size)
+            self._half.append(half)
+            self._radius.append(float(np.linalg.norm(half)))
+
+        for fixture in cell.fixtures:
+            solid = resting_solid(fixture.name, fixture.body, fixture.pose)
+            add_box(fixture.name, solid, fixture.size)
+        flanges = {
+            other.name: flange_pose(other, state.configurations[other.name])
+            for other in cell.robots
+            if other.name != self.robot.name
+        }
+        for item in cell.objects:
+            attachment = state.attachments[item.name]
+            if attachment.holder == self.robot.name:
+                continue
+            pose = attachment.pose
+            if attachment.holder is not None:
+                pose = flanges[attachment.holder] @ pose
+            add_box(item.name, resting_solid(item.name, item.body, pose), item.size)
+        for other in cell.robots:
+            if other.name != self.robot.name:
+                kernel = robot_kernel(other)
+                for solid in robot_solids(other, kernel):
+                    self._others.append(solid)
+                    self._other_q.append(state.configurations[other.name])
+
+    def _compile(self, cell: Workcell, state: WorldState) -> Scene:
+        """Flatten it, with the least distance of every pair."""
+        own = len(self._own)
+        fixtures = len(cell.fixtures)
+        box_limit = np.full((own, len(self._boxes)), SKIP)
+        solid_limit = np.full((own, len(self._others)), SKIP)
+        self_limit = np.full((own, own), SKIP)
+        model = self.robot.model
+        parts = len(model.parts)
+        for i, mine in enumerate(self._own):
+            entity_mine = mine.name.split(":")[0]
+            base = i < parts and model.parts[i].joint < 0
+            for b, other in enumerate(self._boxes):
+                if base and b < fixtures:
+                    continue
+                if frozenset((entity_mine, other.name)) not in self._allowed:
+                    box_limit[i, b] = self._to_objects
+            limit = self._between_robots if i < parts else self._to_objects
+            for s, other in enumerate(self._others):
+                pair = frozenset((entity_mine, other.name.split(":")[0]))
+                if pair not in self._allowed:
+                    solid_limit[i, s] = limit
+            for j in range(i + 1, own):
+                if j < parts and (i, j) in model.never_collide:
+                    continue
+                pair = frozenset((entity_mine, self._own[j].name.split(":")[0]))
+                if i >= parts or (j >= parts and pair in self._allowed):
+                    continue
+                self_limit[i, j] = 0.0
+        starts, ends, radii, which = [], [], [], []
+        first = 0
+        for other in cell.robots:
+            if other.name == self.robot.name:
+                continue
+            kernel = robot_kernel(other)
+            q = np.asarray(state.configurations[other.name], dtype=np.float64)
+            count = len(kernel.radius)
+            start, end = np.empty((count, 3)), np.empty((count, 3))
+            radius = np.empty(count)
+            poses = np.empty((len(q) + 1, 4, 4))
+            place_capsules(kernel, q, q, poses, np.empty(len(q)), start, end, radius)
+            starts.append(start)
+            ends.append(end)
+            radii.append(radius)
+            which.append(kernel.body + first)
+            first += len(other.model.parts)
+        return Scene(
+            np.array([s.local for s in self._boxes]).reshape(-1, 4, 4),
+            np.array(self._half).reshape(-1, 3),
+            np.array(self._radius),
+            box_limit,
+            np.concatenate(starts) if starts else np.empty((0, 3)),
+            np.concatenate(ends) if ends else np.empty((0, 3)),
+            np.concatenate(radii) if radii else np.empty(0),
+            np.concatenate(which) if which else np.empty(0, dtype=np.int64),
+            solid_limit,
+            self_limit,
+        )
+
+    def configuration_free(self, q: Array) -> bool:
+        """Tell whether the robot may stand at ``q``, shape (n,)."""
+        return self._clear(q, q)
+
+    def motion_free(self, q_a: Array, q_b: Array) -> bool:
+        """Tell whether the whole straight joint-space line from ``q_a`` to ``q_b`` is free.
+
+        Args:
+            q_a, q_b: ends, shape (n,).
+        """
+        probes = int(np.max(np.abs(q_b - q_a)) / _PROBE) + 1
+        for t in _spread(probes):
+            q = q_a + t * (q_b - q_a)
+            if not self._clear(q, q):
+                return False
+        return self._clear(q_a, q_b)
+
+    def _clear(self, q_a: Array, q_b: Array) -> bool:
+        when, what, count = self._propose(q_a, q_b)
+        step = q_b - q_a
+        for i in range(count):
+            q0, q1 = q_a + when[i, 0] * step, q_a + when[i, 1] * step
+            mine = self._own[what[i, 1]]
+            kind, other = what[i, 0], what[i, 2]
+            limit = self._limit(kind, what[i, 1], other)
+            if kind == SELF:
+                hit = come_close_together(mine, self._own[other], q0, q1, limit)
+            else:
+                solid, q = self._obstacle(kind, other)
+                hit = come_close(mine, q0, q1, solid, q, q, limit)
+            if hit:
+                return False
+        return True
+
+    def contact(self, q: Array) -> Contact | None:
+        """Return the closest forbidden contact at ``q``, shape (n,), None where there is none."""
+        _, what, count = self._propose(q, q)
+        worst: Contact | None = None
+        for kind, body, other in what[:count]:
+            mine = self._own[body]
+            limit = self._limit(kind, body, other)
+            if kind == SELF:
+                second, gap = self._own[other], distance_at(mine, q, self._own[other], q)
+            else:
+                second, at = self._obstacle(kind, other)
+                gap = distance_at(mine, q, second, at)
+            if gap < limit and (worst is None or gap - limit < worst.distance - worst.limit):
+                worst = Contact(mine.name, second.name, gap, limit)
+        return worst
+
+    def _propose(self, q_a: Array, q_b: Array) -> tuple[Array, Array, int]:
+        room = 512
+        while True:
+            when, what, count = propose(
+                self.kernel, self._scene, q_a, q_b, RESOLUTION, room
+            )
+            if count >= 0:
+                return when, what, count
+            room *= 8
+
+    def _limit(self, kind: int, body: int, other: int) -> float:
+        scene = self._scene
+        table = (scene.box_limit, scene.solid_limit, scene.self_limit)[kind]
+        return float(table[body, other])
+
+    def _obstacle(self, kind: int, other: int) -> tuple[Solid, Array]:
+        if kind == BOX:
+            return self._boxes[other], self.robot.home
+        assert kind == SOLID
+        return self._others[other], self._other_q[other]
+
+
+def robot_solids(robot: PlacedRobot, kernel: RobotKernel) -> list[Solid]:
+    """Return the bodies of a robot, named ``"<robot>/<group>:<body>"``."""
+    return [
+        carried_solid(
+            f"{entity(robot.name, part.group)}:{part.body.name}",
+            part.body,
+            kernel,
+            part.joint,
+            np.eye(4),
+        )
+        for part in robot.model.parts
+    ]
+
+
+def flange_pose(robot: PlacedRobot, q: Array) -> Array:
+    """Return the pose of a robot's flange in the world, shape (4, 4)."""
+    from planning.geometry.chain import joint_poses
+
+    chain = robot.model.chain
+    poses = np.empty((len(q) + 1, 4, 4))
+    joint_poses(
+        chain.placement,
+        chain.axis,
+        chain.prismatic,
+        robot.base,
+        np.asarray(q, dtype=np.float64),
+        poses,
+    )
+    return np.asarray(poses[-1] @ robot.model.flange)
+
+
+def _spread(count: int) -> list[float]:
+    """Return ``count`` parameters in (0, 1], the end first and then ever finer in between."""
+    out = [1.0]
+    bits = max(count - 1, 0).bit_length()
+    for i in range(1, 1 << bits):
+        flipped = int(f"{i:0{bits}b}"[::-1], 2)
+        out.append(flipped / (1 << bits))
+    return out

@@ -1,0 +1,81 @@
+"""How long a straight joint-space motion takes, and where its pose nodes lie."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from planning.transforms import Array
+
+
+class SpeedModel(Protocol):
+    """Turns joint-space motions into seconds."""
+
+    def duration(self, q_a: Array, q_b: Array) -> float:
+        """Return the time of the straight motion from ``q_a`` to ``q_b``, shape (n,) [s]."""
+        ...
+
+
+@dataclass(frozen=True)
+class L1Speed:
+    """The paper's model: the sum of all joint travels passes at a fixed rate (APEX-MR V).
+
+    Attributes:
+        speed: sum of joint travels per second [rad/s].
+    """
+
+    speed: float = 1.0
+
+    def duration(self, q_a: Array, q_b: Array) -> float:
+        """Return the L1 joint distance over the speed [s]."""
+        return float(np.sum(np.abs(q_b - q_a))) / self.speed
+
+
+@dataclass(frozen=True)
+class JointSpeed:
+    """Every joint at most at its own limit; the slowest one decides.
+
+    Attributes:
+        velocity: joint speed limits, shape (n,) [rad/s or m/s].
+        scale: share of the limits that is used, (0, 1].
+    """
+
+    velocity: Array
+    scale: float = 1.0
+
+    def duration(self, q_a: Array, q_b: Array) -> float:
+        """Return the time that the slowest joint needs [s]."""
+        return float(np.max(np.abs(q_b - q_a) / (self.velocity * self.scale)))
+
+
+def path_duration(path: Array, speed: SpeedModel) -> float:
+    """Return the duration of a polyline, shape (w, n) [s]."""
+    return sum(speed.duration(a, b) for a, b in zip(path, path[1:], strict=False))
+
+
+def sample_path(path: Array, speed: SpeedModel, step: float) -> tuple[Array, Array]:
+    """Split a polyline into steps of at most ``step`` seconds, keeping its corners.
+
+    Keeping the corners keeps the motion that was checked: a grid laid over them would cut them.
+
+    Args:
+        path: polyline, shape (w, n), w >= 1.
+        speed: the speed model.
+        step: longest step [s].
+
+    Returns:
+        Waypoints, shape (k, n), starting with ``path[0]``, and their times from 0, shape (k,).
+    """
+    waypoints = [path[0]]
+    times = [0.0]
+    for a, b in zip(path, path[1:], strict=False):
+        seconds = speed.duration(a, b)
+        if seconds <= 0.0:
+            continue
+        parts = max(1, int(np.ceil(seconds / step - 1e-9)))
+        for k in range(1, parts + 1):
+            waypoints.append(b if k == parts else a + (b - a) * (k / parts))
+            times.append(times[-1] + seconds / parts)
+    return np.array(waypoints), np.array(times)
