@@ -1,0 +1,257 @@
+"""The six manipulation skills as sequences of subgoals (APEX-MR Sec. V, App. C).
+
+Every learned skill is an approach, an attach and a twist. The first subgoal, ``approach``, is
+the goal of the transit before the skill; the skill's own reference path is the rest. Distances
+and angles are those of the published demonstrations, checked against its shipped joint paths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from planning.errors import RobotModelError
+from planning.lego.grid import box_from_top
+from planning.lego.grips import grip_pose, side_contact_pose
+from planning.lego.structure import BrickType, Press, Subgoal
+from planning.lego.support import SupportTargets
+from planning.transforms import Transform, inverse, rotation, translation
+
+FRAMES = ("tool", "disassemble", "assemble", "handover_assemble", "alt", "alt_assemble")
+"""Tool frames a robot needs: grip from above; axes of the twists that pick up, put down and hand
+over; side studs that hold a brick from below, and the axis of their twist."""
+
+DEFAULT_TWIST: Mapping[str, float] = {
+    "pick": np.radians(16.0),
+    "place-down": np.radians(16.0),
+    "place-up": np.radians(16.0),
+    "handover": np.radians(18.0),
+}
+"""Twist angles [rad]."""
+
+_LIFT = 0.015
+"""Way straight up after a twist [m]."""
+
+
+@dataclass(frozen=True)
+class SkillTargets:
+    """One execution of a skill as poses to reach, in order.
+
+    Attributes:
+        skill: a name from ``task_graph.SKILLS``.
+        subgoals: poses in order; the robot comes to each in turn.
+        attach_at: index of the subgoal at which the robot takes the brick, None if it does not.
+        detach_at: index of the subgoal at which the robot lets go of the brick, None if it does
+            not. In a handover it passes to the receiver there.
+        lead: how many subgoals at the front are goals of transits; the skill's own reference
+            path is ``subgoals[lead:]``.
+    """
+
+    skill: str
+    subgoals: tuple[Subgoal, ...]
+    attach_at: int | None = None
+    detach_at: int | None = None
+    lead: int = 1
+
+
+def pick_targets(
+    frames: Mapping[str, Transform],
+    brick: BrickType,
+    top: Transform,
+    press: Press,
+    *,
+    twist: float = DEFAULT_TWIST["pick"],
+) -> SkillTargets:
+    """Return the subgoals of picking a brick up: approach, above, attach, twist, leave.
+
+    Args:
+        frames: the robot's tool frames in its flange frame, ``RobotModel.frames``.
+        brick: type of the brick.
+        top: pose of the centre of its top face in the world.
+        press: the grip.
+        twist: angle of the twist that loosens it [rad].
+    """
+    grip = grip_pose(top, brick, press)
+    turned = _via(frames, grip, "tool", "disassemble") @ rotation("y", twist)
+    subgoals = (
+        Subgoal("approach", "tool", grip @ translation(-0.005, 0.005, -0.0056)),
+        Subgoal("above", "tool", grip @ translation(0.0, 0.0, -0.0028)),
+        Subgoal("attach", "tool", grip),
+        Subgoal("twist", "disassemble", turned),
+        Subgoal("leave", "disassemble", _lifted(turned)),
+    )
+    return SkillTargets("pick", subgoals, attach_at=2)
+
+
+def place_down_targets(
+    frames: Mapping[str, Transform],
+    brick: BrickType,
+    top: Transform,
+    press: Press,
+    *,
+    attack: int = 1,
+    twist: float = DEFAULT_TWIST["place-down"],
+) -> SkillTargets:
+    """Return the subgoals of a place-down: approach, above, attach, twist, leave.
+
+    Args:
+        frames: the robot's tool frames in its flange frame.
+        brick: type of the brick.
+        top: goal pose of the centre of its top face in the world.
+        press: the grip, the same as in the pick.
+        attack: +1 or -1, the side of the tool's y axis that the approach comes from.
+        twist: angle of the twist that releases it [rad].
+    """
+    grip = grip_pose(top, brick, press)
+    turned = _via(frames, grip, "tool", "assemble") @ rotation("y", -twist)
+    subgoals = (
+        Subgoal("approach", "tool", grip @ translation(-0.005, 0.005 * attack, -0.010)),
+        Subgoal("above", "tool", grip @ translation(0.0, 0.0, -0.005)),
+        Subgoal("attach", "tool", grip),
+        Subgoal("twist", "assemble", turned),
+        Subgoal("leave", "assemble", _lifted(turned)),
+    )
+    return SkillTargets("place-down", subgoals, detach_at=2)
+
+
+def place_up_targets(
+    frames: Mapping[str, Transform],
+    contact: Transform,
+    *,
+    attack: int = 1,
+    twist: float = DEFAULT_TWIST["place-up"],
+) -> SkillTargets:
+    """Return the subgoals of a place-up of a brick held from below on the side studs.
+
+    They are pre (20 mm before the approach), approach, below, place, twist, leave; the first
+    two are transit goals in turn.
+
+    Args:
+        frames: the robot's tool frames in its flange frame.
+        contact: goal pose of the frame ``"alt"`` in the world, see ``place_up_contact``.
+        attack: +1 or -1, sign of the sideways offset of the approach.
+        twist: angle of the twist that releases it [rad].
+    """
+    turned = _via(frames, contact, "alt", "alt_assemble") @ rotation("y", twist)
+    aside = -0.005 * attack
+    subgoals = (
+        Subgoal("pre", "alt", contact @ translation(0.0056, aside, -0.025)),
+        Subgoal("approach", "alt", contact @ translation(0.0056, aside, -0.005)),
+        Subgoal("below", "alt", contact @ translation(0.0028, 0.0, 0.0)),
+        Subgoal("place", "alt", contact),
+        Subgoal("twist", "alt_assemble", turned),
+        Subgoal("leave", "alt_assemble", turned @ translation(_LIFT, 0.0, -_LIFT)),
+    )
+    return SkillTargets("place-up", subgoals, detach_at=3, lead=2)
+
+
+def handover_targets(
+    frames: Mapping[str, Transform],
+    brick: BrickType,
+    top: Transform,
+    press: Press,
+    *,
+    twist: float = DEFAULT_TWIST["handover"],
+) -> SkillTargets:
+    """Return the giver's subgoals of a handover: approach, press, twist, leave.
+
+    Args:
+        frames: the giver's tool frames in its flange frame.
+        brick: type of the brick.
+        top: pose of the centre of its top face once it sits on the receiver's side studs, in
+            the world; see ``received_top``.
+        press: the grip, the same as in the pick.
+        twist: angle of the twist that releases it [rad].
+    """
+    grip = grip_pose(top, brick, press)
+    turned = _via(frames, grip, "tool", "handover_assemble")
+    # The published twist also draws the tool back by 1 mm, and once more on leaving.
+    back = translation(0.0, 0.0, -0.001)
+    turned = turned @ rotation("y", -twist) @ back
+    subgoals = (
+        Subgoal("approach", "tool", grip @ translation(0.0, 0.0, -0.015)),
+        Subgoal("press", "tool", grip),
+        Subgoal("twist", "handover_assemble", turned),
+        Subgoal("leave", "handover_assemble", _lifted(turned @ back)),
+    )
+    return SkillTargets("handover", subgoals, detach_at=1)
+
+
+def support_skill(targets: SupportTargets, *, pre: int = 0) -> SkillTargets:
+    """Return a support as subgoals: pre, support.
+
+    Args:
+        targets: from ``support.support_bottom_targets`` or ``support_top_targets``.
+        pre: which of the pre-poses to take.
+    """
+    return SkillTargets(targets.skill, (targets.pre[pre], targets.support))
+
+
+def place_up_contact(top: Transform, brick: BrickType, press: Press) -> Transform:
+    """Return the goal pose of frame ``"alt"`` that puts a brick in place from below.
+
+    Args:
+        top: goal pose of the centre of the brick's top face in the world.
+        brick: its type.
+        press: the side and studs by which it is held.
+    """
+    return side_contact_pose(top, brick, press)
+
+
+def received_top(
+    frames: Mapping[str, Transform],
+    tool: Transform,
+    top: Transform,
+    contact: Transform,
+) -> Transform:
+    """Return where the top face of a handed-over brick is while the receiver stands ready.
+
+    Args:
+        frames: the receiver's tool frames in its flange frame.
+        tool: pose of the receiver's frame ``"tool"`` in the world as it receives.
+        top: goal pose of the centre of the brick's top face in the world.
+        contact: goal pose of the receiver's frame ``"alt"``, see ``place_up_contact``.
+    """
+    return _via(frames, tool, "tool", "alt") @ inverse(contact) @ top
+
+
+def held_box(
+    frames: Mapping[str, Transform], frame: str, tool: Transform, top: Transform
+) -> Transform:
+    """Return the pose of a held brick's box centre in the flange frame of its holder.
+
+    Args:
+        frames: the holder's tool frames in its flange frame.
+        frame: the tool frame whose pose is given.
+        tool: pose of that frame in the world.
+        top: pose of the centre of the brick's top face in the world at that moment.
+    """
+    flange = tool @ inverse(_frame(frames, frame))
+    return inverse(flange) @ box_from_top(top)
+
+
+def _frame(frames: Mapping[str, Transform], name: str) -> Transform:
+    if name == "flange" and name not in frames:
+        return np.eye(4)
+    try:
+        return frames[name]
+    except KeyError:
+        raise RobotModelError(
+            f"the robot has no tool frame {name!r}, which the LEGO skills need",
+            choices=tuple(sorted(frames)),
+        ) from None
+
+
+def _via(
+    frames: Mapping[str, Transform], pose: Transform, start: str, end: str
+) -> Transform:
+    """Return the pose of tool frame ``end`` when ``start`` of the same tool is at ``pose``."""
+    return pose @ inverse(_frame(frames, start)) @ _frame(frames, end)
+
+
+def _lifted(pose: Transform) -> Transform:
+    out = pose.copy()
+    out[2, 3] += _LIFT
+    return out
