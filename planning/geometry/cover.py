@@ -26,16 +26,16 @@ _Segment = tuple[Array, Array, float]
 
 
 def capsule_cover(
-    vertices: npt.ArrayLike, *, tolerance: float = 0.01, most: int = 6
+    vertices: npt.ArrayLike, *, tolerance: float = 0.015, most: int = 4
 ) -> Capsules:
     """Bound a convex hull by capsules.
 
-    The fewest capsules are taken that stand out of the hull by at most ``tolerance``; where
-    ``most`` do not reach that, the grid that stands out least.
+    Of all grids with up to ``most`` cells the one is taken that stands out least for its size:
+    twice the capsules must pay by a cover 1.4 times as tight, down to ``tolerance``.
 
     Args:
         vertices: points whose hull is covered, shape (v, 3) [m].
-        tolerance: distance the cover may stand out of the hull [m].
+        tolerance: a cover that stands out of the hull by less is tight enough [m].
         most: largest number of capsules.
 
     Returns:
@@ -45,23 +45,23 @@ def capsule_cover(
     axes = _tightest_axes(points)
     local = points @ axes
     normals = _directions()
-    support = (local @ normals.T).max(axis=0)
-    best: tuple[float, list[_Segment]] = (np.inf, [])
+    # Grids are compared on a sketch of the hull; the one chosen is cut from all of it.
+    sketch = local[np.unique((local @ _directions(40).T).argmax(axis=0))]
+    support = (sketch @ normals.T).max(axis=0)
     sides = range(1, most + 1)
-    grids = [
-        (i, j, k) for i in sides for j in sides for k in sides if i * j * k <= most
-    ]
-    for counts in sorted(grids, key=lambda g: int(np.prod(g))):
-        if best[0] <= tolerance and np.prod(counts) > len(best[1]):
-            break
-        segments = [
-            _capsule(cell, normals, support) for cell in _grid_cells(local, counts)
-        ]
+    chosen, least = (1, 1, 1), np.inf
+    for grid in ((i, j, k) for i in sides for j in sides for k in sides):
+        count = int(np.prod(grid))
+        if count > most:
+            continue
+        segments = [_capsule(cell, normals, support) for cell in _cells(sketch, grid)]
         excess = _excess(segments, normals, support)
-        # A finer grid has to earn its capsules.
-        if excess < (best[0] - 1e-6 if len(segments) > len(best[1]) else best[0]):
-            best = (excess, segments)
-    return _capsules(best[1], axes)
+        score = max(excess, tolerance) * np.sqrt(count) + 1e-3 * excess
+        if score < least:
+            chosen, least = grid, score
+    support = (local @ normals.T).max(axis=0)
+    segments = [_capsule(cell, normals, support) for cell in _cells(local, chosen)]
+    return _capsules(segments, axes)
 
 
 def box_body(name: str, size: npt.ArrayLike) -> ConvexBody:
@@ -122,7 +122,7 @@ def _box(x: float, y: float, z: float) -> tuple[Array, Capsules]:
     support = (vertices @ normals.T).max(axis=0)
     segments = [
         _capsule(cell, normals, support)
-        for cell in _grid_cells(vertices, (counts[0], counts[1], counts[2]))
+        for cell in _cells(vertices, (counts[0], counts[1], counts[2]))
     ]
     return vertices, _capsules(segments, np.eye(3))
 
@@ -146,7 +146,7 @@ def _tightest_axes(points: Array) -> Array:
     return frames[1] if volumes[1] < 0.98 * volumes[0] else frames[0]
 
 
-def _grid_cells(points: Array, counts: tuple[int, int, int]) -> list[Array]:
+def _cells(points: Array, counts: tuple[int, int, int]) -> list[Array]:
     """Cut the hull of ``points`` into a grid; return the corners of every non-empty cell."""
     cells = [points]
     for axis, count in enumerate(counts):

@@ -1,0 +1,183 @@
+"""The robots that can be named in a scenario, and how their descriptions are read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from planning.errors import RobotModelError
+from planning.robots.model import RobotModel
+from planning.transforms import Transform, from_rpy, identity, translation
+
+_OWN = Path(__file__).parent / "urdf"
+
+
+@dataclass(frozen=True)
+class RobotEntry:
+    """A registered robot type.
+
+    Attributes:
+        name: what scenarios call it.
+        source: where the description comes from.
+        licence: of the description.
+        note: one line on what it is.
+        home_deg: HOME [deg].
+        tool_links: links whose parts form the group ``tool``.
+        frames: tool frames, in the flange frame.
+        folder: returns the folder of the description.
+        file: path of the description in that folder.
+        flange_link, flange_offset: where the flange is.
+        frozen: joints held still and their values [m or rad].
+        velocity_deg_s: speed limits where the description has none worth using [deg/s].
+    """
+
+    name: str
+    source: str
+    licence: str
+    note: str
+    home_deg: tuple[float, ...]
+    tool_links: tuple[str, ...]
+    frames: Mapping[str, Transform]
+    folder: Callable[[], Path]
+    file: str
+    flange_link: str
+    flange_offset: Transform = field(default_factory=identity)
+    frozen: Mapping[str, float] = field(default_factory=dict)
+    velocity_deg_s: tuple[float, ...] | None = None
+
+
+def _own_folder() -> Path:
+    return _OWN
+
+
+def _pybullet_folder(name: str) -> Callable[[], Path]:
+    """Return a lookup that finds a folder of pybullet_data without importing pybullet."""
+
+    def folder() -> Path:
+        spec = find_spec("pybullet_data")
+        if spec is None or spec.origin is None:
+            raise RobotModelError(
+                f"the description of {name} comes with the Python package pybullet, "
+                "which is not installed"
+            )
+        return Path(spec.origin).parent / name
+
+    return folder
+
+
+_GP4_FLANGE_DEPTH = 0.072
+# Last row of the Denavit-Hartenberg table per tool frame: d6 and a6 [m].
+_GP4_TOOL_ROWS = {
+    "tool": (-0.183, 0.0),
+    "assemble": (-0.1825, 0.0078),
+    "disassemble": (-0.192, 0.0),
+    "alt": (-0.1784, -0.0174),
+    "alt_assemble": (-0.1784, -0.0078),
+    "handover_assemble": (-0.1815, 0.0078),
+}
+
+_ENTRIES = (
+    RobotEntry(
+        name="gp4",
+        source="own primitives within the measured outer dimensions",
+        licence="as this project",
+        note="Yaskawa GP4, 6 joints, with force sensor and LEGO tool",
+        home_deg=(0.0, -15.4560, -40.3566, 0.0, -65.0995, 0.0),
+        tool_links=("tool",),
+        frames={
+            key: translation(a6, 0.0, -d6 - _GP4_FLANGE_DEPTH)
+            for key, (d6, a6) in _GP4_TOOL_ROWS.items()
+        },
+        folder=_own_folder,
+        file="gp4.urdf",
+        flange_link="flange",
+    ),
+    RobotEntry(
+        name="panda",
+        source="pybullet_data/franka_panda",
+        licence="Apache-2.0",
+        note="Franka Emika Panda, 7 joints, hand with fingers held 40 mm apart",
+        home_deg=(0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0),
+        tool_links=("panda_hand", "panda_leftfinger", "panda_rightfinger"),
+        frames={"tool": from_rpy((0.0, 0.0, 0.105), (0.0, 0.0, -np.pi / 4))},
+        folder=_pybullet_folder("franka_panda"),
+        file="panda.urdf",
+        flange_link="panda_link8",
+        frozen={"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02},
+    ),
+    RobotEntry(
+        name="iiwa14",
+        source="pybullet_data/kuka_iiwa",
+        licence="BSD-2-Clause",
+        note="KUKA LBR iiwa 14, 7 joints, bare flange; speeds of the data sheet",
+        home_deg=(0.0, 30.0, 0.0, -75.0, 0.0, 75.0, 0.0),
+        tool_links=(),
+        frames={"tool": identity()},
+        folder=_pybullet_folder("kuka_iiwa"),
+        file="model.urdf",
+        flange_link="lbr_iiwa_link_7",
+        flange_offset=translation(0.0, 0.0, 0.045),
+        velocity_deg_s=(85.0, 85.0, 100.0, 75.0, 130.0, 135.0, 135.0),
+    ),
+)
+
+ROBOTS: Mapping[str, RobotEntry] = MappingProxyType({e.name: e for e in _ENTRIES})
+"""Registered robots by name."""
+
+
+def robot_model(name_or_urdf: str, base_dir: Path | None = None) -> RobotModel:
+    """Return a registered robot, or one read from a URDF file. Results are cached.
+
+    Args:
+        name_or_urdf: name in ROBOTS, or path of a URDF file.
+        base_dir: what a relative path is relative to; the working directory by default.
+
+    Raises:
+        RobotModelError: no such robot or file, or the description cannot be used.
+    """
+    if name_or_urdf in ROBOTS:
+        return _registered(name_or_urdf)
+    path = Path(base_dir or ".", name_or_urdf).resolve()
+    if not path.is_file() and path.suffix.lower() not in (".urdf", ".xml"):
+        raise RobotModelError(
+            f"no robot {name_or_urdf!r} in the registry, and no such file",
+            choices=(*ROBOTS, "path of a .urdf file"),
+        )
+    stamp = path.stat().st_mtime_ns if path.is_file() else 0
+    return _from_file(path, stamp)
+
+
+@lru_cache(maxsize=None)
+def _registered(name: str) -> RobotModel:
+    from planning.robots.urdf import load_urdf
+
+    entry = ROBOTS[name]
+    folder = entry.folder()
+    return load_urdf(
+        folder / entry.file,
+        name=name,
+        package_dirs=(folder,),
+        home=[float(value) for value in np.radians(entry.home_deg)],
+        frozen=entry.frozen,
+        flange_link=entry.flange_link,
+        flange_offset=entry.flange_offset,
+        tool_links=entry.tool_links,
+        frames=entry.frames,
+        velocity=None
+        if entry.velocity_deg_s is None
+        else [float(value) for value in np.radians(entry.velocity_deg_s)],
+    )
+
+
+@lru_cache(maxsize=32)
+def _from_file(path: Path, stamp: int) -> RobotModel:
+    """Load a user's description; ``stamp`` makes an edited file load anew."""
+    from planning.robots.urdf import load_urdf
+
+    return load_urdf(path)
