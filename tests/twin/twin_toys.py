@@ -10,7 +10,7 @@ import numpy as np
 from planning.geometry.body import Capsules, ConvexBody
 from planning.robots.model import KinematicChain, RobotModel
 from planning.task_graph import SKILLS, TRANSIT, Task
-from planning.transforms import identity, translation
+from planning.transforms import translation
 from planning.workcell import CellObject, Fixture, PlacedRobot, Workcell
 from scheduling.temporal_plan_graph import (
     NodeChain,
