@@ -1,0 +1,322 @@
+"""What a scenario file may say: one cell, one assembly, how to plan and how to run it.
+
+These are the sections and keys of the file, frozen and checked one by one. Reading a file and
+checking that the parts fit together is in ``twin.scenario_file``; every quantity carries its unit
+in its key.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from twin.scenario_durations import DurationSection
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=64)]
+"""Names become parts of file names and of paths in a recording."""
+
+Vector3 = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
+Vector4 = Annotated[tuple[float, ...], Field(min_length=4, max_length=4)]
+Size3 = Annotated[
+    tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=3, max_length=3)
+]
+Studs = Annotated[
+    tuple[Annotated[int, Field(ge=1, le=1000)], ...],
+    Field(min_length=2, max_length=2),
+]
+GridCell = Annotated[
+    tuple[Annotated[int, Field(ge=-1000, le=1000)], ...],
+    Field(min_length=3, max_length=3),
+]
+Skill = Literal[
+    "pick",
+    "place-down",
+    "place-up",
+    "handover",
+    "support-bottom",
+    "support-top",
+]
+
+
+class Section(BaseModel):
+    """A mapping of the file: no unknown keys, no silent conversion, no change afterwards."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False
+    )
+
+
+class PoseSection(Section):
+    """A pose: where, and how it is turned (upright when not said).
+
+    Attributes:
+        xyz_m: position [m].
+        rpy_deg: roll, pitch, yaw with R = Rz(yaw) Ry(pitch) Rx(roll) [deg].
+        quat_wxyz: the same as a quaternion (w, x, y, z).
+    """
+
+    xyz_m: Vector3
+    rpy_deg: Vector3 | None = None
+    quat_wxyz: Vector4 | None = None
+
+    @model_validator(mode="after")
+    def _one_rotation(self) -> PoseSection:
+        if self.rpy_deg is not None and self.quat_wxyz is not None:
+            raise ValueError("give rpy_deg or quat_wxyz, not both")
+        if self.quat_wxyz is not None and not sum(v * v for v in self.quat_wxyz) > 1e-9:
+            raise ValueError("quat_wxyz must not be zero")
+        return self
+
+
+class RobotSection(Section):
+    """A robot of the cell.
+
+    Attributes:
+        name: unique in the cell.
+        model: a name that ``twin robots`` lists, or the path of a URDF, relative to the file.
+        base: pose of the base in the world.
+        home_deg: HOME of a robot with revolute joints only [deg]; default: the model's.
+        home_rad_or_m: HOME of any robot, joint by joint [rad or m].
+        frames: tool frames, each a pose in the flange frame; they replace the model's.
+    """
+
+    name: Name
+    model: str
+    base: PoseSection
+    home_deg: tuple[float, ...] | None = None
+    home_rad_or_m: tuple[float, ...] | None = None
+    frames: dict[Name, PoseSection] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_home(self) -> RobotSection:
+        if self.home_deg is not None and self.home_rad_or_m is not None:
+            raise ValueError("give home_deg or home_rad_or_m, not both")
+        return self
+
+
+class FixtureSection(Section):
+    """An immovable box; ``pose`` is that of its centre in the world."""
+
+    name: Name
+    size_m: Size3
+    pose: PoseSection
+
+
+class ClearanceSection(Section):
+    """Least distances kept: between robots, and between a robot and anything else."""
+
+    robot_robot_m: Annotated[float, Field(ge=0, le=1)] = 0.001
+    robot_object_m: Annotated[float, Field(ge=0, le=1)] = 0.0
+
+
+class CellSection(Section):
+    """Who works, and what stands around."""
+
+    robots: Annotated[tuple[RobotSection, ...], Field(min_length=1)]
+    fixtures: tuple[FixtureSection, ...] = ()
+    clearance: ClearanceSection = ClearanceSection()
+
+
+class PlateSection(Section):
+    """The base plate; ``pose`` is that of the centre of the surface bricks rest on."""
+
+    pose: PoseSection
+    studs: Studs = (48, 48)
+
+
+class BrickSection(Section):
+    """A type of brick: studs along its own x and y, and its mass."""
+
+    studs: Studs
+    mass_kg: Annotated[float, Field(gt=0)]
+
+
+class StockSection(Section):
+    """A brick that stands on the plate at the start.
+
+    Attributes:
+        name: unique in the scenario.
+        brick: its type.
+        at: stud of its least x and y (from 0) and layer (1 = on the plate).
+        turned: turned by +90 degrees about z.
+        fixed: scaffolding, which no step may use.
+        station: a feeding station: there is always another one in the same place.
+    """
+
+    name: Name
+    brick: str
+    at: GridCell
+    turned: bool = False
+    fixed: bool = False
+    station: bool = False
+
+    @model_validator(mode="after")
+    def _fixed_or_station(self) -> StockSection:
+        if self.fixed and self.station:
+            raise ValueError("a brick is fixed or a station, not both")
+        return self
+
+
+class PressSection(Section):
+    """Where the tool grips and presses: an edge of the brick, and the first stud along it.
+
+    Attributes:
+        side: for a brick that is not turned: 1 = edge of least x, 2 = of greatest y, 3 = of least
+            y, 4 = of greatest x.
+        offset: the tool covers studs ``offset`` and ``offset + 1``.
+    """
+
+    side: Annotated[int, Field(ge=1, le=4)]
+    offset: Annotated[int, Field(ge=0)]
+
+
+class PressCellSection(Section):
+    """The 1 x 2 cell in which a brick placed from below is held."""
+
+    at: GridCell
+    turned: bool = False
+
+
+class SupportSection(Section):
+    """Where the supporting tool goes.
+
+    Attributes:
+        at: the 1 x 2 cell, as stud and layer.
+        orientation: 0 = the tool comes from -x, 1 = from +y, 2 = from -y, 3 = from +x.
+    """
+
+    at: GridCell
+    orientation: Annotated[int, Field(ge=0, le=3)]
+
+
+class StepSection(Section):
+    """One step of the assembly sequence.
+
+    Attributes:
+        brick: type of the brick to place.
+        at, turned: where it goes, as for the stock.
+        place: from above, or from below with a handover and a support on top.
+        press: the grip; the planner chooses where it is not given.
+        press_cell: where a brick placed from below is held.
+        support: where the other robot holds the structure; none where it need not.
+        attack: sign of the sideways offset of the approach.
+        stock: name of the stock brick to use; the planner chooses where it is not given.
+    """
+
+    brick: str
+    at: GridCell
+    turned: bool = False
+    place: Literal["down", "up"] = "down"
+    press: PressSection | None = None
+    press_cell: PressCellSection | None = None
+    support: SupportSection | None = None
+    attack: Literal[1, -1] = 1
+    stock: Name | None = None
+
+
+TwistDeg = Annotated[float, Field(gt=0, lt=90)]
+
+
+class TwistSection(Section):
+    """By how much the tool twists to free itself or a brick, by skill [deg]."""
+
+    model_config = ConfigDict(validate_by_name=True, validate_by_alias=True)
+
+    pick: TwistDeg = 16.0
+    place_down: Annotated[TwistDeg, Field(alias="place-down")] = 16.0
+    place_up: Annotated[TwistDeg, Field(alias="place-up")] = 16.0
+    handover: TwistDeg = 18.0
+
+
+class LegoSection(Section):
+    """A LEGO structure, what it is built from, and in which order."""
+
+    kind: Literal["lego"]
+    plate: PlateSection
+    bricks: dict[Name, BrickSection] = Field(default_factory=dict)
+    stock: Annotated[tuple[StockSection, ...], Field(min_length=1)]
+    steps: Annotated[tuple[StepSection, ...], Field(min_length=1)]
+    twist_deg: TwistSection = TwistSection()
+
+
+class PlanningSection(Section):
+    """How the planner works.
+
+    Attributes:
+        speed_model: ``l1`` moves at a constant sum of joint speeds, as APEX-MR does; ``joint``
+            keeps each joint within its own limit.
+        speed_rad_s: the speed of the ``l1`` model [rad/s].
+        step_s: time between the waypoints of a path [s].
+        attempts: transit searches, each longer than the one before, until the planner gives up.
+    """
+
+    speed_model: Literal["l1", "joint"] = "l1"
+    speed_rad_s: Annotated[float, Field(gt=0)] = 1.0
+    step_s: Annotated[float, Field(gt=0, le=10)] = 0.05
+    attempts: Annotated[int, Field(ge=1, le=1000)] = 5
+
+
+class StallsSection(Section):
+    """Standstills at random times, as when a robot waits for a person.
+
+    Attributes:
+        count_per_robot: how many each robot suffers.
+        duration_s: shortest and longest [s].
+    """
+
+    count_per_robot: Annotated[int, Field(ge=0, le=100_000)] = 0
+    duration_s: Annotated[
+        tuple[Annotated[float, Field(ge=0)], ...], Field(min_length=2, max_length=2)
+    ] = (1.0, 20.0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> StallsSection:
+        if self.duration_s[0] > self.duration_s[1]:
+            raise ValueError("duration_s is [shortest, longest]")
+        return self
+
+
+class ExecutionSection(Section):
+    """How the plan is executed.
+
+    Attributes:
+        policy: ``asynchronous`` releases a node as soon as what it waits for is complete;
+            ``sequential`` runs one task at a time.
+        queue_depth: nodes that a robot may have been given ahead.
+        latency_s: time from a completion to the release it causes [s].
+        skills: duration models by skill; the packaged synthetic timings where not given.
+        stalls: random standstills.
+    """
+
+    policy: Literal["asynchronous", "sequential"] = "asynchronous"
+    queue_depth: Annotated[int, Field(ge=1, le=100_000)] = 1
+    latency_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
+    skills: dict[Skill, DurationSection] = Field(default_factory=dict)
+    stalls: StallsSection = StallsSection()
+
+
+class Scenario(Section):
+    """A whole scenario file."""
+
+    version: Literal[1]
+    name: Name
+    description: str = ""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    cell: CellSection
+    assembly: LegoSection
+    planning: PlanningSection = PlanningSection()
+    execution: ExecutionSection = ExecutionSection()
+
+
+def resolved(scenario: Scenario) -> dict[str, Any]:
+    """Return the scenario with every default filled in, ready for JSON."""
+    return scenario.model_dump(mode="json", by_alias=True)
+
+
+def fingerprint(scenario: Scenario) -> str:
+    """Return the SHA-256 of the resolved scenario; equal scenarios have equal ones."""
+    text = json.dumps(resolved(scenario), sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()

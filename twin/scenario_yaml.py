@@ -1,0 +1,216 @@
+"""YAML as people mean it: one document, no key twice, YAML 1.2 numbers, and a place for everything.
+
+PyYAML follows YAML 1.1, where ``on`` is true, ``1e3`` is text and ``1:30`` is ninety, and it lets
+the last of two equal keys win. A scenario must not change its meaning by such traps, so the
+document is composed to nodes (which know their line and column) and built from those here.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+KeyPath = tuple[str | int, ...]
+"""Keys and list positions from the top of the document to a value."""
+
+# An alias is cheap to write and may unfold without bound; no real scenario comes near this.
+_MOST_NODES = 500_000
+
+_PLAIN_TAGS = ("tag:yaml.org,2002:map", "tag:yaml.org,2002:seq")
+
+# Longer ones are no quantity, and Python refuses to parse them from 4300 digits on.
+_LONGEST_INT = 40
+
+_BOOL = re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$")
+_NULL = re.compile(r"^(?:~|null|Null|NULL|)$")
+_INT = re.compile(r"^[-+]?[0-9]+$")
+_OCT_HEX = re.compile(r"^0o[0-7]+$|^0x[0-9a-fA-F]+$")
+_FLOAT = re.compile(
+    r"^[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?$"
+    r"|^[-+]?\.(?:inf|Inf|INF)$|^\.(?:nan|NaN|NAN)$"
+)
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A place in a file, both numbers counted from 1."""
+
+    line: int
+    column: int
+
+
+@dataclass(frozen=True)
+class YamlProblem:
+    """Something that makes a file no valid document, and where."""
+
+    mark: Mark
+    message: str
+
+
+@dataclass(frozen=True)
+class YamlDocument:
+    """A parsed file.
+
+    Attributes:
+        path: where it was read from.
+        lines: the source text, line by line.
+        data: dicts with text keys, lists, and scalars.
+        keys: where the key of each mapping entry is written.
+        values: where each value is written.
+        problems: what is wrong with the document as YAML.
+    """
+
+    path: Path
+    lines: tuple[str, ...]
+    data: Any
+    keys: dict[KeyPath, Mark] = field(default_factory=dict)
+    values: dict[KeyPath, Mark] = field(default_factory=dict)
+    problems: tuple[YamlProblem, ...] = ()
+
+    def nearest(self, path: KeyPath) -> KeyPath:
+        """Return ``path`` without the entries that are not in the document.
+
+        Validators name parts of a path that nobody wrote, such as the tag of a union.
+        """
+        at: KeyPath = ()
+        for entry in path:
+            if (*at, entry) in self.values:
+                at = (*at, entry)
+        return at
+
+    def mark_of(self, path: KeyPath, *, key: bool = False) -> Mark:
+        """Return the place of the value at ``path``, or of its key, or of what holds it."""
+        at = self.nearest(path)
+        if key and at in self.keys:
+            return self.keys[at]
+        return self.values.get(at, Mark(1, 1))
+
+
+def read_yaml(path: Path, text: str) -> YamlDocument:
+    """Parse ``text`` strictly; problems are listed in the result, never raised."""
+    lines = tuple(text.splitlines())
+    try:
+        nodes = list(yaml.compose_all(text, Loader=yaml.SafeLoader))
+    except yaml.YAMLError as error:
+        return YamlDocument(path, lines, None, problems=(_syntax_problem(error),))
+    except RecursionError:
+        problem = YamlProblem(Mark(1, 1), "the file is nested too deeply")
+        return YamlDocument(path, lines, None, problems=(problem,))
+    if not nodes or nodes[0] is None:
+        problem = YamlProblem(Mark(1, 1), "the file is empty")
+        return YamlDocument(path, lines, None, problems=(problem,))
+    builder = _Builder()
+    if len(nodes) > 1 and nodes[1] is not None:
+        builder.report(
+            nodes[1], "a second document starts here: one file, one scenario"
+        )
+    data = builder.build(nodes[0], ())
+    return YamlDocument(
+        path, lines, data, builder.keys, builder.values, tuple(builder.problems)
+    )
+
+
+def _syntax_problem(error: yaml.YAMLError) -> YamlProblem:
+    if isinstance(error, yaml.MarkedYAMLError):
+        mark = error.problem_mark or error.context_mark
+        parts = [p for p in (error.context, error.problem) if p]
+        text = ", ".join(parts) or "cannot be parsed"
+        if "'\\t'" in text:
+            text += " (indent with spaces, not tabs)"
+        place = Mark(mark.line + 1, mark.column + 1) if mark else Mark(1, 1)
+        return YamlProblem(place, f"not valid YAML: {text}")
+    if isinstance(error, yaml.reader.ReaderError):
+        return YamlProblem(Mark(1, 1), f"not a text file: {error.reason}")
+    return YamlProblem(Mark(1, 1), f"not valid YAML: {error}")
+
+
+class _Builder:
+    """Turns composed nodes into values and notes where each one stands."""
+
+    def __init__(self) -> None:
+        self.keys: dict[KeyPath, Mark] = {}
+        self.values: dict[KeyPath, Mark] = {}
+        self.problems: list[YamlProblem] = []
+        self._open: set[int] = set()
+        self._count = 0
+
+    def report(self, node: yaml.Node, message: str) -> None:
+        """Note a problem at the start of ``node``."""
+        problem = YamlProblem(_mark(node), message)
+        if problem not in self.problems:
+            self.problems.append(problem)
+
+    def build(self, node: yaml.Node, path: KeyPath) -> Any:
+        """Return the value of ``node``, which stands at ``path``."""
+        self.values[path] = _mark(node)
+        self._count += 1
+        if self._count > _MOST_NODES:
+            self.report(node, f"more than {_MOST_NODES} values")
+            return None
+        if id(node) in self._open:
+            self.report(node, "an alias refers to something that contains it")
+            return None
+        if isinstance(node, yaml.CollectionNode) and node.tag not in _PLAIN_TAGS:
+            self.report(node, f"tag {node.tag!r} is not supported")
+            return None
+        self._open.add(id(node))
+        try:
+            if isinstance(node, yaml.MappingNode):
+                return self._mapping(node, path)
+            if isinstance(node, yaml.SequenceNode):
+                return [self.build(n, (*path, i)) for i, n in enumerate(node.value)]
+            return self._scalar(node)
+        finally:
+            self._open.remove(id(node))
+
+    def _mapping(self, node: yaml.MappingNode, path: KeyPath) -> dict[str, Any]:
+        out: dict[str, Any] = {}
+        for key_node, value_node in self._entries(node):
+            key = str(key_node.value)
+            if key in out:
+                first = self.keys[(*path, key)]
+                self.report(
+                    key_node, f"key {key!r} is already given on line {first.line}"
+                )
+                continue
+            self.keys[(*path, key)] = _mark(key_node)
+            out[key] = self.build(value_node, (*path, key))
+        return out
+
+    def _entries(self, node: yaml.MappingNode) -> Iterator[tuple[yaml.Node, yaml.Node]]:
+        for key_node, value_node in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                self.report(key_node, "a key must be plain text")
+            elif key_node.value == "<<":
+                self.report(key_node, "merge keys (<<) are not supported")
+            else:
+                yield key_node, value_node
+
+    def _scalar(self, node: yaml.ScalarNode) -> Any:
+        text = str(node.value)
+        if node.style is not None:  # quoted or block: text, whatever it looks like
+            return text
+        standard = "tag:yaml.org,2002:"
+        if not node.tag.startswith(standard) or "python" in node.tag:
+            self.report(node, f"tag {node.tag!r} is not supported")
+            return None
+        if _NULL.match(text):
+            return None
+        if _BOOL.match(text):
+            return text.lower() == "true"
+        if _INT.match(text) and len(text) < _LONGEST_INT:
+            return int(text)
+        if _OCT_HEX.match(text):
+            return int(text, 0)
+        if _FLOAT.match(text):
+            return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
+        return text
+
+
+def _mark(node: yaml.Node) -> Mark:
+    return Mark(node.start_mark.line + 1, node.start_mark.column + 1)
