@@ -123,13 +123,15 @@ def _stock(section: StockSection) -> StockBrick:
 
 def _step(section: StepSection) -> LegoStep:
     x, y, z = section.at
-    press = section.press and Press(section.press.side, section.press.offset)
-    press_cell = section.press_cell and Cell(
-        *section.press_cell.at, turned=section.press_cell.turned
-    )
-    support = section.support and Support(
-        *section.support.at, orientation=section.support.orientation
-    )
+    press = press_cell = support = None
+    if section.press is not None:
+        press = Press(section.press.side, section.press.offset)
+    if section.press_cell is not None:
+        i, j, layer = section.press_cell.at
+        press_cell = Cell(i, j, layer, section.press_cell.turned)
+    if section.support is not None:
+        i, j, layer = section.support.at
+        support = Support(i, j, layer, section.support.orientation)
     return LegoStep(
         brick=section.brick,
         cell=Cell(x, y, z, section.turned),

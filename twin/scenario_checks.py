@@ -204,7 +204,8 @@ def _check_step(
         if step.place == "up" and getattr(step, key) is None:
             yield at, f"a brick placed from below needs {key!r}"
     if step.support is not None:
-        support = Support(*step.support.at, orientation=step.support.orientation)
+        x, y, z = step.support.at
+        support = Support(x, y, z, step.support.orientation)
         cells = [(c.x, c.y, c.z) for c in supported_cell(support)]
         if other := _first_taken(cells, taken):
             yield (*at, "support", "at"), f"the support goes where {other} is"

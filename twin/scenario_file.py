@@ -27,16 +27,15 @@ def load_scenario(path: Path) -> Scenario:
     document = read_yaml(path, _read_text(path))
     problems = [Problem(p.mark, p.message) for p in document.problems]
     if document.data is None:
-        found = problems or [Problem(Mark(1, 1), "the file is empty")]
-        raise InvalidScenarioError(path, found, document.lines)
-    scenario: Scenario | None = None
+        problems = problems or [Problem(Mark(1, 1), "the file is empty")]
+        raise InvalidScenarioError(path, problems, document.lines)
     try:
         # Validating JSON text, not Python objects: strict mode then takes lists for tuples.
         scenario = Scenario.model_validate_json(json.dumps(document.data))
     except ValidationError as error:
         problems += schema_problems(document, scenario_schema(), error.errors())
-    else:
-        problems += find_problems(scenario, document)
+        raise InvalidScenarioError(path, problems, document.lines) from None
+    problems += find_problems(scenario, document)
     if problems:
         raise InvalidScenarioError(path, problems, document.lines)
     return scenario

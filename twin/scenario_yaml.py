@@ -164,7 +164,9 @@ class _Builder:
                 return self._mapping(node, path)
             if isinstance(node, yaml.SequenceNode):
                 return [self.build(n, (*path, i)) for i, n in enumerate(node.value)]
-            return self._scalar(node)
+            if isinstance(node, yaml.ScalarNode):
+                return self._scalar(node)
+            raise TypeError(f"unknown kind of node: {node!r}")
         finally:
             self._open.remove(id(node))
 
