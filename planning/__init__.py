@@ -1,0 +1,1 @@
+"""From a cell and an assembly to a motion plan: who does what, and how everyone moves."""

@@ -1,0 +1,1 @@
+"""The digital twin: scenarios, execution, recordings and what a user touches."""

@@ -1,0 +1,1 @@
+"""Compiled kinematics and collision geometry."""

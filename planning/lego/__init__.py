@@ -1,0 +1,1 @@
+"""LEGO structures: stud grid, bricks, grips, supports and the targets of skills."""

@@ -1,0 +1,1 @@
+"""Robot models and the registry of those that scenarios can name."""

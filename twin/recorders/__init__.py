@@ -1,0 +1,1 @@
+"""Observers that keep the stream of events."""
