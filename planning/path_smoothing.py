@@ -73,7 +73,9 @@ def _all_free(checker: MotionChecker, path: Array) -> bool:
 
 
 def _merge(path: Array) -> Array:
-    keep = np.concatenate([[True], np.any(np.abs(np.diff(path, axis=0)) > 1e-9, axis=1)])
+    keep = np.concatenate(
+        [[True], np.any(np.abs(np.diff(path, axis=0)) > 1e-9, axis=1)]
+    )
     keep[-1] = True
     return path[keep]
 

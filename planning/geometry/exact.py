@@ -83,10 +83,11 @@ def _carry(
     local: Array,
     q_a: Array,
     q_b: Array,
+    root: int,
     rotation: Array,
     offset: Array,
 ) -> float:
-    """Write the pose of a carried body at the middle of a motion; return its motion bound."""
+    """Write a carried body's pose at the middle of a motion; bound its motion seen from root."""
     n = q_a.shape[0]
     poses = np.empty((n + 1, 4, 4))
     joint_poses(
@@ -109,7 +110,7 @@ def _carry(
             total += pose[r, k] * local[k, 3]
         offset[r] = total
     moved = 0.0
-    for j in range(joint, -1, -1):
+    for j in range(joint, root, -1):
         half_travel = 0.5 * abs(q_b[j] - q_a[j])
         if half_travel == 0.0:
             continue
@@ -138,12 +139,13 @@ def _carry(
     return moved
 
 
-def place(solid: Solid, q_a: Array, q_b: Array) -> tuple[Any, float]:
+def place(solid: Solid, q_a: Array, q_b: Array, root: int = -1) -> tuple[Any, float]:
     """Return coal's pose of a body at the middle of a motion and how far it strays from there.
 
     Args:
         solid: the body.
         q_a, q_b: ends of its carrier's motion, shape (n,); ignored for a body at rest.
+        root: joint in whose frame the straying is measured, -1 for the world.
 
     Returns:
         The pose, and a bound of the distance of every point at any time of the motion from
@@ -160,6 +162,7 @@ def place(solid: Solid, q_a: Array, q_b: Array) -> tuple[Any, float]:
         solid.local,
         q_a,
         q_b,
+        root,
         rotation,
         offset,
     )
@@ -232,11 +235,13 @@ def come_close_together(
         q_from, q_to: ends of the straight joint-space motion, shape (n,).
         clearance: least distance [m].
     """
+    # Seen from the joint that carries the lower of the two, only the joints above it move.
+    root = min(a.joint, b.joint)
     stack = [(q_from, q_to)]
     while stack:
         q0, q1 = stack.pop()
-        pose_a, moved_a = place(a, q0, q1)
-        pose_b, moved_b = place(b, q0, q1)
+        pose_a, moved_a = place(a, q0, q1, root)
+        pose_b, moved_b = place(b, q0, q1, root)
         gap = distance(a, pose_a, b, pose_b)
         if gap < clearance:
             return True

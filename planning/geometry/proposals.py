@@ -16,6 +16,10 @@ from planning.transforms import Array
 SKIP = -1.0
 """In a table of limits: this pair is never checked."""
 
+BOX, SOLID, SELF = 0, 1, 2
+
+Integers = npt.NDArray[np.int64]
+
 
 class Scene(NamedTuple):
     """What a robot may not come close to, as flat arrays.
@@ -23,27 +27,63 @@ class Scene(NamedTuple):
     Attributes:
         box_pose: pose of every box, shape (b, 4, 4).
         box_half: half edge lengths, shape (b, 3).
-        box_radius: radius of the sphere around each box, shape (b,).
+        box_bounds: least and greatest corner of each, shape (b, 6).
         box_limit: least distance of each own body to each box, SKIP for none, shape (o, b).
-        start, end, radius: capsules of other robots, shapes (c, 3), (c, 3), (c,).
-        solid: index of the obstacle of each of those capsules, shape (c,).
-        solid_limit: least distance of each own body to each such obstacle, shape (o, s).
+        start, end, radius: capsules of the other obstacles, shapes (c, 3), (c, 3), (c,).
+        first: capsules of obstacle s are ``first[s]:first[s + 1]``, shape (s + 1,).
+        solid_bounds: least and greatest corner of each obstacle, shape (s, 6).
+        solid_limit: least distance of each own body to each obstacle, shape (o, s).
         self_limit: least distance between own bodies, upper triangle, shape (o, o).
+        own_first: capsules of own body o are ``own_first[o]:own_first[o + 1]``.
     """
 
     box_pose: Array
     box_half: Array
-    box_radius: Array
+    box_bounds: Array
     box_limit: Array
     start: Array
     end: Array
     radius: Array
-    solid: npt.NDArray[np.int64]
+    first: Integers
+    solid_bounds: Array
     solid_limit: Array
     self_limit: Array
+    own_first: Integers
 
 
-BOX, SOLID, SELF = 0, 1, 2
+@njit(cache=True)
+def _bound_bodies(
+    kernel: RobotKernel,
+    own_first: Integers,
+    start: Array,
+    end: Array,
+    moved: Array,
+    bounds: Array,
+) -> None:
+    """Write the least and greatest corner of every own body's swept capsules, shape (o, 6)."""
+    for o in range(own_first.shape[0] - 1):
+        for r in range(3):
+            bounds[o, r] = np.inf
+            bounds[o, r + 3] = -np.inf
+        for c in range(own_first[o], own_first[o + 1]):
+            grown = kernel.radius[c] + moved[c, 0]
+            for r in range(3):
+                low = min(start[c, r], end[c, r]) - grown
+                high = max(start[c, r], end[c, r]) + grown
+                bounds[o, r] = min(bounds[o, r], low)
+                bounds[o, r + 3] = max(bounds[o, r + 3], high)
+
+
+@njit(cache=True, inline="always")
+def _apart(a: Array, i: int, b: Array, j: int, limit: float) -> bool:
+    return (
+        a[i, 0] - b[j, 3] > limit
+        or b[j, 0] - a[i, 3] > limit
+        or a[i, 1] - b[j, 4] > limit
+        or b[j, 1] - a[i, 4] > limit
+        or a[i, 2] - b[j, 5] > limit
+        or b[j, 2] - a[i, 5] > limit
+    )
 
 
 @njit(cache=True)
@@ -52,88 +92,69 @@ def _hits(
     scene: Scene,
     start: Array,
     end: Array,
-    radius: Array,
+    moved: Array,
+    bounds: Array,
     resolution: float,
-    out: npt.NDArray[np.int64],
+    out: Integers,
 ) -> int:
-    """Write (kind, own body, other) of every close pair; -1 asks for a finer interval first."""
+    """Write (kind, own body, other) of every close pair; -1 asks for a shorter stretch first."""
     count = 0
-    own = kernel.radius.shape[0]
-    for c in range(own):
-        body = kernel.body[c]
-        coarse = radius[c] - kernel.radius[c] > resolution
-        mx = 0.5 * (start[c, 0] + end[c, 0])
-        my = 0.5 * (start[c, 1] + end[c, 1])
-        mz = 0.5 * (start[c, 2] + end[c, 2])
-        dx, dy, dz = end[c, 0] - mx, end[c, 1] - my, end[c, 2] - mz
-        ball = np.sqrt(dx * dx + dy * dy + dz * dz) + radius[c]
-        for b in range(scene.box_radius.shape[0]):
-            limit = scene.box_limit[body, b]
-            if limit < 0.0:
+    for o in range(scene.own_first.shape[0] - 1):
+        low, high = scene.own_first[o], scene.own_first[o + 1]
+        for b in range(scene.box_bounds.shape[0]):
+            limit = scene.box_limit[o, b]
+            if limit < 0.0 or _apart(bounds, o, scene.box_bounds, b, limit):
                 continue
-            x = mx - scene.box_pose[b, 0, 3]
-            y = my - scene.box_pose[b, 1, 3]
-            z = mz - scene.box_pose[b, 2, 3]
-            far = ball + scene.box_radius[b] + limit
-            if x * x + y * y + z * z > far * far:
-                continue
-            near = radius[c] + limit
-            gap = segment_box(start[c], end[c], scene.box_pose[b], scene.box_half[b])
-            if gap <= near * near:
-                if coarse:
-                    return -1
-                count = _note(out, count, BOX, body, b)
-        for s in range(scene.radius.shape[0]):
-            limit = scene.solid_limit[body, scene.solid[s]]
-            if limit < 0.0:
-                continue
-            near = radius[c] + scene.radius[s] + limit
-            if _apart(start[c], end[c], scene.start[s], scene.end[s], near):
-                continue
-            gap = segment_segment(start[c], end[c], scene.start[s], scene.end[s])
-            if gap <= near * near:
-                if coarse:
-                    return -1
-                count = _note(out, count, SOLID, body, scene.solid[s])
-        for d in range(c):
-            other = kernel.body[d]
-            limit = scene.self_limit[min(body, other), max(body, other)]
-            if limit < 0.0:
-                continue
-            near = radius[c] + radius[d] + limit
-            if _apart(start[c], end[c], start[d], end[d], near):
-                continue
-            gap = segment_segment(start[c], end[c], start[d], end[d])
-            if gap <= near * near:
-                if coarse or radius[d] - kernel.radius[d] > resolution:
-                    return -1
-                count = _note(
-                    out, count, SELF, min(body, other), max(body, other)
+            for c in range(low, high):
+                near = kernel.radius[c] + moved[c, 0] + limit
+                gap = segment_box(
+                    start[c], end[c], scene.box_pose[b], scene.box_half[b]
                 )
+                if gap <= near * near:
+                    if moved[c, 0] > resolution:
+                        return -1
+                    count = _note(out, count, BOX, o, b)
+                    break
+        for s in range(scene.solid_bounds.shape[0]):
+            limit = scene.solid_limit[o, s]
+            if limit < 0.0 or _apart(bounds, o, scene.solid_bounds, s, limit):
+                continue
+            noted = count
+            for c in range(low, high):
+                for d in range(scene.first[s], scene.first[s + 1]):
+                    near = kernel.radius[c] + moved[c, 0] + scene.radius[d] + limit
+                    gap = segment_segment(
+                        start[c], end[c], scene.start[d], scene.end[d]
+                    )
+                    if gap <= near * near:
+                        if moved[c, 0] > resolution:
+                            return -1
+                        count = _note(out, noted, SOLID, o, s)
+        for p in range(o):
+            limit = scene.self_limit[p, o]
+            if limit < 0.0 or _apart(bounds, o, bounds, p, limit):
+                continue
+            # Seen from the joint that carries the lower body, only the joints above it move.
+            root = kernel.joint[scene.own_first[p]]
+            root = min(root, kernel.joint[low]) + 1
+            noted = count
+            for c in range(low, high):
+                for d in range(scene.own_first[p], scene.own_first[p + 1]):
+                    strayed = moved[c, root] + moved[d, root]
+                    near = kernel.radius[c] + kernel.radius[d] + strayed + limit
+                    gap = segment_segment(start[c], end[c], start[d], end[d])
+                    if gap <= near * near:
+                        if strayed > resolution:
+                            return -1
+                        count = _note(out, noted, SELF, p, o)
     return count
 
 
 @njit(cache=True, inline="always")
-def _apart(a0: Array, a1: Array, b0: Array, b1: Array, near: float) -> bool:
-    for r in range(3):
-        if min(a0[r], a1[r]) - max(b0[r], b1[r]) > near:
-            return True
-        if min(b0[r], b1[r]) - max(a0[r], a1[r]) > near:
-            return True
-    return False
-
-
-@njit(cache=True, inline="always")
-def _note(
-    out: npt.NDArray[np.int64], count: int, kind: int, body: int, other: int
-) -> int:
-    for i in range(count):
-        if out[i, 0] == kind and out[i, 1] == body and out[i, 2] == other:
-            return count
+def _note(out: Integers, count: int, kind: int, body: int, other: int) -> int:
     if count < out.shape[0]:
         out[count, 0], out[count, 1], out[count, 2] = kind, body, other
-        count += 1
-    return count
+    return count + 1
 
 
 @njit(cache=True)
@@ -144,7 +165,7 @@ def propose(
     q_b: Array,
     resolution: float,
     room: int,
-) -> tuple[Array, npt.NDArray[np.int64], int]:
+) -> tuple[Array, Integers, int]:
     """Return the pairs of bodies that may touch on a straight motion, and where on it.
 
     The motion is halved until every stretch either clears all capsules or moves none of those
@@ -163,12 +184,15 @@ def propose(
     """
     n = q_a.shape[0]
     caps = kernel.radius.shape[0]
+    own = scene.own_first.shape[0] - 1
     start = np.empty((caps, 3))
     end = np.empty((caps, 3))
-    radius = np.empty(caps)
+    moved = np.empty((caps, n + 1))
+    bounds = np.empty((own, 6))
     poses = np.empty((n + 1, 4, 4))
     q_mid = np.empty(n)
-    pairs = np.empty((256, 3), dtype=np.int64)
+    most = own * (scene.box_half.shape[0] + scene.solid_bounds.shape[0] + own)
+    pairs = np.empty((most, 3), dtype=np.int64)
     when = np.empty((room, 2))
     what = np.empty((room, 3), dtype=np.int64)
     lows = np.empty(64)
@@ -181,17 +205,11 @@ def propose(
         depth -= 1
         lo, hi = lows[depth], highs[depth]
         place_capsules(
-            kernel,
-            q_a + lo * step,
-            q_a + hi * step,
-            poses,
-            q_mid,
-            start,
-            end,
-            radius,
+            kernel, q_a + lo * step, q_a + hi * step, poses, q_mid, start, end, moved
         )
-        found = _hits(kernel, scene, start, end, radius, resolution, pairs)
-        if found < 0 and depth + 2 <= 64:
+        _bound_bodies(kernel, scene.own_first, start, end, moved, bounds)
+        found = _hits(kernel, scene, start, end, moved, bounds, resolution, pairs)
+        if found < 0:
             middle = 0.5 * (lo + hi)
             lows[depth], highs[depth] = middle, hi
             lows[depth + 1], highs[depth + 1] = lo, middle

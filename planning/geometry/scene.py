@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planning.geometry.chain import joint_poses
 from planning.geometry.exact import (
     Solid,
     carried_solid,
@@ -15,8 +16,16 @@ from planning.geometry.exact import (
     resting_solid,
 )
 from planning.geometry.kernel import RobotKernel, robot_kernel
-from planning.geometry.proposals import BOX, SELF, SKIP, SOLID, Scene, propose
-from planning.geometry.swept import place_capsules
+from planning.geometry.proposals import (
+    BOX,
+    SELF,
+    SKIP,
+    SOLID,
+    Integers,
+    Scene,
+    propose,
+)
+from planning.geometry.swept import sweep_segments
 from planning.transforms import Array
 from planning.workcell import PlacedRobot, Workcell, WorldState
 
@@ -105,7 +114,6 @@ class SceneChecker:
         ]
         self._boxes: list[Solid] = []
         self._half: list[Array] = []
-        self._radius: list[float] = []
         self._others: list[Solid] = []
         self._other_q: list[Array] = []
         self._stand(cell, state)
@@ -116,9 +124,7 @@ class SceneChecker:
 
         def add_box(name: str, solid: Solid, size: Array) -> None:
             self._boxes.append(solid)
-            half = 0.5 * np.asarray(size)
-            self._half.append(half)
-            self._radius.append(float(np.linalg.norm(half)))
+            self._half.append(0.5 * np.asarray(size))
 
         for fixture in cell.fixtures:
             solid = resting_solid(fixture.name, fixture.body, fixture.pose)
@@ -172,34 +178,45 @@ class SceneChecker:
                 if i >= parts or (j >= parts and pair in self._allowed):
                     continue
                 self_limit[i, j] = 0.0
-        starts, ends, radii, which = [], [], [], []
-        first = 0
+        start, end, radius, first = self._other_capsules(cell, state)
+        return Scene(
+            np.array([s.local for s in self._boxes]).reshape(-1, 4, 4),
+            np.array(self._half).reshape(-1, 3),
+            _box_bounds(self._boxes, self._half),
+            box_limit,
+            start,
+            end,
+            radius,
+            first,
+            _capsule_bounds(start, end, radius, first),
+            solid_limit,
+            self_limit,
+            _ranges(self.kernel.body, own),
+        )
+
+    def _other_capsules(
+        self, cell: Workcell, state: WorldState
+    ) -> tuple[Array, Array, Array, Integers]:
+        starts, ends = [np.empty((0, 3))], [np.empty((0, 3))]
+        radii, bodies = [np.empty(0)], [np.empty(0, dtype=np.int64)]
+        before = 0
         for other in cell.robots:
             if other.name == self.robot.name:
                 continue
             kernel = robot_kernel(other)
             q = np.asarray(state.configurations[other.name], dtype=np.float64)
-            count = len(kernel.radius)
-            start, end = np.empty((count, 3)), np.empty((count, 3))
-            radius = np.empty(count)
-            poses = np.empty((len(q) + 1, 4, 4))
-            place_capsules(kernel, q, q, poses, np.empty(len(q)), start, end, radius)
-            starts.append(start)
-            ends.append(end)
-            radii.append(radius)
-            which.append(kernel.body + first)
-            first += len(other.model.parts)
-        return Scene(
-            np.array([s.local for s in self._boxes]).reshape(-1, 4, 4),
-            np.array(self._half).reshape(-1, 3),
-            np.array(self._radius),
-            box_limit,
-            np.concatenate(starts) if starts else np.empty((0, 3)),
-            np.concatenate(ends) if ends else np.empty((0, 3)),
-            np.concatenate(radii) if radii else np.empty(0),
-            np.concatenate(which) if which else np.empty(0, dtype=np.int64),
-            solid_limit,
-            self_limit,
+            start, end, radius = sweep_segments(kernel, q[None], q[None])
+            starts.append(start[0])
+            ends.append(end[0])
+            radii.append(radius[0])
+            bodies.append(kernel.body + before)
+            before += len(other.model.parts)
+        first = _ranges(np.concatenate(bodies), before)
+        return (
+            np.concatenate(starts),
+            np.concatenate(ends),
+            np.concatenate(radii),
+            first,
         )
 
     def configuration_free(self, q: Array) -> bool:
@@ -244,11 +261,16 @@ class SceneChecker:
             mine = self._own[body]
             limit = self._limit(kind, body, other)
             if kind == SELF:
-                second, gap = self._own[other], distance_at(mine, q, self._own[other], q)
+                second, gap = (
+                    self._own[other],
+                    distance_at(mine, q, self._own[other], q),
+                )
             else:
                 second, at = self._obstacle(kind, other)
                 gap = distance_at(mine, q, second, at)
-            if gap < limit and (worst is None or gap - limit < worst.distance - worst.limit):
+            if gap < limit and (
+                worst is None or gap - limit < worst.distance - worst.limit
+            ):
                 worst = Contact(mine.name, second.name, gap, limit)
         return worst
 
@@ -290,8 +312,6 @@ def robot_solids(robot: PlacedRobot, kernel: RobotKernel) -> list[Solid]:
 
 def flange_pose(robot: PlacedRobot, q: Array) -> Array:
     """Return the pose of a robot's flange in the world, shape (4, 4)."""
-    from planning.geometry.chain import joint_poses
-
     chain = robot.model.chain
     poses = np.empty((len(q) + 1, 4, 4))
     joint_poses(
@@ -303,6 +323,31 @@ def flange_pose(robot: PlacedRobot, q: Array) -> Array:
         poses,
     )
     return np.asarray(poses[-1] @ robot.model.flange)
+
+
+def _ranges(bodies: Integers, count: int) -> Integers:
+    """Return where each body's capsules start in a sorted list of body indices."""
+    return np.searchsorted(bodies, np.arange(count + 1)).astype(np.int64)
+
+
+def _box_bounds(boxes: list[Solid], half: list[Array]) -> Array:
+    bounds = np.empty((len(boxes), 6))
+    for k, (box, extent) in enumerate(zip(boxes, half, strict=True)):
+        reach = np.abs(box.local[:3, :3]) @ extent
+        bounds[k, :3] = box.local[:3, 3] - reach
+        bounds[k, 3:] = box.local[:3, 3] + reach
+    return bounds
+
+
+def _capsule_bounds(start: Array, end: Array, radius: Array, first: Integers) -> Array:
+    low = np.minimum(start, end) - radius[:, None]
+    high = np.maximum(start, end) + radius[:, None]
+    return np.array(
+        [
+            np.concatenate([low[i:j].min(axis=0), high[i:j].max(axis=0)])
+            for i, j in zip(first, first[1:], strict=False)
+        ]
+    ).reshape(-1, 6)
 
 
 def _spread(count: int) -> list[float]:

@@ -25,9 +25,9 @@ def place_capsules(
     q_mid: Array,
     start: Array,
     end: Array,
-    radius: Array,
+    moved: Array,
 ) -> None:
-    """Write the swept capsules of one joint-space segment.
+    """Write the capsules at the middle of a joint-space segment and how far they stray.
 
     Args:
         kernel: the robot.
@@ -35,7 +35,8 @@ def place_capsules(
         poses: scratch, shape (n + 1, 4, 4); holds the joint poses at the middle afterwards.
         q_mid: scratch, shape (n,).
         start, end: world ends of the capsule segments, shape (c, 3), written here [m].
-        radius: radii with the motion added, shape (c,), written here [m].
+        moved: bounds of the motion of each capsule's points, shape (c, n + 1), written here:
+            ``moved[c, j + 1]`` in the frame of joint j, ``moved[c, 0]`` in the world [m].
     """
     n = q_a.shape[0]
     for j in range(n):
@@ -53,13 +54,14 @@ def place_capsules(
                 e += pose[r, k] * kernel.end[c, k]
             start[c, r] = s
             end[c, r] = e
-        moved = 0.0
+        strayed = 0.0
+        for j in range(carrier + 1, n + 1):
+            moved[c, j] = 0.0
         for j in range(carrier, -1, -1):
             half_travel = 0.5 * abs(q_b[j] - q_a[j])
-            if half_travel == 0.0:
-                continue
-            if kernel.prismatic[j]:
-                moved += half_travel
+            if half_travel == 0.0 or kernel.prismatic[j]:
+                strayed += half_travel
+                moved[c, j] = strayed
                 continue
             joint = poses[j + 1]
             ax = ay = az = 0.0
@@ -71,8 +73,8 @@ def place_capsules(
                 _off_axis(start[c], joint, ax, ay, az),
                 _off_axis(end[c], joint, ax, ay, az),
             )
-            moved += half_travel * (reach + kernel.radius[c] + moved)
-        radius[c] = kernel.radius[c] + moved
+            strayed += half_travel * (reach + kernel.radius[c] + strayed)
+            moved[c, j] = strayed
 
 
 @njit(cache=True, inline="always")
@@ -102,8 +104,9 @@ def sweep_segments(
     radius = np.empty((count, c))
     poses = np.empty((n + 1, 4, 4))
     q_mid = np.empty(n)
+    moved = np.empty((c, n + 1))
     for i in range(count):
-        place_capsules(
-            kernel, q_a[i], q_b[i], poses, q_mid, start[i], end[i], radius[i]
-        )
+        place_capsules(kernel, q_a[i], q_b[i], poses, q_mid, start[i], end[i], moved)
+        for k in range(c):
+            radius[i, k] = kernel.radius[k] + moved[k, 0]
     return start, end, radius
