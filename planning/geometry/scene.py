@@ -29,7 +29,7 @@ from planning.geometry.swept import sweep_segments
 from planning.transforms import Array
 from planning.workcell import PlacedRobot, Workcell, WorldState
 
-RESOLUTION = 0.003
+RESOLUTION = 0.02
 """Stretches of a motion that move no link further than this go to the exact decision [m]."""
 
 _PROBE = 0.35
