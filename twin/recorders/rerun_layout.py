@@ -1,0 +1,98 @@
+"""How the Rerun viewer shows a run: camera, lanes, plots, text."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from planning.transforms import Array
+from planning.workcell import Workcell
+from twin.recorders.rerun_robots import TIMELINE, WORLD_FRAME, entity_path, robot_part
+
+LANES = "lanes"
+PROGRESS = "progress"
+WAITING = "waiting"
+EVENTS = "events"
+OBJECTS = "objects"
+FIXTURES = "fixtures"
+
+
+def run_layout(cell: Workcell, makespan_s: float) -> rrb.Blueprint:
+    """Return the layout of a run: scene and text above, lanes and plots below."""
+    whole = rr.TimeRange(
+        start=rr.TimeRangeBoundary.absolute(seconds=0.0),
+        end=rr.TimeRangeBoundary.absolute(seconds=max(makespan_s, 1e-3)),
+    )
+    window = rr.TimeRange(
+        start=rr.TimeRangeBoundary.cursor_relative(seconds=-30.0),
+        end=rr.TimeRangeBoundary.cursor_relative(seconds=30.0),
+    )
+    scene = rrb.Spatial3DView(
+        origin="/",
+        name="Cell",
+        contents=[
+            *(f"{entity_path(robot_part(robot.name))}/**" for robot in cell.robots),
+            f"/{OBJECTS}/**",
+            f"/{FIXTURES}/**",
+        ],
+        background=[247, 248, 250],
+        line_grid=False,
+        spatial_information=rrb.SpatialInformation(
+            target_frame=WORLD_FRAME, show_axes=False, show_bounding_box=False
+        ),
+        eye_controls=_camera(cell),
+    )
+    text = rrb.TextLogView(
+        origin=f"/{EVENTS}",
+        name="Events",
+        rows=rrb.TextLogRows(filter_by_log_level=["INFO", "WARN", "ERROR"]),
+    )
+    lanes = rrb.StateTimelineView(
+        origin=f"/{LANES}",
+        name="Robots",
+        time_view=rrb.TimeAxis(view_range=whole if makespan_s <= 120 else window),
+    )
+    progress = rrb.TimeSeriesView(
+        origin=f"/{PROGRESS}",
+        name="Tasks complete",
+        axis_x=rrb.TimeAxis(view_range=whole),
+        plot_legend=rrb.Corner2D.LeftTop,
+    )
+    waiting = rrb.TimeSeriesView(
+        origin=f"/{WAITING}",
+        name="Robots that wait",
+        axis_x=rrb.TimeAxis(view_range=whole),
+    )
+    return rrb.Blueprint(
+        rrb.Vertical(
+            rrb.Horizontal(scene, text, column_shares=[5, 2]),
+            rrb.Horizontal(
+                lanes, rrb.Vertical(progress, waiting), column_shares=[5, 2]
+            ),
+            row_shares=[5, 2],
+        ),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def _camera(cell: Workcell) -> rrb.EyeControls3D:
+    """Look across the line of robots, from slightly above, at what they work on."""
+    bases = np.array([robot.base[:3, 3] for robot in cell.robots]).reshape(-1, 3)
+    things = np.array([item.start[:3, 3] for item in cell.objects]).reshape(-1, 3)
+    points = np.vstack([bases, things]) if len(bases) + len(things) else np.zeros((1, 3))
+    low, high = points.min(axis=0), points.max(axis=0)
+    centre = 0.5 * (low + high)
+    target: Array = np.append(centre[:2], high[2] + 0.1)
+    size = max(float(np.linalg.norm(high[:2] - low[:2])), 0.8)
+    line = bases[-1, :2] - bases[0, :2] if len(bases) > 1 else np.array([1.0, 0.0])
+    norm = float(np.linalg.norm(line))
+    along = line / norm if norm > 1e-6 else np.array([1.0, 0.0])
+    across = np.array([along[1], -along[0]])
+    flat = 1.15 * across + 0.25 * along
+    eye = target + size * np.append(flat, 0.62)
+    return rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=[0, 0, 1]
+    )
