@@ -7,6 +7,7 @@ ties (a robot's index never does): zero-length nodes start when the node before 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,7 +29,7 @@ def planned_ranks(chains: Sequence[NodeChain]) -> tuple[Indices, ...]:
     rank = np.empty(len(start), dtype=np.int64)
     rank[np.lexsort((node, task, start))] = np.arange(len(start))
     bounds = np.cumsum([0, *(len(c) for c in chains)])
-    ranks = tuple(rank[a:b] for a, b in zip(bounds[:-1], bounds[1:], strict=True))
+    ranks = tuple(rank[a:b] for a, b in pairwise(bounds))
     for chain, own in zip(chains, ranks, strict=True):
         bad = np.flatnonzero(np.diff(own) < 0)
         if len(bad):

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from planning.transforms import Array
 from scheduling.order import planned_ranks
 from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
-from planning.transforms import Array
 
 NANOSECONDS = 1_000_000_000
 
@@ -102,7 +103,7 @@ def earliest_times(
         start,
         end,
     )
-    cut = [slice(a, b) for a, b in zip(first[:-1], first[1:], strict=True)]
+    cut = [slice(a, b) for a, b in pairwise(first)]
     return Rollout(
         tuple(start[c] for c in cut),
         tuple(end[c] for c in cut),

@@ -1,0 +1,155 @@
+"""Conflicts between nodes of different robots: capsules propose, convex hulls decide.
+
+For each ordered pair of robots and each node v of the one, the last node u of the other that is
+earlier in the total order and conflicts with v must be complete before v starts (APEX-MR,
+Algorithm 1). Occupancies are swept, from the configuration before a node to its own, so the edge
+starts at that last conflicting node itself: once it is complete its robot stands at the start of
+the next node, which is clear of v. With the paper's point occupancies that is its successor rule.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.geometry.exact import come_close
+from scheduling.contacts import ContactTable
+from scheduling.occupancy import Occupancy
+from scheduling.order import nodes_before
+from scheduling.reduction import NodeOrder
+from scheduling.staircase import ROOM, next_proposal, raise_floor
+from scheduling.temporal_plan_graph import Indices
+
+
+class ConflictChecker(Protocol):
+    """Decides whether what capsules propose is a conflict."""
+
+    def conflict(
+        self, a: Occupancy, s: int, b: Occupancy, t: int, pairs: npt.NDArray[np.int64]
+    ) -> bool:
+        """Tell whether two segments conflict.
+
+        Args:
+            a, s: an occupancy and a segment of it.
+            b, t: another robot's occupancy and a segment of it.
+            pairs: bodies (of a, of b) whose capsules come too close, shape (p, 2).
+        """
+        ...
+
+
+class HullChecker:
+    """Decides by the distance of convex hulls over both whole motions.
+
+    Args:
+        table: clearances.
+        slack: taken off the clearances [m].
+    """
+
+    def __init__(self, table: ContactTable, *, slack: float = 0.0) -> None:
+        self._robots = table.robots
+        self._between_robots = float(table.clearance[0]) - slack
+        self._to_objects = float(table.clearance[1]) - slack
+        self.decisions = 0
+
+    def conflict(
+        self, a: Occupancy, s: int, b: Occupancy, t: int, pairs: npt.NDArray[np.int64]
+    ) -> bool:
+        """Tell whether two segments conflict; see ConflictChecker."""
+        for i, j in pairs.tolist():
+            self.decisions += 1
+            both_robots = (
+                a.sequence.entity[s, i] < self._robots
+                and b.sequence.entity[t, j] < self._robots
+            )
+            if come_close(
+                a.solids[a.solid[s, i]],
+                a.q_a[s],
+                a.q_b[s],
+                b.solids[b.solid[t, j]],
+                b.q_a[t],
+                b.q_b[t],
+                self._between_robots if both_robots else self._to_objects,
+            ):
+                return True
+        return False
+
+
+class CapsuleChecker:
+    """Takes the swept capsules at their word: quicker, and safe, but with conflicts too many."""
+
+    def conflict(
+        self, a: Occupancy, s: int, b: Occupancy, t: int, pairs: npt.NDArray[np.int64]
+    ) -> bool:
+        """Tell whether two segments conflict; see ConflictChecker."""
+        return True
+
+
+def search_conflicts(
+    a: Occupancy,
+    b: Occupancy,
+    floor: Indices,
+    limit: Indices,
+    table: ContactTable,
+    checker: ConflictChecker,
+) -> Iterator[tuple[int, int]]:
+    """Yield conflicts (v, u) of two occupancies until those yielded imply all others.
+
+    (v, u) implies (w, x) when w is not before v and x is not after u.
+
+    Args:
+        a: occupancy of the nodes v.
+        b: occupancy of the nodes u.
+        floor: last u implied for each v already, never falling; raised here.
+        limit: first u that is not asked for, for each v, never falling.
+        table: allowed contacts and clearances.
+        checker: decides what the capsules propose.
+    """
+    stack = np.zeros((4096, 2), dtype=np.int64)
+    pairs = np.empty((ROOM, 2), dtype=np.int64)
+    depth = 1
+    while True:
+        depth, s, t, count = next_proposal(
+            a.sequence, b.sequence, table, floor, limit, stack, depth, pairs
+        )
+        if count == 0:
+            return
+        if checker.conflict(a, s, b, t, pairs[:count]):
+            v, u = int(a.sequence.node[s]), int(b.sequence.node[t])
+            raise_floor(floor, v, u)
+            yield v, u
+
+
+def find_motion_edges(
+    occupancies: Sequence[Occupancy],
+    ranks: Sequence[Indices],
+    order: NodeOrder,
+    table: ContactTable,
+    checker: ConflictChecker,
+    progress: Callable[[int, int], None] | None = None,
+) -> Indices:
+    """Return the type-2 edges that motion conflicts ask for, not reduced, shape (e, 4).
+
+    Args:
+        occupancies: one a chain.
+        ranks: place of every node in the total order.
+        order: what task dependencies imply; not searched again.
+        table: allowed contacts and clearances.
+        checker: decides what the capsules propose.
+        progress: called after each ordered pair of robots with pairs done and in all.
+    """
+    edges: list[tuple[int, int, int, int]] = []
+    robots = range(len(occupancies))
+    todo = [(i, k) for i in robots for k in robots if i != k]
+    for done, (i, k) in enumerate(todo):
+        floor = np.ascontiguousarray(order.last_before(i, k))
+        limit = nodes_before(ranks, i, k)
+        for v, u in search_conflicts(
+            occupancies[i], occupancies[k], floor, limit, table, checker
+        ):
+            edges.append((k, u, i, v))
+        if progress is not None:
+            progress(done + 1, len(todo))
+    return np.array(sorted(set(edges)), dtype=np.int64).reshape(-1, 4)

@@ -1,0 +1,327 @@
+"""The space that nodes occupy: robot, tool and handled objects, segment by segment.
+
+Every node is cut into straight joint-space segments short enough that no point of the robot
+moves further than MOTION in one. A segment's capsules stand at its middle, grown by a rigorous
+bound of the motion within it: nothing between two samples goes unseen.
+
+An object that a node picks up or puts down is part of the whole node's occupancy: resting before
+or after, carried in between. So what conflicts with the resting object conflicts with that node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.geometry.body import ConvexBody
+from planning.geometry.exact import Solid, carried_solid, resting_solid
+from planning.geometry.kernel import RobotKernel, robot_kernel
+from planning.geometry.scene import entity as robot_entity
+from planning.geometry.scene import robot_solids
+from planning.geometry.swept import sweep_segments
+from planning.transforms import Array, Transform
+from planning.workcell import PlacedRobot
+from scheduling.contacts import ALWAYS, EntityNumbers
+from scheduling.object_spans import ObjectSpan, Rest
+from scheduling.swept_sequence import INACTIVE, SweptSequence, swept_sequence
+from scheduling.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
+
+MOTION = 0.02
+"""Bound of the motion of any point within one segment [m]."""
+
+
+@dataclass(frozen=True)
+class Occupancy:
+    """What one robot, or one resting object, occupies.
+
+    Attributes:
+        q_a, q_b: ends of the segments, shape (s, n).
+        sequence: the swept capsules and their tree.
+        solids: the bodies that occur.
+        solid: index into ``solids`` of every body of every segment, -1 for none, shape
+            (s, bodies).
+    """
+
+    q_a: Array
+    q_b: Array
+    sequence: SweptSequence
+    solids: tuple[Solid, ...]
+    solid: npt.NDArray[np.int32]
+
+
+def cut_nodes(
+    robot: PlacedRobot,
+    chain: NodeChain,
+    held: Sequence[tuple[ConvexBody, Transform]] = (),
+) -> tuple[Array, Array, Indices, Indices]:
+    """Cut the path of a chain into segments that move no point further than MOTION.
+
+    Args:
+        robot: the robot.
+        chain: its nodes.
+        held: objects that count too, with their poses in the flange frame.
+
+    Returns:
+        Segment ends, shape (s, n) each; the node of each segment; and the waypoint within its
+        node that each segment leads to, counted from 1, shape (s,).
+    """
+    q_b = np.ascontiguousarray(chain.waypoints, dtype=np.float64)
+    q_a = np.ascontiguousarray(np.vstack([chain.start[None], q_b[:-1]]))
+    count = len(q_b)
+    node = np.repeat(np.arange(len(chain)), np.diff(chain.first)).astype(np.int64)
+    waypoint = np.arange(count) - chain.first[node] + 1
+    kernel = robot_kernel(robot, held)
+    pieces = np.ones(count, dtype=np.int64)
+    todo = np.arange(count)
+    # The bound grows faster than the motion, so what was cut is measured again.
+    while len(todo):
+        length = (q_b[todo] - q_a[todo]) / pieces[todo, None]
+        worst = np.zeros(len(todo))
+        for share in (0.0, 0.5, 1.0):
+            first = q_a[todo] + share * (pieces[todo, None] - 1) * length
+            radius = sweep_segments(kernel, first, first + length)[2]
+            worst = np.maximum(worst, 2.0 * np.max(radius - kernel.radius, axis=1))
+        bad = worst > MOTION
+        todo = todo[bad]
+        pieces[todo] = np.maximum(
+            pieces[todo] + 1, np.ceil(pieces[todo] * worst[bad] / MOTION)
+        ).astype(np.int64)
+    of = np.repeat(np.arange(count), pieces)
+    k = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    step = (q_b - q_a)[of] / pieces[of, None]
+    cut_a = q_a[of] + k[:, None] * step
+    cut_b = np.where((k + 1 == pieces[of])[:, None], q_b[of], cut_a + step)
+    # The end of a piece is the start of the next one, to the last bit.
+    inner = np.flatnonzero(k > 0)
+    cut_a[inner] = cut_b[inner - 1]
+    return cut_a, cut_b, node[of], waypoint[of]
+
+
+def chain_occupancy(
+    tpg: TemporalPlanGraph,
+    index: int,
+    spans: Sequence[ObjectSpan],
+    entities: EntityNumbers,
+) -> Occupancy:
+    """Return what the nodes of one chain occupy.
+
+    Args:
+        tpg: the graph; its edges are not looked at.
+        index: of the chain.
+        spans: the objects of this chain, see ``trace_objects``.
+        entities: numbers of the entities.
+    """
+    chain = tpg.chains[index]
+    robot = tpg.cell.robot(chain.robot)
+    bodies = {
+        (s.object, s.pose.tobytes()): (tpg.cell.object(s.object).body, s.pose)
+        for s in spans
+        if s.carried and s.robot == index
+    }
+    q_a, q_b, node, waypoint = cut_nodes(robot, chain, tuple(bodies.values()))
+    task = chain.task[node]
+    runs = [
+        (span, *_segments_of(span, node, waypoint, chain))
+        for span in spans
+        if span.robot == index
+    ]
+    runs = sorted((run for run in runs if run[1] < run[2]), key=lambda run: run[1])
+    return _assemble(tpg, robot, q_a, q_b, node, (task, task), runs, entities)
+
+
+def hold_occupancy(
+    tpg: TemporalPlanGraph,
+    index: int,
+    holds: Indices,
+    spans: Sequence[ObjectSpan],
+    entities: EntityNumbers,
+) -> Occupancy:
+    """Return what one robot occupies in some of its holds, one segment each.
+
+    Args:
+        tpg: the graph; its edges are not looked at.
+        index: of the chain.
+        holds: which ones, rising, at least one: hold k is before node k, the last one after
+            the last node.
+        spans: the objects of this chain.
+        entities: numbers of the entities.
+    """
+    chain = tpg.chains[index]
+    stands = np.vstack([chain.start[None], chain.waypoints[chain.first[1:] - 1]])
+    q = np.ascontiguousarray(stands[holds], dtype=np.float64)
+    last = max(len(chain) - 1, 0)
+    runs = []
+    for span in spans:
+        if span.robot == index and span.carried:
+            # In the hand before node k: taken within an earlier node, given away in k or later.
+            first, stop = np.searchsorted(holds, [span.start[0] + 1, span.end[0] + 1])
+            if first < stop:
+                runs.append((span, int(first), int(stop)))
+    runs.sort(key=lambda run: run[1])
+    return _assemble(
+        tpg,
+        tpg.cell.robot(chain.robot),
+        q,
+        q,
+        np.arange(len(holds)),
+        (chain.task[np.clip(holds - 1, 0, last)], chain.task[np.clip(holds, 0, last)]),
+        runs,
+        entities,
+    )
+
+
+def standing_occupancy(
+    tpg: TemporalPlanGraph, robot: PlacedRobot, entities: EntityNumbers
+) -> Occupancy:
+    """Return what a robot without any node occupies: it stands at HOME, in one segment."""
+    q = np.ascontiguousarray(robot.home[None], dtype=np.float64)
+    none = np.full(1, ALWAYS)
+    return _assemble(tpg, robot, q, q, np.zeros(1), (none, none), [], entities)
+
+
+def rest_occupancy(
+    tpg: TemporalPlanGraph, rest: Rest, entities: EntityNumbers
+) -> Occupancy:
+    """Return what one object at rest, or in the hand of a robot that stands, occupies."""
+    body = tpg.cell.object(rest.object).body
+    start, end, radius = _placed(body, rest.pose)
+    none = np.full(1, ALWAYS)
+    sequence = swept_sequence(
+        np.zeros(1),
+        none,
+        none,
+        start[None],
+        end[None],
+        radius[None],
+        np.zeros(len(radius)),
+        np.full((1, 1), entities[rest.object]),
+        np.ones((1, 1)),
+    )
+    q = np.zeros((1, 0))
+    solid = resting_solid(rest.object, body, rest.pose)
+    return Occupancy(q, q, sequence, (solid,), np.zeros((1, 1), dtype=np.int32))
+
+
+def _placed(body: ConvexBody, pose: Transform) -> tuple[Array, Array, Array]:
+    turn, shift = pose[:3, :3].T, pose[:3, 3]
+    capsules = body.capsules
+    return capsules.start @ turn + shift, capsules.end @ turn + shift, capsules.radius
+
+
+def _segments_of(
+    span: ObjectSpan, node: Indices, waypoint: Indices, chain: NodeChain
+) -> tuple[int, int]:
+    """Return the segments, ``range(first, stop)``, in which an object is there."""
+    room = int(np.max(np.diff(chain.first))) + 2
+    leads_to = node * room + waypoint
+    (a, wa), (b, wb) = span.start, span.end
+    if not span.carried and (a, wa) == (b, wb):
+        # At rest up to a node's start, or from its end on: one waypoint's worth of it.
+        if wa == 0:
+            wb = 1
+        else:
+            wa -= 1
+    first = np.searchsorted(leads_to - 1, a * room + wa, side="left")
+    stop = np.searchsorted(leads_to, b * room + wb, side="right")
+    return int(first), int(stop)
+
+
+def _assemble(
+    tpg: TemporalPlanGraph,
+    robot: PlacedRobot,
+    q_a: Array,
+    q_b: Array,
+    node: npt.NDArray[np.generic],
+    tasks: tuple[Indices, Indices],
+    runs: Sequence[tuple[ObjectSpan, int, int]],
+    entities: EntityNumbers,
+) -> Occupancy:
+    """Sweep the robot and, in slots, the objects of each run of segments."""
+    kernel = robot_kernel(robot)
+    solids = robot_solids(robot, kernel)
+    parts = robot.model.parts
+    count = len(q_a)
+    slots = _assign_slots(runs)
+    depth = max(slots, default=-1) + 1
+    room = max(
+        (len(tpg.cell.object(span.object).body.capsules.radius) for span, _, _ in runs),
+        default=0,
+    )
+    own = len(kernel.radius)
+    total = own + depth * room
+    start, end = np.zeros((count, total, 3)), np.zeros((count, total, 3))
+    radius = np.full((count, total), INACTIVE)
+    start[:, :own], end[:, :own], radius[:, :own] = sweep_segments(kernel, q_a, q_b)
+    bodies = len(parts) + depth
+    entity = np.full((count, bodies), -1, dtype=np.int32)
+    entity[:, : len(parts)] = [
+        entities[robot_entity(robot.name, part.group)] for part in parts
+    ]
+    still = np.zeros((count, bodies), dtype=np.bool_)
+    still[:, : len(parts)] = [part.joint < 0 for part in parts]
+    solid = np.full((count, bodies), -1, dtype=np.int32)
+    solid[:, : len(parts)] = np.arange(len(parts))
+    for (span, first, stop), slot in zip(runs, slots, strict=True):
+        body = tpg.cell.object(span.object).body
+        which = slice(first, stop)
+        column = own + slot * room
+        columns = slice(column, column + len(body.capsules.radius))
+        if span.carried:
+            local = robot.model.flange @ span.pose
+            joint = robot.model.dof - 1
+            (
+                start[which, columns],
+                end[which, columns],
+                radius[which, columns],
+            ) = sweep_segments(
+                _only(kernel, joint, *_placed(body, local)), q_a[which], q_b[which]
+            )
+            item = carried_solid(span.object, body, kernel, joint, local)
+        else:
+            start[which, columns], end[which, columns], radius[which, columns] = (
+                _placed(body, span.pose)
+            )
+            item = resting_solid(span.object, body, span.pose)
+        entity[which, len(parts) + slot] = entities[span.object]
+        still[which, len(parts) + slot] = not span.carried
+        solid[which, len(parts) + slot] = len(solids)
+        solids.append(item)
+    body_of = np.concatenate(
+        [kernel.body, len(parts) + np.repeat(np.arange(depth), room)]
+    )
+    sequence = swept_sequence(
+        node.astype(np.int64), *tasks, start, end, radius, body_of, entity, still
+    )
+    return Occupancy(q_a, q_b, sequence, tuple(solids), solid)
+
+
+def _only(
+    kernel: RobotKernel, joint: int, start: Array, end: Array, radius: Array
+) -> RobotKernel:
+    """Return the kernel of what a joint carries, without the robot itself."""
+    return kernel._replace(
+        joint=np.full(len(radius), joint),
+        start=np.ascontiguousarray(start),
+        end=np.ascontiguousarray(end),
+        radius=np.ascontiguousarray(radius),
+        body=np.zeros(len(radius), dtype=np.int64),
+    )
+
+
+def _assign_slots(runs: Sequence[tuple[ObjectSpan, int, int]]) -> list[int]:
+    """Give runs that overlap different slots; ``runs`` in order of their first segment."""
+    slots: list[int] = []
+    free_from: list[int] = []
+    for _, first, stop in runs:
+        for slot, free in enumerate(free_from):
+            if free <= first:
+                free_from[slot] = stop
+                slots.append(slot)
+                break
+        else:
+            slots.append(len(free_from))
+            free_from.append(stop)
+    return slots
