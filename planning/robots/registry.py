@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
@@ -153,7 +153,7 @@ def robot_model(name_or_urdf: str, base_dir: Path | None = None) -> RobotModel:
     return _from_file(path, stamp)
 
 
-@lru_cache(maxsize=None)
+@cache
 def _registered(name: str) -> RobotModel:
     from planning.robots.urdf import load_urdf
 

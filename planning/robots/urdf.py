@@ -129,15 +129,11 @@ def _parts(model: Any, geometry: Any, tool: set[str]) -> tuple[LinkPart, ...]:
         pose = item.placement.homogeneous
         vertices: Array = readonly(local @ pose[:3, :3].T + pose[:3, 3])
         body = ConvexBody(item.name, vertices, capsule_cover(vertices))
-        group = "tool" if _owner(link, tool) else "arm"
+        group = "tool" if link in tool else "arm"
         parts.append(LinkPart(item.parentJoint - 1, group, body))
     if not parts:
         raise RobotModelError(f"{model.name} has no collision geometry")
     return tuple(parts)
-
-
-def _owner(link: str, tool: set[str]) -> bool:
-    return link in tool
 
 
 def _link_pose(model: Any, link: str) -> Array:
