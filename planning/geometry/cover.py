@@ -26,17 +26,22 @@ _Segment = tuple[Array, Array, float]
 
 
 def capsule_cover(
-    vertices: npt.ArrayLike, *, tolerance: float = 0.015, most: int = 4
+    vertices: npt.ArrayLike,
+    *,
+    tolerance: float = 0.015,
+    most: int = 4,
+    thrift: float = 0.5,
 ) -> Capsules:
     """Bound a convex hull by capsules.
 
     Of all grids with up to ``most`` cells the one is taken that stands out least for its size:
-    twice the capsules must pay by a cover 1.4 times as tight, down to ``tolerance``.
+    ``n`` capsules must pay by a cover ``n ** thrift`` times as tight, down to ``tolerance``.
 
     Args:
         vertices: points whose hull is covered, shape (v, 3) [m].
         tolerance: a cover that stands out of the hull by less is tight enough [m].
         most: largest number of capsules.
+        thrift: 0 takes the tightest grid, 1 hardly ever more than one capsule.
 
     Returns:
         Capsules in the frame of ``vertices``; their union contains the hull.
@@ -56,7 +61,7 @@ def capsule_cover(
             continue
         segments = [_capsule(cell, normals, support) for cell in _cells(sketch, grid)]
         excess = _excess(segments, normals, support)
-        score = max(excess, tolerance) * np.sqrt(count) + 1e-3 * excess
+        score = max(excess, tolerance) * count**thrift + 1e-3 * excess
         if score < least:
             chosen, least = grid, score
     support = (local @ normals.T).max(axis=0)
@@ -185,40 +190,35 @@ def _cut(points: Array, axis: int, level: float) -> tuple[Array, Array]:
 
 def _capsule(points: Array, normals: Array, support: Array) -> _Segment:
     """Return the capsule along the longest axis that holds ``points`` and stands out least."""
-    extent = np.ptp(points, axis=0)
-    long = int(np.argmax(extent))
+    long = int(np.argmax(np.ptp(points, axis=0)))
     others = [i for i in range(3) if i != long]
     centre = _circle_centre(points[:, others])
     along = points[:, long]
     aside = np.linalg.norm(points[:, others] - centre, axis=1)
-    best: tuple[float, float, _Segment] | None = None
-    for factor in np.linspace(1.0, 1.6, 25):
-        radius = max(float(aside.max()) * float(factor), 1e-9)
-        # A point is inside when the segment reaches within `reach` of its foot.
-        reach = np.sqrt(np.maximum(radius**2 - aside**2, 0.0))
-        first, last = float((along + reach).min()), float((along - reach).max())
-        if first > last:
-            first = last = (first + last) / 2.0
-        start, end = np.empty(3), np.empty(3)
-        start[others] = end[others] = centre
-        start[long], end[long] = first, last
-        # The radius that counts is measured again on the segment as it is stored.
-        offset = along - np.clip(along, first, last)
-        radius = float(np.sqrt(offset**2 + aside**2).max()) + _ROUNDING
-        segment = (start, end, radius)
-        volume = np.pi * radius**2 * (last - first + 4.0 / 3.0 * radius)
-        excess = _excess([segment], normals, support)
-        if best is None or (excess, volume) < best[:2]:
-            best = (excess, volume, segment)
-    assert best is not None
-    return best[2]
+    radii = np.maximum(aside.max(), 1e-9) * np.linspace(1.0, 1.6, 25)
+    # A point is inside when the segment reaches within `reach` of its foot.
+    reach = np.sqrt(np.maximum(radii[:, None] ** 2 - aside**2, 0.0))
+    first, last = (along + reach).min(axis=1), (along - reach).max(axis=1)
+    middle = (first + last) / 2.0
+    first, last = np.minimum(first, middle), np.maximum(last, middle)
+    # The radius that counts is measured again on the segment as it is stored.
+    offset = along - np.clip(along, first[:, None], last[:, None])
+    radii = np.sqrt(offset**2 + aside**2).max(axis=1) + _ROUNDING
+    starts = np.empty((len(radii), 3))
+    starts[:, others], starts[:, long] = centre, first
+    ends = starts.copy()
+    ends[:, long] = last
+    excess = _excess_each(starts, ends, radii, normals, support)
+    volume = radii**2 * (last - first + 4.0 / 3.0 * radii)
+    best = np.lexsort((volume, excess))[0]
+    return starts[best], ends[best], float(radii[best])
 
 
 def _circle_centre(points: Array) -> Array:
     """Return a point near the centre of the smallest circle (Badoiu and Clarkson)."""
     centre = (points.min(axis=0) + points.max(axis=0)) / 2.0
     best, radius = centre, np.linalg.norm(points - centre, axis=1).max()
-    for k in range(1, 60):
+    for k in range(1, 30):
         distance = np.linalg.norm(points - centre, axis=1)
         far = int(np.argmax(distance))
         if distance[far] < radius:
@@ -228,10 +228,16 @@ def _circle_centre(points: Array) -> Array:
 
 
 def _excess(segments: list[_Segment], normals: Array, support: Array) -> float:
-    starts = np.array([s for s, _, _ in segments]) @ normals.T
-    ends = np.array([e for _, e, _ in segments]) @ normals.T
-    radii = np.array([r for _, _, r in segments])
-    return float((np.maximum(starts, ends) + radii[:, None] - support).max())
+    starts, ends, radii = (np.array(column) for column in zip(*segments, strict=True))
+    return float(_excess_each(starts, ends, radii, normals, support).max())
+
+
+def _excess_each(
+    starts: Array, ends: Array, radii: Array, normals: Array, support: Array
+) -> Array:
+    """Return how far each capsule stands out of the hull with that support function."""
+    reach = np.maximum(starts @ normals.T, ends @ normals.T) + radii[:, None]
+    return np.asarray((reach - support).max(axis=1))
 
 
 def _capsules(segments: list[_Segment], axes: Array) -> Capsules:

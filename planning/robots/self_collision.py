@@ -140,7 +140,7 @@ class _PairDistances:
                 points.append(np.array(vertex))
             self._hulls.append(coal.Convex.convexHull(points, False, ""))
         self._poses = np.empty((len(chain.axis) + 1, 4, 4))
-        self._placed: list[Any] = []
+        self._placed: dict[int, Any] = {}
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
 
     def move_to(self, q: Array) -> None:
@@ -154,10 +154,7 @@ class _PairDistances:
             np.ascontiguousarray(q, dtype=np.float64),
             self._poses,
         )
-        self._placed = [
-            self._coal.Transform3s(np.array(pose[:3, :3]), np.array(pose[:3, 3]))
-            for pose in self._poses
-        ]
+        self._placed.clear()
 
     def __call__(self, pair: tuple[int, int]) -> float:
         """Return the distance of two parts [m], not above zero where they overlap."""
@@ -166,10 +163,19 @@ class _PairDistances:
         return float(
             self._coal.distance(
                 self._hulls[a],
-                self._placed[self._joints[a]],
+                self._pose(a),
                 self._hulls[b],
-                self._placed[self._joints[b]],
+                self._pose(b),
                 self._request,
                 self._result,
             )
         )
+
+    def _pose(self, part: int) -> Any:
+        joint = self._joints[part]
+        if joint not in self._placed:
+            pose = self._poses[joint]
+            self._placed[joint] = self._coal.Transform3s(
+                np.array(pose[:3, :3]), np.array(pose[:3, 3])
+            )
+        return self._placed[joint]

@@ -128,8 +128,10 @@ def _parts(model: Any, geometry: Any, tool: set[str]) -> tuple[LinkPart, ...]:
         local = shape_vertices(item.geometry, item.name)
         pose = item.placement.homogeneous
         vertices: Array = readonly(local @ pose[:3, :3].T + pose[:3, 3])
-        body = ConvexBody(item.name, vertices, capsule_cover(vertices))
         group = "tool" if link in tool else "arm"
+        # Tools work at close range: more capsules there spare exact decisions.
+        capsules = capsule_cover(vertices, thrift=0.2 if group == "tool" else 0.5)
+        body = ConvexBody(item.name, vertices, capsules)
         parts.append(LinkPart(item.parentJoint - 1, group, body))
     if not parts:
         raise RobotModelError(f"{model.name} has no collision geometry")

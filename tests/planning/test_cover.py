@@ -116,7 +116,7 @@ def test_taper_is_followed() -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(24)])
     cone = np.vstack([0.08 * ring, 0.01 * ring + [0.0, 0.0, 0.3]])
-    capsules = capsule_cover(cone, tolerance=0.0, most=4)
+    capsules = capsule_cover(cone, tolerance=0.0, thrift=0.0, most=4)
     assert capsules.radius.min() < 0.6 * capsules.radius.max()
 
 
