@@ -240,8 +240,8 @@ class _ChainBuilder:
             )
 
     def chain(self, robot: str) -> NodeChain:
-        def frozen(values: list[int], dtype: type) -> Indices:
-            out = np.array(values, dtype=dtype)
+        def frozen(values: list[int]) -> Indices:
+            out = np.array(values, dtype=np.int64)
             out.setflags(write=False)
             return out
 
@@ -253,8 +253,8 @@ class _ChainBuilder:
             readonly(self._start),
             readonly(np.concatenate(self._waypoints)),
             readonly(self._fraction),
-            frozen(self._first, np.int64),
-            frozen(self.task, np.int64),
+            frozen(self._first),
+            frozen(self.task),
             skill,
             readonly(self._duration),
             readonly(self._planned),

@@ -108,7 +108,7 @@ def _lists(table: ContactTable, entry: int, task: int) -> bool:
             lo = middle + 1
         else:
             hi = middle
-    return lo < table.first[entry + 1] and table.tasks[lo] == task
+    return bool(lo < table.first[entry + 1] and table.tasks[lo] == task)
 
 
 @njit(cache=True)

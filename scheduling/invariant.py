@@ -132,9 +132,6 @@ class _Check:
         """Check that what happens to an object happens in order, whatever is delayed."""
         for rest in self.history.rests:
             pairs = [(rest.after, rest.before), (rest.stood, rest.after)]
-            if rest.holder is not None and rest.after is not None:
-                # What the receiver carries on with must wait for what hands over.
-                pairs.append((rest.after, rest.before))
             for u, v in pairs:
                 if u is None or v is None or self._precedes(u, v):
                     continue

@@ -178,8 +178,9 @@ def standing_occupancy(
 ) -> Occupancy:
     """Return what a robot without any node occupies: it stands at HOME, in one segment."""
     q = np.ascontiguousarray(robot.home[None], dtype=np.float64)
-    none = np.full(1, ALWAYS)
-    return _assemble(tpg, robot, q, q, np.zeros(1), (none, none), [], entities)
+    none = np.full(1, ALWAYS, dtype=np.int64)
+    nodes = np.zeros(1, dtype=np.int64)
+    return _assemble(tpg, robot, q, q, nodes, (none, none), [], entities)
 
 
 def rest_occupancy(
@@ -188,17 +189,17 @@ def rest_occupancy(
     """Return what one object at rest, or in the hand of a robot that stands, occupies."""
     body = tpg.cell.object(rest.object).body
     start, end, radius = _placed(body, rest.pose)
-    none = np.full(1, ALWAYS)
+    none = np.full(1, ALWAYS, dtype=np.int64)
     sequence = swept_sequence(
-        np.zeros(1),
+        np.zeros(1, dtype=np.int64),
         none,
         none,
         start[None],
         end[None],
         radius[None],
-        np.zeros(len(radius)),
-        np.full((1, 1), entities[rest.object]),
-        np.ones((1, 1)),
+        np.zeros(len(radius), dtype=np.int64),
+        np.full((1, 1), entities[rest.object], dtype=np.int32),
+        np.ones((1, 1), dtype=np.bool_),
     )
     q = np.zeros((1, 0))
     solid = resting_solid(rest.object, body, rest.pose)
@@ -234,7 +235,7 @@ def _assemble(
     robot: PlacedRobot,
     q_a: Array,
     q_b: Array,
-    node: npt.NDArray[np.generic],
+    node: Indices,
     tasks: tuple[Indices, Indices],
     runs: Sequence[tuple[ObjectSpan, int, int]],
     entities: EntityNumbers,
@@ -292,9 +293,7 @@ def _assemble(
     body_of = np.concatenate(
         [kernel.body, len(parts) + np.repeat(np.arange(depth), room)]
     )
-    sequence = swept_sequence(
-        node.astype(np.int64), *tasks, start, end, radius, body_of, entity, still
-    )
+    sequence = swept_sequence(node, *tasks, start, end, radius, body_of, entity, still)
     return Occupancy(q_a, q_b, sequence, tuple(solids), solid)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -110,7 +111,9 @@ class PlanWriter:
 
     def __post_init__(self) -> None:
         self.configurations = {r.name: r.home for r in self.cell.robots}
-        self.attachments = {o.name: Attachment(None, o.start) for o in self.cell.objects}
+        self.attachments = {
+            o.name: Attachment(None, o.start) for o in self.cell.objects
+        }
 
     def checker(self, robot: str, touching: tuple[str, ...] = ()) -> SceneChecker:
         return SceneChecker(
@@ -127,9 +130,7 @@ class PlanWriter:
 
     def free(self, robot: str, path: Array, touching: tuple[str, ...] = ()) -> bool:
         checker = self.checker(robot, touching)
-        return all(
-            checker.motion_free(a, b) for a, b in zip(path[:-1], path[1:], strict=True)
-        )
+        return all(checker.motion_free(a, b) for a, b in pairwise(path))
 
     def random_goal(self, robot: str) -> Array:
         model = self.cell.robot(robot).model
@@ -281,7 +282,6 @@ def _free_since_start(
         allowed = (
             frozenset([frozenset((f"{robot}/tool", box))]) if last else frozenset()
         )
-        others = {n: q for n, q in far.items()}
         checker = SceneChecker(
             Workcell(
                 tuple(r for r in trial.robots if r.name == task.robot),
@@ -290,14 +290,11 @@ def _free_since_start(
                 trial.clearances,
             ),
             task.robot,
-            WorldState(others, attachments),
+            WorldState(far, attachments),
             allowed,
             margin=0.12,
         )
-        if not all(
-            checker.motion_free(a, b)
-            for a, b in zip(motion.path[:-1], motion.path[1:], strict=True)
-        ):
+        if not all(checker.motion_free(a, b) for a, b in pairwise(motion.path)):
             return False
     return True
 
