@@ -118,7 +118,9 @@ def uniforms(
     task = np.ascontiguousarray(np.asarray(tasks, dtype=np.int64)).view(np.uint64)
     index = np.zeros(n, np.uint64)
     if indices is not None:
-        index = np.ascontiguousarray(np.asarray(indices, dtype=np.int64)).view(np.uint64)
+        index = np.ascontiguousarray(np.asarray(indices, dtype=np.int64)).view(
+            np.uint64
+        )
     robot = np.array([stable_hash("robot", name) for name in robots], dtype=np.uint64)
     role = np.array([stable_hash(kind, purpose) for kind in kinds], dtype=np.uint64)
     out = np.empty(n)

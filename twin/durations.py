@@ -247,7 +247,12 @@ class SkillDurations:
         for skill, tasks in by_skill.items():
             count = len(tasks)
             u = uniforms(
-                seed, replication, [chain.robot] * count, tasks, [skill] * count, "duration"
+                seed,
+                replication,
+                [chain.robot] * count,
+                tasks,
+                [skill] * count,
+                "duration",
             )
             totals = to_nanoseconds(self.models[skill].ppf(u)).tolist()
             for task, total in zip(tasks, totals, strict=True):

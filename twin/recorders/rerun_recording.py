@@ -30,6 +30,7 @@ from twin.run import Run
 from twin.trajectory import Placement, object_placements, robot_trajectories
 
 _LEVELS = {"failed": "ERROR", "stopped": "ERROR", "stalled": "WARN", "waiting": "WARN"}
+_FIXTURE_GREYS = ((178, 170, 158), (196, 201, 207), (140, 146, 154))
 _QUIET = ("released", "started", "completed")
 
 
@@ -55,10 +56,13 @@ def write_recording(
     """
     with replacing(path) as temporary:
         rec = rr.RecordingStream(
-            "assembly-twin", recording_id=f"{name}-{run.seed}-{run.replication}-{run.policy}"
+            "assembly-twin",
+            recording_id=f"{name}-{run.seed}-{run.replication}-{run.policy}",
         )
         rec.set_log_time_enabled(False)
-        rec.save(temporary, default_blueprint=layout.run_layout(tpg.cell, run.makespan_s))
+        rec.save(
+            temporary, default_blueprint=layout.run_layout(tpg.cell, run.makespan_s)
+        )
         _log_fixtures(rec, tpg.cell)
         for robot, motion in zip(
             tpg.cell.robots, robot_trajectories(tpg, run), strict=True
@@ -74,7 +78,7 @@ def write_recording(
 
 
 def _log_fixtures(rec: rr.RecordingStream, cell: Workcell) -> None:
-    for fixture in cell.fixtures:
+    for k, fixture in enumerate(cell.fixtures):
         rec.log(
             entity_path(layout.FIXTURES, fixture.name),
             rr.CoordinateFrame(WORLD_FRAME),
@@ -82,7 +86,7 @@ def _log_fixtures(rec: rr.RecordingStream, cell: Workcell) -> None:
                 sizes=[fixture.size],
                 centers=[fixture.pose[:3, 3]],
                 quaternions=[quat_xyzw(fixture.pose)],
-                colors=[(150, 156, 164)],
+                colors=[_FIXTURE_GREYS[k % len(_FIXTURE_GREYS)]],
                 fill_mode=rr.components.FillMode.Solid,
             ),
             static=True,
@@ -158,7 +162,11 @@ def _log_progress(rec: rr.RecordingStream, tpg: TemporalPlanGraph, run: Run) -> 
         done = run.end_ns[k][last]
         done = np.append(0, done[done >= 0])
         _log_steps(
-            rec, entity_path(layout.PROGRESS, chain.robot), done, np.arange(len(done)), chain.robot
+            rec,
+            entity_path(layout.PROGRESS, chain.robot),
+            done,
+            np.arange(len(done)),
+            chain.robot,
         )
     waits = run.waits()
     times = np.array([0, *(w.start_ns for w in waits), *(w.end_ns for w in waits)])
@@ -220,6 +228,14 @@ def _level(tpg: TemporalPlanGraph, event: Event) -> str:
 
 
 def _sentence(tpg: TemporalPlanGraph, event: Event) -> str:
+    if not event.robot:
+        return f"run {event.kind}: {event.detail}"
     label = tpg.tasks[event.task].label if event.task >= 0 else ""
-    words = [event.robot, event.kind, event.object, label and f"[{label}]", event.detail]
+    words = [
+        event.robot,
+        event.kind,
+        event.object,
+        label and f"[{label}]",
+        event.detail,
+    ]
     return " ".join(word for word in words if word)

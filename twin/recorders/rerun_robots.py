@@ -65,8 +65,7 @@ def log_robot(rec: rr.RecordingStream, robot: PlacedRobot, motion: Trajectory) -
             frame_prefix=f"{robot.name}/",
             static_transform_entity_path=f"{entity}/fixed",
         )
-        shapes = tree.stream().drop(content=f"{entity}/*/collision_geometries/**")
-        rr.send_chunks(shapes, recording=rec)
+        _log_shapes(rec, tree, part)
     root = tree.root_link().name
     _log_pose(rec, f"{entity}/base", robot.base, WORLD_FRAME, f"{robot.name}/{root}")
     _log_joints(rec, tree, robot, motion)
@@ -75,6 +74,23 @@ def log_robot(rec: rr.RecordingStream, robot: PlacedRobot, motion: Trajectory) -
     _log_pose(
         rec, f"{entity}/flange", robot.model.flange, parent, flange_frame(robot.name)
     )
+
+
+def _log_shapes(rec: rr.RecordingStream, tree: UrdfTree, part: str) -> None:
+    """Draw what a URDF shows, in full colour; collision shapes only where it shows nothing."""
+    chunks = list(tree.stream())
+    visual = entity_path(part, tree.name, "visual_geometries")
+    collision = entity_path(part, tree.name, "collision_geometries")
+    if any(chunk.entity_path.startswith(visual) for chunk in chunks):
+        chunks = [c for c in chunks if not c.entity_path.startswith(collision)]
+    rr.send_chunks(chunks, recording=rec)
+    # Primitives come as wire frames unless told otherwise.
+    for chunk in chunks:
+        columns = " ".join(chunk.to_record_batch().schema.names)
+        for shape in (rr.Boxes3D, rr.Cylinders3D, rr.Ellipsoids3D):
+            if f"{shape.__name__}:" in columns:
+                solid = shape.from_fields(fill_mode=rr.components.FillMode.Solid)
+                rec.log(chunk.entity_path, solid, static=True)
 
 
 def _log_joints(
@@ -101,7 +117,9 @@ def _log_joints(
             rec.send_columns(
                 entity_path(part, "joints", joint.name),
                 indexes=[time_column([0])],
-                columns=joint.compute_transform_columns([held[joint.name]], clamp=False),
+                columns=joint.compute_transform_columns(
+                    [held[joint.name]], clamp=False
+                ),
             )
 
 

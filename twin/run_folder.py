@@ -1,0 +1,175 @@
+"""The folder of a run: made before planning starts, filled as results come."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from planning.errors import OutputError
+from planning.transforms import Transform, quat_wxyz
+from planning.workcell import PlacedRobot, Workcell
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from twin.atomic import write_json
+from twin.events import Event
+from twin.run import Run
+
+MANIFEST = "manifest.json"
+EVENTS = "events.jsonl"
+TRAJECTORY = "trajectory.parquet"
+OBJECTS = "objects.parquet"
+RECORDING = "run.rrd"
+GANTT = "gantt.png"
+SUMMARY = "summary.json"
+
+_RESULTS = (EVENTS, TRAJECTORY, OBJECTS, RECORDING, GANTT, SUMMARY)
+_PACKAGES = (
+    "assembly-twin",
+    "coal",
+    "numba",
+    "numpy",
+    "ompl",
+    "pin",
+    "pybullet",
+    "pulp",
+    "pyarrow",
+    "rerun-sdk",
+    "scipy",
+    "simpy",
+)
+
+
+def prepare_run_folder(out: Path | None, scenario_name: str) -> Path:
+    """Return a folder that can be written to, made where it is missing.
+
+    Called before anything that takes time, so that a long plan is not lost for want of a place
+    to put it. Results of an earlier run in the folder are removed, plans are left.
+
+    Args:
+        out: the folder; by default ``logs/<scenario>-<UTC time>``.
+        scenario_name: name of the scenario.
+
+    Raises:
+        OutputError: it cannot be made or written to.
+    """
+    folder = _new_log_folder(scenario_name) if out is None else out
+    probe = folder / f".probe.{os.getpid()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.write_bytes(b"")
+        probe.unlink()
+        for name in _RESULTS:
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written to: {error}") from error
+    return folder
+
+
+def _new_log_folder(scenario_name: str) -> Path:
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    first = Path("logs") / f"{scenario_name}-{stamp}"
+    folder, count = first, 1
+    while folder.exists():
+        count += 1
+        folder = first.with_name(f"{first.name}-{count}")
+    return folder
+
+
+def manifest(
+    scenario: Mapping[str, Any], cell: Workcell, *, seed: int
+) -> dict[str, Any]:
+    """Return what is needed to understand and repeat a run.
+
+    Args:
+        scenario: the resolved scenario, as plain JSON values.
+        cell: built from it.
+        seed: of the run.
+    """
+    return {
+        "scenario": dict(scenario),
+        "scenario_sha256": scenario_sha256(scenario),
+        "seed": seed,
+        "versions": versions(),
+        "robots": [_robot_entry(robot) for robot in cell.robots],
+    }
+
+
+def write_manifest(
+    folder: Path, scenario: Mapping[str, Any], cell: Workcell, *, seed: int
+) -> None:
+    """Write ``manifest.json`` into a run folder; see manifest."""
+    write_json(folder / MANIFEST, manifest(scenario, cell, seed=seed))
+
+
+def scenario_sha256(scenario: Mapping[str, Any]) -> str:
+    """Return the hash of a resolved scenario: of its compact JSON with sorted keys."""
+    text = json.dumps(scenario, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages that results depend on."""
+    found = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def _robot_entry(robot: PlacedRobot) -> dict[str, Any]:
+    model = robot.model
+    return {
+        "name": robot.name,
+        "model": model.name,
+        "urdf": str(model.urdf),
+        "base": _pose_entry(robot.base),
+        "joints": list(model.joint_names),
+        "tool": {
+            "last_joint_T_flange": _pose_entry(model.flange),
+            "flange_T_frame": {k: _pose_entry(p) for k, p in model.frames.items()},
+        },
+    }
+
+
+def _pose_entry(pose: Transform) -> dict[str, list[float]]:
+    return {"xyz": pose[:3, 3].tolist(), "quat_wxyz": quat_wxyz(pose).tolist()}
+
+
+def write_run(
+    folder: Path,
+    tpg: TemporalPlanGraph,
+    run: Run,
+    events: Sequence[Event],
+    *,
+    name: str,
+) -> None:
+    """Write trajectories, objects, the recording and the Gantt chart of a run.
+
+    Args:
+        folder: of the run.
+        tpg: what was executed.
+        run: how.
+        events: the rows of its event log.
+        name: of the scenario.
+
+    Raises:
+        OutputError: a file cannot be written; those before it are there.
+    """
+    from twin.gantt import draw_gantt
+    from twin.recorders.parquet import objects_table, trajectory_table, write_table
+    from twin.recorders.rerun_recording import write_recording
+    from twin.trajectory import object_placements, robot_trajectories
+
+    motions = robot_trajectories(tpg, run)
+    write_table(folder / TRAJECTORY, trajectory_table(motions))
+    write_table(folder / OBJECTS, objects_table(object_placements(tpg, run)))
+    write_recording(folder / RECORDING, tpg, run, events, name=name)
+    draw_gantt(folder / GANTT, tpg, run, title=name)
