@@ -95,6 +95,8 @@ def _contract_chain(chain: NodeChain, first: Indices) -> NodeChain:
         first=np.append(chain.first[first], chain.first[-1]),
         task=chain.task[first],
         skill=chain.skill[first],
-        duration=np.add.reduceat(chain.duration, first) if len(first) else first * 1.0,
+        duration=np.asarray(np.add.reduceat(chain.duration, first), dtype=float)
+        if len(first)
+        else np.zeros(0),
         planned_start=chain.planned_start[first],
     )

@@ -201,7 +201,8 @@ def packaged_timings() -> dict[str, DurationModel]:
 
 def to_nanoseconds(seconds: npt.ArrayLike) -> Nanoseconds:
     """Return times in whole nanoseconds, rounded to the nearest."""
-    return np.rint(np.asarray(seconds, dtype=float) * NANOSECONDS).astype(np.int64)
+    exact = np.asarray(seconds, dtype=float) * NANOSECONDS
+    return np.asarray(np.rint(exact), dtype=np.int64)
 
 
 class NodeDurations(Protocol):
@@ -270,7 +271,7 @@ def _share(total: int, weights: Array) -> Nanoseconds:
     if cumulative[-1] <= 0:
         cumulative = np.arange(1.0, len(weights) + 1)
     bounds = np.rint(cumulative / cumulative[-1] * total).astype(np.int64)
-    return np.diff(bounds, prepend=0)
+    return np.asarray(np.diff(bounds, prepend=0), dtype=np.int64)
 
 
 def nominal_durations(tpg: TemporalPlanGraph) -> tuple[Nanoseconds, ...]:

@@ -16,7 +16,7 @@ from twin.events import Event, EventKind
 from twin.recorders.observers import Observers
 from twin.run import Outcome, Policy, waypoint_offsets_ns
 
-_LAST = 9
+_LAST = simpy.core.EventPriority(9)
 """Priority of what happens after everything else at the same time."""
 
 _Steps = Generator[simpy.Event, Any, None]
@@ -106,12 +106,12 @@ class Execution:
                     self._after_everything_else(chain, node)
                 yield arrival
             queue.popleft()
-            start[node] = env.now
+            start[node] = self.now_ns
             if self.watched:
                 yield from self._execute_watched(chain, node)
             else:
                 yield env.timeout(stall[node] + duration[node])
-            end[node] = env.now
+            end[node] = self.now_ns
             self._report(chain, node)
         if self.watched:
             self._emit("finished", chain)

@@ -89,9 +89,8 @@ def _chain_trajectory(chain: NodeChain, run: Run, k: int) -> Trajectory:
     t = np.concatenate([[0], start[waited], (start + stall)[stalled], arrival])
     q = np.vstack([path[:1], stands[waited], stands[stalled], path[1:]])
     node = np.concatenate([[-1], nodes[waited], nodes[stalled], of_waypoint])
-    slot = np.repeat(
-        [0, 0, 1, 2], [1, np.count_nonzero(waited), np.count_nonzero(stalled), passed]
-    )
+    counts = [1, int(np.sum(waited)), int(np.sum(stalled)), passed]
+    slot = np.repeat(np.array([0, 0, 1, 2]), counts)
     order = np.lexsort((t, slot, node))
     return _until(
         Trajectory(chain.robot, t[order], q[order], node[order]), run.makespan_ns

@@ -11,7 +11,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from planning.errors import OutputError, TwinError
@@ -128,10 +128,8 @@ def _headless_viewer(recording: Path, size: tuple[int, int]) -> Iterator[int]:
             yield port
         finally:
             # The program is a shim: the viewer proper is its child, in the same group.
-            try:
+            with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGTERM)
-            except ProcessLookupError:
-                pass
             process.wait(timeout=20)
 
 

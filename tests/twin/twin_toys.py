@@ -123,12 +123,12 @@ def random_tpg(
     skills = [(k, n) for k, n in order if chains[k].skill[n]]
     handlings = ()
     if len(skills) >= 2:
-        (k, n), (l, m) = skills[0], skills[1]
+        (k, n), (j, m) = skills[0], skills[1]
         handlings = (
             NodeHandling(
                 "brick_0", k, n, 1, cell.robots[k].name, translation(0, 0, 0.1)
             ),
-            NodeHandling("brick_0", l, m, 0, None, translation(0.4, 0.4, 0)),
+            NodeHandling("brick_0", j, m, 0, None, translation(0.4, 0.4, 0)),
         )
     return TemporalPlanGraph(
         cell=cell,

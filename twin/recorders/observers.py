@@ -39,7 +39,7 @@ class Observers:
         for recorder in tuple(self._recorders):
             try:
                 recorder.record(event)
-            except Exception as error:  # noqa: BLE001 - no recorder may stop a run
+            except Exception as error:
                 self._recorders.remove(recorder)
                 _warn(recorder, error, f"at {event.t_ns / 1e9:.3f} s")
                 _close(recorder)
@@ -53,7 +53,7 @@ class Observers:
 def _close(recorder: Recorder) -> None:
     try:
         recorder.close()
-    except Exception as error:  # noqa: BLE001 - no recorder may stop a run
+    except Exception as error:
         _warn(recorder, error, "when closed")
 
 

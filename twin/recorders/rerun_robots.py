@@ -69,8 +69,9 @@ def log_robot(rec: rr.RecordingStream, robot: PlacedRobot, motion: Trajectory) -
     root = tree.root_link().name
     _log_pose(rec, f"{entity}/base", robot.base, WORLD_FRAME, f"{robot.name}/{root}")
     _log_joints(rec, tree, robot, motion)
-    last = tree.get_joint_by_name(robot.model.joint_names[-1])
-    parent = frame_name(robot.name, last.child_link.removeprefix(f"{robot.name}/"))
+    joints = {joint.name: joint for joint in tree.joints()}
+    tip = joints[robot.model.joint_names[-1]].child_link
+    parent = frame_name(robot.name, tip.removeprefix(f"{robot.name}/"))
     _log_pose(
         rec, f"{entity}/flange", robot.model.flange, parent, flange_frame(robot.name)
     )
@@ -147,7 +148,7 @@ def _log_pose(
         entity,
         rr.Transform3D(
             translation=pose[:3, 3],
-            quaternion=quat_xyzw(pose),
+            quaternion=rr.Quaternion(xyzw=quat_xyzw(pose)),
             parent_frame=parent,
             child_frame=child,
         ),
