@@ -81,7 +81,7 @@ def _check_robots(robots: Sequence[RobotSection], folder: Path) -> Found:
         except (RobotModelError, ScenarioError) as error:
             if error.choices:
                 text = unknown_name("robot model", robot.model, error.choices)
-                yield (*at, "model"), f"{text}, or the path of a URDF"
+                yield (*at, "model"), text
             else:
                 yield (*at, "model"), str(error)
             continue
@@ -228,7 +228,7 @@ def _check_stock_stands(
                     held.add(name)
                     frontier.append(name)
     for i, item in enumerate(assembly.stock):
-        if item.name not in held:
+        if item.name not in held and item.at[2] >= 1:
             yield (
                 ("assembly", "stock", i, "at"),
                 f"{item.name} floats: it is not joined to the plate",
@@ -246,7 +246,8 @@ def _check_supply(assembly: LegoSection) -> Found:
     for k, step in enumerate(assembly.steps):
         at: KeyPath = ("assembly", "steps", k)
         need[step.brick] += 1
-        if step.brick not in stations and need[step.brick] > supply[step.brick]:
+        lacking = need[step.brick] > supply[step.brick]
+        if lacking and step.stock is None and step.brick not in stations:
             yield (
                 (*at, "brick"),
                 f"step {k + 1} is the {_ordinal(need[step.brick])} to need a {step.brick}, "

@@ -106,16 +106,16 @@ def unknown_key(key: str, valid: Sequence[str]) -> str:
         if stem == meant_stem and unit != meant_unit:
             word = _UNIT_WORDS.get(meant_unit, meant_unit)
             return f"unknown key {key!r}: this quantity is in {word}, as {meant!r}"
-    hint = f" did you mean {meant!r}?" if meant is not None else ""
+    hint = f"; did you mean {meant!r}?" if meant is not None else ""
     known = f" (valid: {', '.join(valid)})" if valid else ""
-    return f"unknown key {key!r};{hint}{known}"
+    return f"unknown key {key!r}{hint}{known}"
 
 
 def unknown_name(what: str, name: str, valid: Sequence[str]) -> str:
     """Say that a name is unknown, and which one was probably meant."""
     close = difflib.get_close_matches(name, valid, n=1, cutoff=0.6)
-    hint = f" did you mean {close[0]!r}?" if close else ""
-    return f"unknown {what} {name!r};{hint} (valid: {', '.join(valid)})"
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    return f"unknown {what} {name!r}{hint} (valid: {', '.join(valid)})"
 
 
 def schema_problems(
@@ -152,21 +152,22 @@ def schema_problems(
         ):
             continue  # entries that are wrong do not count for pydantic
         elif kind != "extra_forbidden":
-            tags = _tags(_node_at(schema, loc))
-            mark = document.mark_of(at, key=loc[-1:] == ("[key]",))
-            out.append(Problem(mark, _label(at) + _explain(kind, error, tags)))
+            node = _node_at(schema, loc)
+            place = (*at, "kind") if kind == "union_tag_invalid" else at
+            mark = document.mark_of(place, key=loc[-1:] == ("[key]",))
+            out.append(Problem(mark, _label(at) + _explain(kind, error, node)))
     return out
 
 
-def _explain(kind: str, error: Mapping[str, Any], tags: Sequence[str]) -> str:
+def _explain(kind: str, error: Mapping[str, Any], node: Mapping[str, Any]) -> str:
     value, context = error.get("input"), error.get("ctx", {})
     given = "nothing" if value is None else _describe(value)
     if kind in ("value_error", "assertion_error"):
         return str(error["msg"]).removeprefix("Value error, ")
     if kind == "union_tag_not_found":
-        return f"key 'kind' is missing (valid: {', '.join(tags)})"
+        return f"key 'kind' is missing (valid: {', '.join(_tags(node))})"
     if kind == "union_tag_invalid":
-        return unknown_name("kind", str(context["tag"]), tags)
+        return unknown_name("kind", str(context["tag"]), _tags(node))
     if kind in ("literal_error", "enum"):
         expected = str(context.get("expected", "")).replace("'", "")
         valid = expected.replace(" or ", ", ").split(", ")
@@ -201,8 +202,12 @@ def _explain(kind: str, error: Mapping[str, Any], tags: Sequence[str]) -> str:
         return f"{words} {_number(context[name])}, not {given}"
     if kind in ("too_short", "too_long"):
         least = context.get("min_length", context.get("max_length"))
-        few = "at least" if kind == "too_short" else "at most"
-        return f"{few} {least} entries expected, not {context.get('actual_length')}"
+        few = "at least " if kind == "too_short" else "at most "
+        if node.get("minItems") == node.get("maxItems"):
+            few = ""
+        count = len(value) if isinstance(value, list) else context["actual_length"]
+        noun = "entry" if least == 1 else "entries"
+        return f"{few}{least} {noun} expected, not {count}"
     return str(error["msg"])
 
 
