@@ -1,26 +1,20 @@
 """Forward and inverse kinematics of placed robots.
 
-Inverse kinematics is damped least squares (Levenberg-Marquardt) on the six-dimensional pose
-error, compiled, from the seed and from random restarts; joint limits hold at every step.
+Inverse kinematics runs compiled damped least squares from the seed and from random restarts.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
-from numba import njit
 
 from planning.errors import RobotModelError
 from planning.geometry.chain import joint_poses
+from planning.geometry.damped_least_squares import TOLERANCE, solve_from
 from planning.robots.model import RobotModel
 from planning.transforms import Array, Transform, inverse
 from planning.workcell import PlacedRobot
 
-TOLERANCE = 1e-7
-"""A solution is that close to its target, in metres and in radians."""
-
-_STEPS = 80
-_DISTINCT = 1e-4
+__all__ = ["TOLERANCE", "frame_in_last_joint", "frame_pose", "inverse_kinematics"]
 
 
 def frame_pose(robot: PlacedRobot, q: Array, frame: str = "flange") -> Transform:
@@ -94,12 +88,8 @@ def inverse_kinematics(
         RobotModelError: the robot has no such frame.
     """
     model = robot.model
-    last_joint = np.ascontiguousarray(
-        inverse(robot.base) @ target @ inverse(frame_in_last_joint(model, frame))
-    )
-    # Where the frame ends up decides, not where the last joint does: keep the lever arm.
     tip = np.ascontiguousarray(frame_in_last_joint(model, frame))
-    wanted = np.ascontiguousarray(last_joint @ tip)
+    wanted = np.ascontiguousarray(inverse(robot.base) @ target)
     chain = model.chain
     starts = np.empty((restarts + 1, model.dof))
     starts[0] = np.clip(seed, model.lower, model.upper)
@@ -107,7 +97,7 @@ def inverse_kinematics(
         model.lower, model.upper, (restarts, model.dof)
     )
     found = np.empty_like(starts)
-    count = _solve_from(
+    count = solve_from(
         chain.placement,
         chain.axis,
         chain.prismatic,
@@ -122,233 +112,3 @@ def inverse_kinematics(
     solutions = found[:count]
     order = np.argsort(np.abs(solutions - seed).sum(axis=1), kind="stable")
     return [solutions[k].copy() for k in order]
-
-
-@njit(cache=True)
-def _solve_from(
-    placement: Array,
-    axis: Array,
-    prismatic: npt.NDArray[np.bool_],
-    tip: Array,
-    target: Array,
-    lower: Array,
-    upper: Array,
-    seed: Array,
-    starts: Array,
-    found: Array,
-) -> int:
-    """Solve from every start; write distinct solutions to ``found`` and return how many."""
-    count = 0
-    n = starts.shape[1]
-    poses = np.empty((n + 1, 4, 4))
-    for k in range(starts.shape[0]):
-        q = starts[k].copy()
-        if not _converge(
-            placement, axis, prismatic, tip, target, lower, upper, q, poses
-        ):
-            continue
-        for j in range(n):
-            if not prismatic[j]:
-                q[j] = _nearest_turn(q[j], seed[j], lower[j], upper[j])
-        known = False
-        for i in range(count):
-            gap = 0.0
-            for j in range(n):
-                gap = max(gap, abs(found[i, j] - q[j]))
-            if gap < _DISTINCT:
-                known = True
-                break
-        if not known:
-            found[count] = q
-            count += 1
-    return count
-
-
-@njit(cache=True)
-def _nearest_turn(value: float, seed: float, lower: float, upper: float) -> float:
-    """Return the value plus whole turns, within limits, that is nearest to the seed."""
-    turn = 2.0 * np.pi
-    best = value
-    other = value - turn * np.floor((value - lower) / turn)
-    while other <= upper:
-        if other >= lower and abs(other - seed) < abs(best - seed):
-            best = other
-        other += turn
-    return best
-
-
-@njit(cache=True)
-def _converge(
-    placement: Array,
-    axis: Array,
-    prismatic: npt.NDArray[np.bool_],
-    tip: Array,
-    target: Array,
-    lower: Array,
-    upper: Array,
-    q: Array,
-    poses: Array,
-) -> bool:
-    """Move ``q`` to a solution by damped least squares; True on success."""
-    n = q.shape[0]
-    error, trial_error = np.empty(6), np.empty(6)
-    jacobian, normal = np.empty((6, n)), np.empty((n, n))
-    step, trial = np.empty(n), np.empty(n)
-    tip_pose = np.empty((4, 4))
-    base = np.eye(4)
-    joint_poses(placement, axis, prismatic, base, q, poses)
-    size = _pose_error(poses[n], tip, target, tip_pose, error)
-    damping = 1e-2
-    for _ in range(_STEPS):
-        if size < 1e-22:
-            break
-        _jacobian(poses, axis, prismatic, tip_pose, jacobian)
-        improved = False
-        for _ in range(8):
-            for i in range(n):
-                total = 0.0
-                for r in range(6):
-                    total += jacobian[r, i] * error[r]
-                step[i] = total
-                # A joint at its limit that is pushed outwards takes no part.
-                blocked_i = (q[i] <= lower[i] and step[i] < 0.0) or (
-                    q[i] >= upper[i] and step[i] > 0.0
-                )
-                for j in range(i + 1):
-                    total = 0.0
-                    for r in range(6):
-                        total += jacobian[r, i] * jacobian[r, j]
-                    normal[i, j] = total
-                if blocked_i:
-                    step[i] = 0.0
-                    for j in range(i):
-                        normal[i, j] = 0.0
-                normal[i, i] += damping
-            for i in range(n):
-                if (q[i] <= lower[i] or q[i] >= upper[i]) and step[i] == 0.0:
-                    for k in range(i + 1, n):
-                        normal[k, i] = 0.0
-            _solve_positive(normal, step)
-            for i in range(n):
-                trial[i] = min(max(q[i] + step[i], lower[i]), upper[i])
-            joint_poses(placement, axis, prismatic, base, trial, poses)
-            trial_size = _pose_error(poses[n], tip, target, tip_pose, trial_error)
-            if trial_size < size:
-                ratio = trial_size / size
-                damping = max(damping * (0.1 if ratio < 0.25 else 0.5), 1e-14)
-                improved = True
-                break
-            damping *= 6.0
-        if not improved:
-            break
-        stalled = trial_size > 0.9999 * size
-        q[:] = trial
-        error[:] = trial_error
-        size = trial_size
-        if stalled and size > 1e-10:
-            break
-    distance = np.sqrt(error[0] ** 2 + error[1] ** 2 + error[2] ** 2)
-    angle = np.sqrt(error[3] ** 2 + error[4] ** 2 + error[5] ** 2)
-    return bool(distance < TOLERANCE and angle < TOLERANCE)
-
-
-@njit(cache=True)
-def _pose_error(
-    last: Array, tip: Array, target: Array, tip_pose: Array, error: Array
-) -> float:
-    """Write tip pose and its error (metres, rotation vector); return the squared norm."""
-    for r in range(3):
-        for c in range(4):
-            total = 0.0
-            for k in range(3):
-                total += last[r, k] * tip[k, c]
-            tip_pose[r, c] = total + (last[r, 3] if c == 3 else 0.0)
-    turn = np.empty((3, 3))
-    for r in range(3):
-        error[r] = target[r, 3] - tip_pose[r, 3]
-        for c in range(3):
-            turn[r, c] = (
-                target[r, 0] * tip_pose[c, 0]
-                + target[r, 1] * tip_pose[c, 1]
-                + target[r, 2] * tip_pose[c, 2]
-            )
-    x, y, z = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]
-    sine = 0.5 * np.sqrt(x * x + y * y + z * z)
-    cosine = 0.5 * (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0)
-    angle = np.arctan2(sine, cosine)
-    if sine > 1e-7:
-        scale = 0.5 * angle / sine
-    elif cosine > 0.0:
-        scale = 0.5
-    else:
-        # Half a turn: the antisymmetric part vanishes, any axis of the symmetric one serves.
-        k = 0
-        for i in range(3):
-            if turn[i, i] > turn[k, k]:
-                k = i
-        along = np.sqrt(max(0.5 * (turn[k, k] + 1.0), 1e-12))
-        x = np.pi * (along if k == 0 else 0.5 * turn[0, k] / along)
-        y = np.pi * (along if k == 1 else 0.5 * turn[1, k] / along)
-        z = np.pi * (along if k == 2 else 0.5 * turn[2, k] / along)
-        scale = 1.0
-    error[3], error[4], error[5] = scale * x, scale * y, scale * z
-    size = 0.0
-    for r in range(6):
-        size += error[r] * error[r]
-    return size
-
-
-@njit(cache=True)
-def _jacobian(
-    poses: Array,
-    axis: Array,
-    prismatic: npt.NDArray[np.bool_],
-    tip_pose: Array,
-    out: Array,
-) -> None:
-    """Write the geometric Jacobian of the tip in the base frame, shape (6, n)."""
-    for j in range(axis.shape[0]):
-        pose = poses[j + 1]
-        ax = pose[0, 0] * axis[j, 0] + pose[0, 1] * axis[j, 1] + pose[0, 2] * axis[j, 2]
-        ay = pose[1, 0] * axis[j, 0] + pose[1, 1] * axis[j, 1] + pose[1, 2] * axis[j, 2]
-        az = pose[2, 0] * axis[j, 0] + pose[2, 1] * axis[j, 1] + pose[2, 2] * axis[j, 2]
-        if prismatic[j]:
-            out[0, j], out[1, j], out[2, j] = ax, ay, az
-            out[3, j] = out[4, j] = out[5, j] = 0.0
-            continue
-        dx = tip_pose[0, 3] - pose[0, 3]
-        dy = tip_pose[1, 3] - pose[1, 3]
-        dz = tip_pose[2, 3] - pose[2, 3]
-        out[0, j], out[1, j], out[2, j] = (
-            ay * dz - az * dy,
-            az * dx - ax * dz,
-            ax * dy - ay * dx,
-        )
-        out[3, j], out[4, j], out[5, j] = ax, ay, az
-
-
-@njit(cache=True)
-def _solve_positive(matrix: Array, vector: Array) -> None:
-    """Solve a positive definite system in place by Cholesky, lower triangle given."""
-    n = vector.shape[0]
-    for j in range(n):
-        total = matrix[j, j]
-        for k in range(j):
-            total -= matrix[j, k] * matrix[j, k]
-        root = np.sqrt(max(total, 1e-30))
-        matrix[j, j] = root
-        for i in range(j + 1, n):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] = total / root
-    for i in range(n):
-        total = vector[i]
-        for k in range(i):
-            total -= matrix[i, k] * vector[k]
-        vector[i] = total / matrix[i, i]
-    for i in range(n - 1, -1, -1):
-        total = vector[i]
-        for k in range(i + 1, n):
-            total -= matrix[k, i] * vector[k]
-        vector[i] = total / matrix[i, i]
