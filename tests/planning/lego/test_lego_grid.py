@@ -1,0 +1,160 @@
+"""Cells, poses and contact on the stud grid."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from planning.errors import ScenarioError
+from planning.lego.bricks import BRICKS, brick_type
+from planning.lego.grid import (
+    BRICK_GAP,
+    box_from_top,
+    box_pose,
+    box_size,
+    cell_at,
+    footprint,
+    neighbours,
+    on_plate,
+    overlapping,
+    top_from_box,
+    top_pose,
+)
+from planning.lego.structure import (
+    LAYER_HEIGHT,
+    STUD_PITCH,
+    BrickType,
+    Cell,
+    Plate,
+)
+from planning.transforms import Array, from_rpy, rotation
+
+FLAT = Plate(np.eye(4))
+
+bricks = st.sampled_from(sorted(BRICKS)).map(BRICKS.__getitem__)
+cells = st.builds(
+    Cell,
+    st.integers(0, 40),
+    st.integers(0, 40),
+    st.integers(1, 20),
+    st.booleans(),
+)
+near_cells = st.builds(
+    Cell, st.integers(0, 6), st.integers(0, 6), st.integers(1, 3), st.booleans()
+)
+plates = st.builds(
+    lambda x, y, z, yaw: Plate(from_rpy((x, y, z), (0.0, 0.0, yaw))),
+    st.floats(-2, 2),
+    st.floats(-2, 2),
+    st.floats(0, 2),
+    st.floats(-3, 3),
+)
+
+
+def test_a_brick_at_the_corner_stands_on_the_corner() -> None:
+    plate = Plate(np.eye(4), (10, 20))
+    pose = top_pose(plate, Cell(0, 0, 1), BRICKS["2x4"])
+    np.testing.assert_allclose(pose[:3, 3], [-0.04 + 0.008, -0.08 + 0.016, 0.0096])
+    turned = top_pose(plate, Cell(0, 0, 1, True), BRICKS["2x4"])
+    np.testing.assert_allclose(turned[:3, 3], [-0.04 + 0.016, -0.08 + 0.008, 0.0096])
+    np.testing.assert_allclose(turned[:3, 0], [0, 1, 0], atol=1e-15)
+
+
+@given(plates, cells, bricks)
+def test_from_cell_to_pose_and_back(plate: Plate, cell: Cell, brick: BrickType) -> None:
+    assert cell_at(plate, top_pose(plate, cell, brick), brick) == cell
+
+
+@given(plates, cells, bricks)
+def test_half_a_turn_of_a_brick_is_the_same_cell(
+    plate: Plate, cell: Cell, brick: BrickType
+) -> None:
+    pose = top_pose(plate, cell, brick) @ rotation("z", np.pi)
+    assert cell_at(plate, pose, brick) == cell
+
+
+@given(cells, bricks, st.floats(2e-6, 0.003), st.sampled_from([0, 1, 2]))
+def test_a_pose_off_the_grid_is_refused(
+    cell: Cell, brick: BrickType, off: float, axis: int
+) -> None:
+    plate = Plate(np.eye(4))
+    pose = top_pose(plate, cell, brick)
+    pose[axis, 3] += off
+    with pytest.raises(ScenarioError, match="off the stud grid"):
+        cell_at(plate, pose, brick)
+
+
+def test_a_tilted_pose_is_refused() -> None:
+    plate, brick = Plate(np.eye(4)), BRICKS["2x4"]
+    pose = top_pose(plate, Cell(1, 2, 3), brick) @ rotation("x", 0.01)
+    with pytest.raises(ScenarioError):
+        cell_at(plate, pose, brick)
+
+
+@given(plates, cells, bricks)
+def test_the_box_hangs_half_a_layer_below_the_top(
+    plate: Plate, cell: Cell, brick: BrickType
+) -> None:
+    top, box = top_pose(plate, cell, brick), box_pose(plate, cell, brick)
+    np.testing.assert_allclose(
+        top[:3, 3] - box[:3, 3], [0, 0, LAYER_HEIGHT / 2], atol=1e-12
+    )
+    np.testing.assert_allclose(top_from_box(box), top, atol=1e-12)
+    np.testing.assert_allclose(box_from_top(top), box, atol=1e-12)
+
+
+def _bounds(cell: Cell, brick: BrickType, plate: Plate = FLAT) -> tuple[Array, Array]:
+    """Return the box's least and greatest corner from its pose and size."""
+    pose = box_pose(plate, cell, brick)
+    half = np.abs(pose[:3, :3]) @ box_size(brick) / 2
+    return pose[:3, 3] - half, pose[:3, 3] + half
+
+
+@given(near_cells, bricks, near_cells, bricks)
+def test_contact_on_the_grid_is_contact_of_the_boxes(
+    a: Cell, brick_a: BrickType, b: Cell, brick_b: BrickType
+) -> None:
+    low_a, high_a = _bounds(a, brick_a)
+    low_b, high_b = _bounds(b, brick_b)
+    gap = np.maximum(low_b - high_a, low_a - high_b)
+    other = {"other": (b, brick_b)}
+    overlap = bool(np.all(gap < -1e-6))
+    assert bool(overlapping(a, brick_a, other)) == overlap
+    if overlap:  # two bricks in one place have no neighbours to speak of
+        return
+    touch = neighbours(a, brick_a, other)
+    over = bool(np.all(gap[:2] < -1e-6))
+    assert bool(touch.above) == (over and abs(low_b[2] - high_a[2]) < 1e-6)
+    assert bool(touch.below) == (over and abs(low_a[2] - high_b[2]) < 1e-6)
+    # Beside: a face of each, BRICK_GAP apart, in the same layer; edge to edge is not enough.
+    one_side = sorted(gap[:2])
+    beside = (
+        abs(gap[2] + LAYER_HEIGHT) < 1e-6
+        and one_side[0] < -1e-6
+        and abs(one_side[1] - BRICK_GAP) < 1e-6
+    )
+    assert bool(touch.beside) == beside
+
+
+@given(cells, bricks)
+def test_bricks_over_the_edge_are_not_on_the_plate(
+    cell: Cell, brick: BrickType
+) -> None:
+    plate = Plate(np.eye(4), (24, 40))
+    low, high = _bounds(cell, brick, plate)
+    edge = np.array(plate.studs) * STUD_PITCH / 2
+    inside = bool(np.all(low[:2] >= -edge) and np.all(high[:2] <= edge))
+    assert on_plate(plate, cell, brick) == inside
+
+
+def test_footprints_turn_with_the_brick() -> None:
+    assert footprint(Cell(0, 0, 1), BRICKS["2x6"]) == (2, 6)
+    assert footprint(Cell(0, 0, 1, True), BRICKS["2x6"]) == (6, 2)
+
+
+def test_an_unknown_brick_lists_the_known_ones() -> None:
+    with pytest.raises(ScenarioError, match="3x3") as caught:
+        brick_type("3x3")
+    assert "2x4" in caught.value.choices

@@ -1,0 +1,131 @@
+"""Symmetries of the grips, and the contact cell against the grip."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from planning.errors import ScenarioError
+from planning.lego.bricks import BRICKS
+from planning.lego.grid import top_pose
+from planning.lego.grips import (
+    check_press,
+    contact_press,
+    grip_pose,
+    offsets,
+    press_cell,
+    presses,
+    side_contact_pose,
+    side_studs,
+)
+from planning.lego.structure import STUD_PITCH, BrickType, Cell, Plate, Press
+from planning.transforms import Transform, from_rpy, rotation, translation
+
+OPPOSITE = {1: 4, 4: 1, 2: 3, 3: 2}
+
+cells = st.builds(
+    Cell, st.integers(0, 40), st.integers(0, 40), st.integers(1, 20), st.booleans()
+)
+tops = st.builds(
+    lambda x, y, z, yaw: from_rpy((x, y, z), (0.0, 0.0, yaw)),
+    st.floats(-1, 1),
+    st.floats(-1, 1),
+    st.floats(0, 1),
+    st.floats(-3, 3),
+)
+
+
+@st.composite
+def gripped(draw: st.DrawFn) -> tuple[BrickType, Press]:
+    brick = BRICKS[draw(st.sampled_from(sorted(set(BRICKS) - {"1x1"})))]
+    return brick, draw(st.sampled_from(presses(brick)))
+
+
+@given(tops, gripped())
+def test_the_tool_stands_on_the_edge_and_looks_down(
+    top: Transform, grip: tuple[BrickType, Press]
+) -> None:
+    brick, press = grip
+    local = np.linalg.inv(top) @ grip_pose(top, brick, press)
+    np.testing.assert_allclose(local[:3, 2], [0, 0, -1], atol=1e-12)
+    assert local[2, 3] == pytest.approx(0.0, abs=1e-12)
+    outward = {1: [-1, 0, 0], 4: [1, 0, 0], 2: [0, 1, 0], 3: [0, -1, 0]}[press.side]
+    np.testing.assert_allclose(local[:3, 0], -np.array(outward), atol=1e-12)
+    half = np.array([*brick.studs, 0]) * STUD_PITCH / 2
+    assert np.dot(local[:3, 3], outward) == pytest.approx(np.abs(outward) @ half)
+
+
+@given(tops, gripped())
+def test_half_a_turn_swaps_opposite_sides(
+    top: Transform, grip: tuple[BrickType, Press]
+) -> None:
+    brick, press = grip
+    mirrored = Press(
+        OPPOSITE[press.side], side_studs(brick, press.side) - 2 - press.offset
+    )
+    np.testing.assert_allclose(
+        grip_pose(top @ rotation("z", np.pi), brick, mirrored),
+        grip_pose(top, brick, press),
+        atol=1e-12,
+    )
+
+
+@given(tops, gripped())
+def test_the_next_offset_is_one_stud_along_the_edge(
+    top: Transform, grip: tuple[BrickType, Press]
+) -> None:
+    brick, press = grip
+    moved = Press(press.side, press.offset + 1)
+    if moved.offset in offsets(brick, press.side):
+        along = {1: (0, 1), 4: (0, 1), 2: (1, 0), 3: (1, 0)}[press.side]
+        shift = translation(along[0] * STUD_PITCH, along[1] * STUD_PITCH, 0.0)
+        np.testing.assert_allclose(
+            grip_pose(top @ shift, brick, press),
+            grip_pose(top, brick, moved),
+            atol=1e-12,
+        )
+
+
+@given(cells, gripped(), st.booleans())
+def test_the_contact_cell_is_where_the_tool_presses(
+    cell: Cell, grip: tuple[BrickType, Press], up: bool
+) -> None:
+    brick, press = grip
+    plate = Plate(np.eye(4))
+    contact = press_cell(cell, brick, press, up=up)
+    assert contact.z == cell.z + (-1 if up else 1)
+    level = Cell(contact.x, contact.y, cell.z, contact.turned)
+    pair = BRICKS["1x2"]
+    np.testing.assert_allclose(
+        grip_pose(top_pose(plate, level, pair), pair, contact_press(contact, press)),
+        grip_pose(top_pose(plate, cell, brick), brick, press),
+        atol=1e-12,
+    )
+
+
+@given(tops, gripped())
+def test_the_side_studs_hold_level_from_outside(
+    top: Transform, grip: tuple[BrickType, Press]
+) -> None:
+    brick, press = grip
+    down, level = grip_pose(top, brick, press), side_contact_pose(top, brick, press)
+    np.testing.assert_allclose(level[:3, 3], down[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(level[:3, 2], down[:3, 0], atol=1e-12)
+    np.testing.assert_allclose(level[:3, 0], [0, 0, -1], atol=1e-12)
+
+
+def test_the_number_of_grips() -> None:
+    assert len(presses(BRICKS["2x4"])) == 2 * 3 + 2 * 1
+    assert len(presses(BrickType("8x8", (8, 8), 0.01))) == 28
+    assert len(presses(BRICKS["1x8"])) == 2 * 7
+    # A single stud can only be gripped half beside it.
+    assert len(presses(BRICKS["1x1"])) == 4
+
+
+@pytest.mark.parametrize("press", [Press(1, 3), Press(1, -1), Press(2, 1), Press(5, 0)])
+def test_a_grip_beside_the_brick_is_refused(press: Press) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        check_press(BRICKS["2x4"], press)
+    assert caught.value.choices

@@ -1,0 +1,244 @@
+"""The six skills as subgoals: what stays together, what moves, and which way."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from planning.errors import RobotModelError
+from planning.lego.bricks import BRICKS
+from planning.lego.grips import presses
+from planning.lego.handover import giver_rest, receive_poses
+from planning.lego.skill_targets import (
+    DEFAULT_TWIST,
+    SkillTargets,
+    handover_targets,
+    held_box,
+    pick_targets,
+    place_down_targets,
+    place_up_contact,
+    place_up_targets,
+    received_top,
+    support_skill,
+)
+from planning.lego.structure import BrickType, Plate, Press, Support
+from planning.lego.support import support_bottom_targets
+from planning.transforms import Transform, from_rpy, inverse, rotation, translation
+
+FRAMES = {
+    "tool": translation(0.0, 0.0, 0.111),
+    "disassemble": translation(0.0, 0.0, 0.12),
+    "assemble": translation(0.0078, 0.0, 0.1105),
+    "handover_assemble": translation(0.0078, 0.0, 0.1095),
+    "alt": translation(-0.0174, 0.0, 0.1064),
+    "alt_assemble": translation(-0.0078, 0.0, 0.1064),
+}
+BRICK = BRICKS["2x4"]
+TOP = from_rpy((0.4, 0.1, 1.2), (0.0, 0.0, 0.3))
+
+tops = st.builds(
+    lambda x, y, z, yaw: from_rpy((x, y, z), (0.0, 0.0, yaw)),
+    st.floats(-1, 1),
+    st.floats(-1, 1),
+    st.floats(0, 1),
+    st.floats(-3, 3),
+)
+grips = st.sampled_from(sorted(BRICKS)).flatmap(
+    lambda name: st.tuples(
+        st.just(BRICKS[name]), st.sampled_from(presses(BRICKS[name]))
+    )
+)
+
+
+def flange(targets: SkillTargets, k: int) -> Transform:
+    """Return the flange's pose at subgoal ``k``."""
+    subgoal = targets.subgoals[k]
+    return subgoal.pose @ inverse(FRAMES[subgoal.frame])
+
+
+def angle(a: Transform, b: Transform) -> float:
+    """Return the angle between two orientations [rad]."""
+    trace = np.trace(a[:3, :3].T @ b[:3, :3])
+    return float(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
+
+
+def names(targets: SkillTargets) -> list[str]:
+    """Return the names of the subgoals."""
+    return [s.name for s in targets.subgoals]
+
+
+@given(tops, tops, grips)
+def test_a_brick_is_held_the_same_from_pick_to_place(
+    start: Transform, goal: Transform, grip: tuple[BrickType, Press]
+) -> None:
+    brick, press = grip
+    pick = pick_targets(FRAMES, brick, start, press)
+    place = place_down_targets(FRAMES, brick, goal, press)
+    assert pick.attach_at is not None
+    assert place.detach_at is not None
+    taken = pick.subgoals[pick.attach_at]
+    put = place.subgoals[place.detach_at]
+    np.testing.assert_allclose(
+        held_box(FRAMES, taken.frame, taken.pose, start),
+        held_box(FRAMES, put.frame, put.pose, goal),
+        atol=1e-12,
+    )
+
+
+@given(tops, tops, grips)
+def test_a_brick_passes_through_two_hands_to_its_goal(
+    ready: Transform, goal: Transform, grip: tuple[BrickType, Press]
+) -> None:
+    """Giver's press, receiver's carry and place-up agree on where the brick is."""
+    brick, press = grip
+    contact = place_up_contact(goal, brick, press)
+    top = received_top(FRAMES, ready, goal, contact)
+    give = handover_targets(FRAMES, brick, top, press)
+    up = place_up_targets(FRAMES, contact)
+    assert give.detach_at is not None
+    assert up.detach_at is not None
+    in_giver = held_box(FRAMES, "tool", give.subgoals[give.detach_at].pose, top)
+    pick = pick_targets(FRAMES, brick, TOP, press)
+    assert pick.attach_at is not None
+    from_pick = held_box(FRAMES, "tool", pick.subgoals[pick.attach_at].pose, TOP)
+    np.testing.assert_allclose(in_giver, from_pick, atol=1e-12)
+    in_receiver = held_box(FRAMES, "tool", ready, top)
+    at_goal = held_box(FRAMES, "alt", up.subgoals[up.detach_at].pose, goal)
+    np.testing.assert_allclose(in_receiver, at_goal, atol=1e-12)
+
+
+def test_waypoints_and_handlings_of_each_skill() -> None:
+    pick = pick_targets(FRAMES, BRICK, TOP, Press(1, 1))
+    down = place_down_targets(FRAMES, BRICK, TOP, Press(1, 1))
+    up = place_up_targets(FRAMES, place_up_contact(TOP, BRICK, Press(1, 1)))
+    give = handover_targets(FRAMES, BRICK, TOP, Press(1, 1))
+    held = support_skill(
+        support_bottom_targets(Plate(np.eye(4)), Support(9, 9, 9, 0)), pre=3
+    )
+    assert names(pick) == ["approach", "above", "attach", "twist", "leave"]
+    assert (pick.attach_at, pick.detach_at, pick.lead) == (2, None, 1)
+    assert names(down) == ["approach", "above", "attach", "twist", "leave"]
+    assert (down.attach_at, down.detach_at, down.lead) == (None, 2, 1)
+    assert names(up) == ["pre", "approach", "below", "place", "twist", "leave"]
+    assert (up.attach_at, up.detach_at, up.lead) == (None, 3, 2)
+    assert names(give) == ["approach", "press", "twist", "leave"]
+    assert (give.attach_at, give.detach_at, give.lead) == (None, 1, 1)
+    assert names(held) == ["pre", "support"]
+    assert (held.skill, held.attach_at, held.detach_at) == (
+        "support-bottom",
+        None,
+        None,
+    )
+
+
+@given(tops, grips, st.floats(0.05, 0.5))
+def test_every_twist_turns_by_its_angle_about_its_axis(
+    top: Transform, grip: tuple[BrickType, Press], twist: float
+) -> None:
+    brick, press = grip
+    contact = place_up_contact(top, brick, press)
+    for targets, before, axis in (
+        (pick_targets(FRAMES, brick, top, press, twist=twist), 2, "disassemble"),
+        (place_down_targets(FRAMES, brick, top, press, twist=twist), 2, "assemble"),
+        (place_up_targets(FRAMES, contact, twist=twist), 3, "alt_assemble"),
+    ):
+        a, b = flange(targets, before), flange(targets, before + 1)
+        assert angle(a, b) == pytest.approx(twist, abs=1e-6)
+        # The axis of the twist stays where it is, its direction too.
+        still_a, still_b = a @ FRAMES[axis], b @ FRAMES[axis]
+        np.testing.assert_allclose(still_a[:3, 3], still_b[:3, 3], atol=1e-12)
+        np.testing.assert_allclose(still_a[:3, 1], still_b[:3, 1], atol=1e-12)
+
+
+@given(tops, grips)
+def test_the_tool_comes_straight_down_and_leaves_straight_up(
+    top: Transform, grip: tuple[BrickType, Press]
+) -> None:
+    brick, press = grip
+    for targets, drop in (
+        (pick_targets(FRAMES, brick, top, press), 0.0028),
+        (place_down_targets(FRAMES, brick, top, press), 0.005),
+    ):
+        down = flange(targets, 2)[:3, 3] - flange(targets, 1)[:3, 3]
+        np.testing.assert_allclose(down, [0, 0, -drop], atol=1e-12)
+        leave = flange(targets, 4)[:3, 3] - flange(targets, 3)[:3, 3]
+        np.testing.assert_allclose(leave, [0, 0, 0.015], atol=1e-12)
+
+
+@given(tops, grips)
+def test_attack_mirrors_the_approach(
+    top: Transform, grip: tuple[BrickType, Press]
+) -> None:
+    brick, press = grip
+    contact = place_up_contact(top, brick, press)
+    pairs = (
+        [place_down_targets(FRAMES, brick, top, press, attack=a) for a in (1, -1)],
+        [place_up_targets(FRAMES, contact, attack=a) for a in (1, -1)],
+    )
+    for plus, minus in pairs:
+        for a, b in zip(plus.subgoals, minus.subgoals, strict=True):
+            moved = (inverse(a.pose) @ b.pose)[:3, 3]
+            sideways = 0.010 if a.name in ("approach", "pre") else 0.0
+            assert abs(moved[1]) == pytest.approx(sideways, abs=1e-12)
+            np.testing.assert_allclose(moved[[0, 2]], 0.0, atol=1e-12)
+
+
+def test_a_robot_without_the_tool_is_named() -> None:
+    with pytest.raises(RobotModelError, match="disassemble") as caught:
+        pick_targets({"tool": np.eye(4)}, BRICK, TOP, Press(1, 0))
+    assert caught.value.choices == ("tool",)
+
+
+def test_default_twists_are_the_published_ones() -> None:
+    degrees = {k: round(np.degrees(v), 9) for k, v in DEFAULT_TWIST.items()}
+    assert degrees == {"pick": 16, "place-down": 16, "place-up": 16, "handover": 18}
+
+
+bases = st.builds(
+    lambda x, y, yaw: from_rpy((x, y, 0.9), (0.0, 0.0, yaw)),
+    st.floats(-1, 1),
+    st.floats(-1, 1),
+    st.floats(-3, 3),
+)
+
+
+@given(bases, st.floats(0.5, 2.0), st.floats(-3, 3))
+def test_a_handover_is_held_out_towards_the_giver(
+    receiver: Transform, distance: float, bearing: float
+) -> None:
+    giver = receiver @ rotation("z", bearing) @ translation(distance, 0.0, 0.0)
+    poses = receive_poses(receiver, giver)
+    assert len({p.receive.pose.tobytes() for p in poses}) == len(poses) >= 20
+    towards = (giver[:3, 3] - receiver[:3, 3]) / distance
+    for pose in poses:
+        tool = pose.receive.pose
+        assert tool[:3, 2] @ towards > np.cos(np.radians(10.0)) - 1e-9
+        np.testing.assert_allclose(tool[:3, 0], [0, 0, -1], atol=1e-9)
+        back = (inverse(tool) @ pose.pre.pose)[:3, 3]
+        np.testing.assert_allclose(back, [0, 0, -0.075], atol=1e-9)
+    # Nearest to the published place first.
+    published = np.array([0.45, 0.35])
+    off = []
+    for pose in poses:
+        at = pose.receive.pose[:3, 3] - receiver[:3, 3]
+        place = np.array([np.hypot(at[0], at[1]), at[2]])
+        off.append(np.abs(place - published).sum())
+    assert off[0] == pytest.approx(0.0, abs=1e-9)
+    assert all(a <= b + 1e-6 for a, b in itertools.pairwise(off))
+    again = receive_poses(receiver, giver)
+    for a, b in zip(poses, again, strict=True):
+        np.testing.assert_array_equal(a.receive.pose, b.receive.pose)
+
+
+@given(bases)
+def test_the_giver_waits_in_front_of_itself_pointing_down(base: Transform) -> None:
+    rest = giver_rest(base)
+    assert rest.frame == "flange"
+    np.testing.assert_allclose(
+        (inverse(base) @ rest.pose)[:3, 3], [0.2, 0.0, 0.5], atol=1e-12
+    )
+    np.testing.assert_allclose(rest.pose[:3, 2], [0, 0, -1], atol=1e-12)
