@@ -1,0 +1,89 @@
+"""The cliff that ships with the package can be built the way its file says."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from planning.lego.bricks import BRICKS
+from planning.lego.grid import neighbours, occupied_studs, on_plate, overlapping
+from planning.lego.grips import check_press, press_cell
+from planning.lego.structure import BrickType, Cell, Plate, Press, Support
+from planning.lego.support import supported_cell
+from planning.transforms import identity
+
+FILE = Path(__file__).parents[3] / "scenarios/lego/cliff.yaml"
+PLATE = Plate(identity())
+
+
+@pytest.fixture(scope="module")
+def assembly() -> dict[str, Any]:
+    """Read the assembly section of the scenario."""
+    section: dict[str, Any] = yaml.safe_load(FILE.read_text())["assembly"]
+    return section
+
+
+def cell(section: dict[str, Any]) -> Cell:
+    """Return where a brick of the file stands."""
+    x, y, z = section["at"]
+    return Cell(x, y, z, section.get("turned", False))
+
+
+def test_eleven_bricks_and_every_kind_of_step(assembly: dict[str, Any]) -> None:
+    steps = assembly["steps"]
+    assert len(steps) == 11
+    up = [s for s in steps if s.get("place") == "up"]
+    assert len(up) == 1
+    assert len([s for s in steps if "support" in s]) - len(up) == 2
+
+
+def test_the_stock_leaves_a_choice(assembly: dict[str, Any]) -> None:
+    need = Counter(s["brick"] for s in assembly["steps"])
+    have = Counter(s["brick"] for s in assembly["stock"])
+    assert all(have[brick] > count for brick, count in need.items())
+
+
+def test_every_brick_is_joined_when_it_is_placed(assembly: dict[str, Any]) -> None:
+    placed: dict[str, tuple[Cell, BrickType]] = {}
+    stock = {s["name"]: (cell(s), BRICKS[s["brick"]]) for s in assembly["stock"]}
+    for k, step in enumerate(assembly["steps"], start=1):
+        at, brick = cell(step), BRICKS[step["brick"]]
+        assert on_plate(PLATE, at, brick)
+        assert not overlapping(at, brick, {**stock, **placed})
+        touch = neighbours(at, brick, placed)
+        if step.get("place") == "up":
+            assert touch.above
+            assert not touch.below
+        else:
+            assert touch.below or at.z == 1
+        placed[f"step {k}"] = (at, brick)
+
+
+def test_presses_and_supports_fit_the_structure(assembly: dict[str, Any]) -> None:
+    filled: set[tuple[int, int, int]] = set()
+    for step in assembly["steps"]:
+        at, brick = cell(step), BRICKS[step["brick"]]
+        press = Press(**step["press"])
+        check_press(brick, press)
+        up = step.get("place") == "up"
+        if up:
+            assert press_cell(at, brick, press, up=True) == cell(step["press_cell"])
+        if "support" in step:
+            support = Support(*step["support"]["at"], step["support"]["orientation"])
+            tip = {(c.x, c.y, c.z) for c in supported_cell(support)}
+            assert tip.isdisjoint(filled | occupied_studs(at, brick))
+            # Something built already is right above the tip, or below it for a place-up.
+            step_z = -1 if up else 1
+            assert any((x, y, z + step_z) in filled for x, y, z in tip)
+        elif at.z > 1:
+            # Unsupported bricks are pressed above studs that something stands under.
+            contact = press_cell(at, brick, press, up=False)
+            under = {
+                (x, y, at.z - 1) for x, y, _ in occupied_studs(contact, BRICKS["1x2"])
+            }
+            assert under <= filled
+        filled |= occupied_studs(at, brick)

@@ -1,0 +1,256 @@
+"""Our skill subgoals against the joint paths that the authors of APEX-MR ship.
+
+Forward kinematics of every waypoint of the published plans, by the product of their
+Denavit-Hartenberg tables, must meet our subgoals: written without our robot models on purpose.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planning.lego.grid import top_pose
+from planning.lego.grips import press_cell
+from planning.lego.handover import giver_rest, receive_poses
+from planning.lego.importer import import_apex_mr
+from planning.lego.skill_targets import (
+    handover_targets,
+    pick_targets,
+    place_down_targets,
+    place_up_contact,
+    place_up_targets,
+    received_top,
+)
+from planning.lego.structure import (
+    BrickType,
+    Cell,
+    Plate,
+    Press,
+    Subgoal,
+    Support,
+)
+from planning.lego.support import support_bottom_targets, support_top_targets
+from planning.transforms import Array, Transform, from_rpy, translation
+
+DATA = Path(
+    os.environ.get("ASSEMBLY_TWIN_APEX_DATA")
+    or Path(__file__).parents[3] / "../shared/data/apex-mr"
+)
+TASKS = ("cliff", "faucet", "bridge")
+ROWS_DOWN, ROWS_UP = 16, 27
+WORLD_AXES = np.eye(4)
+
+pytestmark = pytest.mark.skipif(
+    not (DATA / "steps").is_dir(), reason="the published APEX-MR data are not there"
+)
+
+
+@dataclass(frozen=True)
+class Published:
+    """One published step: what it is, who does it, and its rows of joint values."""
+
+    step: dict[str, Any]
+    rows: Array
+    plate: Plate
+    brick: BrickType
+    goal: Transform
+    stock: Transform
+    bases: dict[int, Transform]
+    frames: dict[str, Transform]
+
+    @property
+    def press(self) -> Press:
+        return Press(self.step["press_side"], self.step["press_offset"])
+
+    @property
+    def up(self) -> bool:
+        return bool(self.step["manipulate_type"] == 1)
+
+    @property
+    def main(self) -> int:
+        return int(self.step["robot_id"])
+
+    @property
+    def helper(self) -> int:
+        return int(self.step["sup_robot_id"])
+
+    @property
+    def attack(self) -> int:
+        return int(self.step.get("attack_dir", 1))
+
+    @property
+    def support(self) -> Support:
+        keys = ("support_x", "support_y", "support_z", "support_ori")
+        x, y, z, orientation = (self.step[k] for k in keys)
+        return Support(x, y, z, orientation)
+
+    def q(self, mode: int, robot: int) -> Array:
+        """Return the joint values [rad] of a robot in the row of a mode, counted from 1."""
+        first = 8 if robot == 1 else 22
+        return np.radians(self.rows[mode - 1, first : first + 6])
+
+
+def dh_product(table: Array, base: Transform, q: Array) -> Transform:
+    """Return T = base * prod Rz(theta) Tz(d) Tx(a) Rx(alpha)."""
+    out = base
+    for (offset, d, a, alpha), angle in zip(table, q, strict=True):
+        c, s = np.cos(offset + angle), np.sin(offset + angle)
+        ca, sa = np.cos(alpha), np.sin(alpha)
+        out = out @ np.array(
+            [
+                [c, -s * ca, s * sa, a * c],
+                [s, c * ca, -c * sa, a * s],
+                [0, sa, ca, d],
+                [0, 0, 0, 1],
+            ]
+        )
+    return out
+
+
+def dh_table(frame: str) -> Array:
+    """Return the published table of a tool frame."""
+    name = "gp4_tool_DH" if frame == "tool" else f"gp4_tool_{frame}_DH"
+    name = "gp4_DH" if frame == "flange" else name
+    return np.loadtxt(DATA / f"robot_properties/{name}.txt")
+
+
+def pose(section: dict[str, Any]) -> Transform:
+    """Return the transform of an imported pose."""
+    return from_rpy(section["xyz_m"], np.radians(section["rpy_deg"]).tolist())
+
+
+def steps(task: str) -> Iterator[Published]:
+    """Read a published plan with the scenario that we import beside it."""
+    scenario = import_apex_mr(DATA, task, prescribed_stock=True)
+    assembly = scenario["assembly"]
+    plate = Plate(pose(assembly["plate"]["pose"]), tuple(assembly["plate"]["studs"]))
+    bricks = {
+        name: BrickType(name, tuple(b["studs"]), b["mass_kg"])
+        for name, b in assembly["bricks"].items()
+    }
+    stock = {s["name"]: s for s in assembly["stock"]}
+    robots = scenario["cell"]["robots"]
+    bases = {k: pose(r["base"]) for k, r in enumerate(robots, start=1)}
+    frames = {n: pose(f) for n, f in robots[0]["frames"].items()}
+    rows = np.loadtxt(DATA / f"steps/{task}_steps.csv", delimiter=",")
+    raw = json.loads((DATA / f"steps/{task}_seq.json").read_text())
+    at = 1
+    for k, ours in enumerate(assembly["steps"], start=1):
+        step = raw[str(k)]
+        count = ROWS_UP if step["manipulate_type"] else ROWS_DOWN
+        brick = bricks[ours["brick"]]
+        where = stock[ours["stock"]]
+        yield Published(
+            step=step,
+            rows=rows[at : at + count],
+            plate=plate,
+            brick=brick,
+            goal=top_pose(plate, cell(ours), brick),
+            stock=top_pose(plate, cell(where), brick),
+            bases=bases,
+            frames=frames,
+        )
+        at += count
+    assert at == len(rows)
+
+
+def cell(section: dict[str, Any]) -> Cell:
+    """Return the cell of an imported section."""
+    x, y, z = section["at"]
+    return Cell(x, y, z, section.get("turned", False))
+
+
+def assert_reached(
+    published: Published, robot: int, subgoals: tuple[Subgoal, ...], modes: list[int]
+) -> None:
+    """Check that the robot's rows of the modes meet the subgoals."""
+    shoulder = published.bases[robot] @ translation(0.0, 0.0, 0.33)
+    for subgoal, mode in zip(subgoals, modes, strict=True):
+        q = published.q(mode, robot)
+        reached = dh_product(dh_table(subgoal.frame), shoulder, q)
+        off = np.linalg.norm(reached[:3, 3] - subgoal.pose[:3, 3])
+        turn = np.linalg.norm(reached[:3, :3] - subgoal.pose[:3, :3]) / np.sqrt(2)
+        assert off < 2e-7, f"{subgoal.name}: {off * 1e6:.2f} um off"
+        assert turn < 1e-6, f"{subgoal.name}: {turn:.2g} rad off"
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_picks(task: str) -> None:
+    for s in steps(task):
+        targets = pick_targets(s.frames, s.brick, s.stock, s.press)
+        robot = s.helper if s.up else s.main
+        assert_reached(s, robot, targets.subgoals, [1, 2, 3, 4, 5])
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_place_downs(task: str) -> None:
+    for s in steps(task):
+        if s.up:
+            continue
+        targets = place_down_targets(
+            s.frames, s.brick, s.goal, s.press, attack=s.attack
+        )
+        assert_reached(s, s.main, targets.subgoals, [9, 10, 11, 12, 13])
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_supports_from_below(task: str) -> None:
+    supported = [s for s in steps(task) if s.helper and not s.up]
+    assert supported
+    for s in supported:
+        targets = support_bottom_targets(s.plate, s.support, axes=WORLD_AXES)
+        assert_reached(s, s.helper, (targets.support,), [8])
+        # The published search settles on one of the shifted pre-poses.
+        tip = dh_product(
+            dh_table("tool"),
+            s.bases[s.helper] @ translation(0.0, 0.0, 0.33),
+            s.q(7, s.helper),
+        )
+        nearest = min(
+            targets.pre, key=lambda p: float(np.linalg.norm(p.pose[:, 3] - tip[:, 3]))
+        )
+        assert_reached(s, s.helper, (nearest,), [7])
+
+
+@pytest.mark.parametrize("task", ["cliff", "faucet"])
+def test_handovers_and_place_ups(task: str) -> None:
+    raised = [s for s in steps(task) if s.up]
+    assert len(raised) == 1
+    for s in raised:
+        receiver, giver = s.bases[s.main], s.bases[s.helper]
+        contact = place_up_contact(s.goal, s.brick, s.press)
+        up = place_up_targets(s.frames, contact, attack=s.attack)
+        assert_reached(s, s.main, up.subgoals, [17, 18, 21, 22, 23, 24])
+        # The first candidate is the published place of the handover.
+        place = receive_poses(receiver, giver)[0]
+        assert_reached(s, s.main, (place.pre, place.receive), [7, 9])
+        assert_reached(s, s.helper, (giver_rest(giver),), [8])
+        top = received_top(s.frames, place.receive.pose, s.goal, contact)
+        give = handover_targets(s.frames, s.brick, top, s.press)
+        assert_reached(s, s.helper, give.subgoals, [10, 11, 12, 13])
+        above = support_top_targets(s.plate, s.support, axes=WORLD_AXES)
+        assert_reached(s, s.helper, (*above.pre, above.support), [19, 20])
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_contact_cells(task: str) -> None:
+    for s in steps(task):
+        goal = Cell(s.step["x"], s.step["y"], s.step["z"], s.step["ori"] == 1)
+        x, y, z, ori = (s.step[f"press_{k}"] for k in ("x", "y", "z", "ori"))
+        assert press_cell(goal, s.brick, s.press, up=s.up) == Cell(x, y, z, ori == 1)
+
+
+def test_home() -> None:
+    robots = import_apex_mr(DATA, "cliff")["cell"]["robots"]
+    first = np.loadtxt(DATA / "steps/cliff_steps.csv", delimiter=",", max_rows=1)
+    for robot, column in zip(robots, (8, 22), strict=True):
+        np.testing.assert_allclose(
+            robot["home_deg"], first[column : column + 6], atol=1e-5
+        )
