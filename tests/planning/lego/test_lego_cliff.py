@@ -73,7 +73,8 @@ def test_presses_and_supports_fit_the_structure(assembly: dict[str, Any]) -> Non
         if up:
             assert press_cell(at, brick, press, up=True) == cell(step["press_cell"])
         if "support" in step:
-            support = Support(*step["support"]["at"], step["support"]["orientation"])
+            x, y, z = step["support"]["at"]
+            support = Support(x, y, z, step["support"]["orientation"])
             tip = {(c.x, c.y, c.z) for c in supported_cell(support)}
             assert tip.isdisjoint(filled | occupied_studs(at, brick))
             # Something built already is right above the tip, or below it for a place-up.
