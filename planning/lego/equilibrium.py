@@ -1,0 +1,163 @@
+"""The linear program of static equilibrium: rigid bodies, contacts, and as little pull as can be.
+
+Free of bricks: bodies have names, weights and centres; contacts are forces of a known direction
+at a known point between two bodies, or between a body and the ground.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import OptimizeResult, linprog
+from scipy.sparse import coo_matrix, csc_matrix, hstack, identity
+
+from planning.transforms import Array
+
+_NO_PULL = 1e-9
+_INFEASIBLE = 2
+
+
+@dataclass(frozen=True)
+class EquilibriumResult:
+    """The least pull that keeps every body in balance.
+
+    Attributes:
+        score: largest pull over its capacity; ``inf`` when no forces are in balance.
+        brick: the body at whose contacts less pull would not do, or the one farthest from
+            balance; None when no pull is needed.
+    """
+
+    score: float
+    brick: str | None
+
+
+class Equilibrium:
+    """Forces in balance on rigid bodies, built contact by contact.
+
+    The unit of length is free as long as it is one; forces are in newtons. A contact's force
+    along its direction is p - s T with p >= 0 and its capacity T of pull, so that the score s
+    is the only variable that ties contacts together: one column, no inequalities but bounds.
+
+    Args:
+        centres: centre of mass of each body, shape (3,) each.
+        weights: weight of each body, acting along -z [N].
+    """
+
+    def __init__(
+        self, centres: Mapping[str, Array], weights: Mapping[str, float]
+    ) -> None:
+        self._names = tuple(centres)
+        self._index = {name: k for k, name in enumerate(self._names)}
+        self._centres = np.array([centres[name] for name in self._names])
+        self._wrench = np.zeros((len(self._names), 6))
+        self._wrench[:, 2] = [-weights[name] for name in self._names]
+        self._points: list[Array] = []
+        self._directions: list[Array] = []
+        self._on: list[tuple[int, int]] = []
+        self._bounds: list[tuple[float, float]] = []
+        self._pulls: list[float] = []
+
+    def add_contact(
+        self,
+        first: str | None,
+        second: str | None,
+        point: Array,
+        direction: Array,
+        *,
+        pull: float = 0.0,
+        within: float | None = None,
+    ) -> None:
+        """Add a force along ``direction`` on ``second`` and its reaction on ``first``.
+
+        Args:
+            first: a body, None for the ground.
+            second: a body, None for the ground.
+            point: where it acts, shape (3,).
+            direction: of the push on ``second``, shape (3,), unit length.
+            pull: capacity T of the opposite force [N]; 0 for a contact that only pushes.
+            within: bound of the force in both senses [N], which does not count as pull.
+        """
+        self._points.append(point)
+        self._directions.append(direction)
+        self._on.append((self._body(first), self._body(second)))
+        self._bounds.append((0.0, np.inf) if within is None else (-within, within))
+        self._pulls.append(pull)
+
+    def add_load(self, body: str, force: Array, point: Array) -> None:
+        """Add a known force on a body, shape (3,) [N], at a point, shape (3,)."""
+        k = self._index[body]
+        self._wrench[k, :3] += force
+        self._wrench[k, 3:] += np.cross(point - self._centres[k], force)
+
+    def solve(self) -> EquilibriumResult:
+        """Solve the program.
+
+        Raises:
+            RuntimeError: the solver failed, as it should never do.
+        """
+        if not self._points:
+            return EquilibriumResult(math.inf, self._names[0])
+        contacts = self._matrix()
+        pulls = np.array(self._pulls)
+        column = csc_matrix((contacts @ -pulls)[:, None])
+        matrix = hstack([contacts, column], format="csc")
+        cost = np.zeros(matrix.shape[1])
+        cost[-1] = 1.0
+        result = self._minimise(cost, matrix, [*self._bounds, (0.0, np.inf)])
+        if result.status == _INFEASIBLE:
+            return EquilibriumResult(math.inf, self._farthest(matrix))
+        if result.status != 0:
+            raise RuntimeError(f"equilibrium not solved: {result.message}")
+        score = max(0.0, float(result.fun))
+        if score < _NO_PULL:
+            return EquilibriumResult(0.0, None)
+        price = np.where(pulls > 0.0, pulls * result.lower.marginals[:-1], 0.0)
+        return EquilibriumResult(score, self._priciest(price))
+
+    def _body(self, name: str | None) -> int:
+        return -1 if name is None else self._index[name]
+
+    def _matrix(self) -> csc_matrix:
+        """Return the wrench (6 rows a body, about its centre) of each contact's unit force."""
+        points, directions = np.array(self._points), np.array(self._directions)
+        on = np.array(self._on)
+        rows, columns, values = [], [], []
+        for end, sign in ((0, -1.0), (1, 1.0)):
+            k = np.flatnonzero(on[:, end] >= 0)
+            force = sign * directions[k]
+            moment = np.cross(points[k] - self._centres[on[k, end]], force)
+            rows.append((6 * on[k, end][:, None] + np.arange(6)).ravel())
+            columns.append(np.repeat(k, 6))
+            values.append(np.hstack([force, moment]).ravel())
+        entries = np.concatenate(values)
+        there = entries != 0.0
+        place = (np.concatenate(rows)[there], np.concatenate(columns)[there])
+        return coo_matrix(
+            (entries[there], place), shape=(self._wrench.size, len(points))
+        ).tocsc()
+
+    def _minimise(
+        self, cost: Array, matrix: csc_matrix, bounds: list[tuple[float, float]]
+    ) -> OptimizeResult:
+        target = -self._wrench.ravel()
+        return linprog(cost, A_eq=matrix, b_eq=target, bounds=bounds, method="highs")
+
+    def _priciest(self, price: Array) -> str:
+        """Return the body whose lower contacts the score depends on most, first of equals."""
+        total = np.zeros(len(self._names))
+        for k, (_, second) in enumerate(self._on):
+            total[second] += price[k]
+        return self._names[int(np.flatnonzero(total >= total.max() * (1 - 1e-6))[0])]
+
+    def _farthest(self, matrix: csc_matrix) -> str:
+        """Return the body that needs most help from outside for all to be in balance."""
+        size = matrix.shape[0]
+        helped = hstack([matrix, identity(size), -identity(size)], format="csc")
+        cost = np.concatenate([np.zeros(matrix.shape[1]), np.ones(2 * size)])
+        free = [(0.0, np.inf)] * (2 * size)
+        result = self._minimise(cost, helped, [*self._bounds, (0.0, np.inf), *free])
+        extra = result.x[-2 * size :].reshape(2, len(self._names), 6).sum(axis=(0, 2))
+        return self._names[int(np.argmax(extra))]
