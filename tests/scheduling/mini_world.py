@@ -26,7 +26,6 @@ from planning.workcell import (
 )
 
 LINK = 0.3
-STEP = 0.15
 
 
 def _shifted(name: str, size: tuple[float, float, float], x: float) -> ConvexBody:
@@ -101,6 +100,7 @@ class PlanWriter:
 
     cell: Workcell
     rng: np.random.Generator
+    step: float = 0.15
     configurations: dict[str, Array] = field(default_factory=dict)
     attachments: dict[str, Attachment] = field(default_factory=dict)
     tasks: list[Task] = field(default_factory=list)
@@ -125,7 +125,7 @@ class PlanWriter:
         )
 
     def line(self, q_a: Array, q_b: Array) -> Array:
-        count = max(int(np.ceil(np.abs(q_b - q_a).sum() / STEP)), 1)
+        count = max(int(np.ceil(np.abs(q_b - q_a).sum() / self.step)), 1)
         return q_a + np.linspace(0.0, 1.0, count + 1)[:, None] * (q_b - q_a)
 
     def free(self, robot: str, path: Array, touching: tuple[str, ...] = ()) -> bool:
@@ -190,11 +190,17 @@ def _wiggle(writer: PlanWriter, robot: str) -> Array:
 
 
 def random_plan(
-    robots: int, seed: int, *, rounds: int = 8, objects: int = 2, handover: bool = True
+    robots: int,
+    seed: int,
+    *,
+    rounds: int = 8,
+    objects: int = 2,
+    handover: bool = True,
+    step: float = 0.15,
 ) -> MotionPlan:
     """Robots take turns: out, a skill, maybe with a box, sometimes home, sometimes they stay."""
     rng = np.random.default_rng(seed)
-    writer = PlanWriter(planar_cell(robots, rng, objects), rng)
+    writer = PlanWriter(planar_cell(robots, rng, objects), rng, step)
     names = [r.name for r in writer.cell.robots]
     last_use: dict[str, int] = {}
     for _ in range(rounds):

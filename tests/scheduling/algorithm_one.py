@@ -1,0 +1,212 @@
+"""Algorithm 1 of APEX-MR as it is written, slow and plain: the oracle of the fast search.
+
+No capsules, no trees, no segments, no clocks: every pair of nodes, every pair of bodies, and
+networkx for the reduction. Occupancies are swept, so an edge starts at the conflicting node.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import networkx as nx
+import numpy as np
+
+from planning.geometry.exact import (
+    TOLERANCE,
+    Solid,
+    carried_solid,
+    come_close,
+    distance_at,
+    resting_solid,
+)
+from planning.geometry.kernel import robot_kernel
+from planning.geometry.scene import flange_pose
+from planning.transforms import Array
+from planning.workcell import Attachment
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+
+Node = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A body and the straight motion that carries it."""
+
+    entity: str
+    solid: Solid
+    q_a: Array
+    q_b: Array
+
+
+class PlainGraph:
+    """All nodes of a graph with what they occupy, found by walking through the plan in order."""
+
+    def __init__(self, tpg: TemporalPlanGraph) -> None:
+        self.tpg = tpg
+        self.nodes: list[Node] = sorted(
+            ((r, n) for r, c in enumerate(tpg.chains) for n in range(len(c))),
+            key=lambda x: (
+                tpg.chains[x[0]].planned_start[x[1]],
+                tpg.chains[x[0]].task[x[1]],
+                x[1],
+            ),
+        )
+        self.place = {node: k for k, node in enumerate(self.nodes)}
+        self.allowed = [(frozenset((a.first, a.second)), a.tasks) for a in tpg.allowed]
+        self.kernels = [robot_kernel(tpg.cell.robot(c.robot)) for c in tpg.chains]
+        self._walk()
+
+    def path(self, node: Node) -> Array:
+        """Waypoints of a node, the one before it first."""
+        r, n = node
+        chain = self.tpg.chains[r]
+        a, b = chain.first[n], chain.first[n + 1]
+        before = chain.start if a == 0 else chain.waypoints[a - 1]
+        return np.vstack([before[None], chain.waypoints[a:b]])
+
+    def stands(self, robot: int, node: int) -> Array:
+        """Configuration after a node, -1 for the start."""
+        if node < 0:
+            return self.tpg.chains[robot].start
+        return self.path((robot, node))[-1]
+
+    def _walk(self) -> None:
+        tpg = self.tpg
+        where = {o.name: Attachment(None, o.start) for o in tpg.cell.objects}
+        names = [c.robot for c in tpg.chains]
+        last = [-1] * len(names)
+        self.pieces: dict[Node, list[Piece]] = {}
+        # Objects that may be met between nodes: after the node counted k in planned order.
+        self.carried_after: dict[Node, list[tuple[str, Array]]] = {}
+
+        for node in self.nodes:
+            r, n = node
+            out: list[Piece] = []
+            path = self.path(node)
+            events = sorted(
+                (h for h in tpg.handlings if (h.robot, h.node) == node),
+                key=lambda h: h.waypoint,
+            )
+            touched = {h.object for h in events}
+
+            for name in touched:
+                out += self._resting(r, name, where, last, path[0])
+            for k in range(len(path)):
+                for event in (e for e in events if e.waypoint == k):
+                    where[event.object] = Attachment(event.holder, event.pose)
+                    out += self._resting(r, event.object, where, last, path[0])
+                if k + 1 < len(path):
+                    out += self._robot(r, path[k], path[k + 1])
+                    for name, at in where.items():
+                        if at.holder == names[r]:
+                            out.append(
+                                self._carried(r, name, at.pose, path[k], path[k + 1])
+                            )
+            self.pieces[node] = out
+            last[r] = n
+            self.carried_after[node] = [
+                (name, at.pose) for name, at in where.items() if at.holder == names[r]
+            ]
+
+    def _resting(
+        self, r: int, name: str, where: dict[str, Attachment], last: list[int], q: Array
+    ) -> list[Piece]:
+        """An object in the world, or in the hand of another robot, which stands."""
+        names = [c.robot for c in self.tpg.chains]
+        at = where[name]
+        if at.holder == names[r]:
+            return []
+        pose = at.pose
+        if at.holder is not None:
+            other = names.index(at.holder)
+            stands = self.stands(other, last[other])
+            pose = flange_pose(self.tpg.cell.robot(at.holder), stands) @ at.pose
+        solid = resting_solid(name, self.tpg.cell.object(name).body, pose)
+        return [Piece(name, solid, q, q)]
+
+    def _robot(self, r: int, q_a: Array, q_b: Array) -> list[Piece]:
+        name = self.tpg.chains[r].robot
+        model = self.tpg.cell.robot(name).model
+        return [
+            Piece(
+                f"{name}/{p.group}",
+                carried_solid("", p.body, self.kernels[r], p.joint, np.eye(4)),
+                q_a,
+                q_b,
+            )
+            for p in model.parts
+        ]
+
+    def _carried(self, r: int, name: str, pose: Array, q_a: Array, q_b: Array) -> Piece:
+        model = self.tpg.cell.robot(self.tpg.chains[r].robot).model
+        local = model.flange @ pose
+        body = self.tpg.cell.object(name).body
+        solid = carried_solid(name, body, self.kernels[r], model.dof - 1, local)
+        return Piece(name, solid, q_a, q_b)
+
+    def task(self, node: Node) -> int:
+        return int(self.tpg.chains[node[0]].task[node[1]])
+
+    def may_touch(self, x: str, y: str, tasks: tuple[int, ...]) -> bool:
+        if x == y:
+            return True
+        pair = frozenset((x, y))
+        return any(pair == p and set(tasks) <= t for p, t in self.allowed)
+
+    def limit(self, x: str, y: str) -> float:
+        robots = "/" in x and "/" in y
+        clearances = self.tpg.cell.clearances
+        return clearances.robot_robot if robots else clearances.robot_object
+
+    def conflict(self, u: Node, v: Node) -> bool:
+        """Tell whether two nodes conflict: any two bodies, anywhere on both motions."""
+        tasks = (self.task(u), self.task(v))
+        for a in self.pieces[u]:
+            for b in self.pieces[v]:
+                if a.solid.carrier is None and b.solid.carrier is None:
+                    continue
+                if self.may_touch(a.entity, b.entity, tasks):
+                    continue
+                limit = self.limit(a.entity, b.entity)
+                if come_close(a.solid, a.q_a, a.q_b, b.solid, b.q_a, b.q_b, limit):
+                    return True
+        return False
+
+    @cached_property
+    def conflicts(self) -> set[tuple[Node, Node]]:
+        """All conflicting pairs of nodes of different robots, the earlier one first."""
+        return {
+            (u, v)
+            for j, v in enumerate(self.nodes)
+            for u in self.nodes[:j]
+            if u[0] != v[0] and self.conflict(u, v)
+        }
+
+    def reduced_edges(self, task_edges: Array) -> set[tuple[int, int, int, int]]:
+        """Type-2 edges of the transitive reduction of the graph with every raw edge."""
+        graph = nx.DiGraph()
+        graph.add_nodes_from(self.nodes)
+        for r, chain in enumerate(self.tpg.chains):
+            nx.add_path(graph, [(r, n) for n in range(len(chain))])
+        graph.add_edges_from(
+            ((r, u), (s, v)) for r, u, s, v in np.asarray(task_edges).tolist()
+        )
+        graph.add_edges_from(self.conflicts)
+        reduced = nx.transitive_reduction(graph)
+        return {(*u, *v) for u, v in reduced.edges if u[0] != v[0]}
+
+    def hold_pieces(self, robot: int, node: int) -> list[Piece]:
+        """What a robot occupies when it stands after a node, -1 for before its first."""
+        q = self.stands(robot, node)
+        held = self.carried_after.get((robot, node), [])
+        return self._robot(robot, q, q) + [
+            self._carried(robot, name, pose, q, q) for name, pose in held
+        ]
+
+    def overlap(self, a: Piece, at_a: Array, b: Piece, at_b: Array) -> bool:
+        """Tell whether two bodies are closer than allowed at two configurations."""
+        if a.entity == b.entity:
+            return False
+        limit = self.limit(a.entity, b.entity) - TOLERANCE
+        return distance_at(a.solid, at_a, b.solid, at_b) < limit
