@@ -20,7 +20,10 @@ _MASSES: dict[tuple[int, int], float] = {
 }
 
 BRICKS: Mapping[str, BrickType] = MappingProxyType(
-    {f"{w}x{l}": BrickType(f"{w}x{l}", (w, l), m) for (w, l), m in _MASSES.items()}
+    {
+        f"{short}x{long}": BrickType(f"{short}x{long}", (short, long), mass)
+        for (short, long), mass in _MASSES.items()
+    }
 )
 """Types every scenario may use, by name such as ``"2x4"``."""
 
