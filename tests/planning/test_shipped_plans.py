@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from itertools import combinations
+from collections.abc import Iterable, Sequence
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,9 @@ import coal
 import numpy as np
 import pytest
 
+from planning.geometry.body import ConvexBody
 from planning.geometry.chain import joint_poses
+from planning.geometry.cover import box_body
 from planning.kinematics import frame_pose
 from planning.robots.model import RobotModel
 from planning.robots.registry import robot_model
@@ -33,44 +36,47 @@ needs_data = pytest.mark.skipif(
 )
 
 
-class Replayed:
-    """Hulls of one robot at one configuration."""
+class Placed:
+    """Hulls of bodies at their poses."""
 
-    def __init__(self, model: RobotModel) -> None:
-        self.model = model
+    def __init__(self, bodies: Sequence[ConvexBody]) -> None:
+        self.bodies = bodies
         self.hulls: list[Any] = []
-        for part in model.parts:
+        for body in bodies:
             points = coal.StdVec_Vec3s()
-            for vertex in part.body.vertices:
+            for vertex in body.vertices:
                 points.append(np.array(vertex))
             self.hulls.append(coal.Convex.convexHull(points, False, ""))
         self.poses: list[Any] = []
         self.low = self.high = np.empty((0, 3))
 
-    def move_to(self, base: Transform, q: Array) -> None:
-        out = np.empty((self.model.dof + 1, 4, 4))
-        chain = self.model.chain
-        joint_poses(
-            chain.placement,
-            chain.axis,
-            chain.prismatic,
-            np.ascontiguousarray(base),
-            np.ascontiguousarray(q),
-            out,
-        )
-        placed = [out[part.joint + 1] for part in self.model.parts]
+    def put(self, poses: Sequence[Transform]) -> None:
         corners = [
-            part.body.vertices @ pose[:3, :3].T + pose[:3, 3]
-            for part, pose in zip(self.model.parts, placed, strict=True)
+            body.vertices @ pose[:3, :3].T + pose[:3, 3]
+            for body, pose in zip(self.bodies, poses, strict=True)
         ]
         self.low = np.array([c.min(axis=0) for c in corners])
         self.high = np.array([c.max(axis=0) for c in corners])
         self.poses = [
-            coal.Transform3s(np.array(p[:3, :3]), np.array(p[:3, 3])) for p in placed
+            coal.Transform3s(np.array(p[:3, :3]), np.array(p[:3, 3])) for p in poses
         ]
 
 
-def distance(one: Replayed, a: int, other: Replayed, b: int) -> float:
+def part_poses(model: RobotModel, base: Transform, q: Array) -> list[Transform]:
+    out = np.empty((model.dof + 1, 4, 4))
+    chain = model.chain
+    joint_poses(
+        chain.placement,
+        chain.axis,
+        chain.prismatic,
+        np.ascontiguousarray(base),
+        np.ascontiguousarray(q),
+        out,
+    )
+    return [out[part.joint + 1] for part in model.parts]
+
+
+def distance(one: Placed, a: int, other: Placed, b: int) -> float:
     return float(
         coal.distance(
             one.hulls[a],
@@ -81,6 +87,18 @@ def distance(one: Replayed, a: int, other: Replayed, b: int) -> float:
             coal.DistanceResult(),
         )
     )
+
+
+def least_distance(
+    one: Placed, other: Placed, pairs: Iterable[tuple[int, int]], within: float
+) -> float:
+    """Least distance of the pairs that are closer than ``within``, else infinity."""
+    best = np.inf
+    for a, b in pairs:
+        gap = np.maximum(one.low[a] - other.high[b], other.low[b] - one.high[a]).max()
+        if gap < within:
+            best = min(best, distance(one, a, other, b))
+    return best
 
 
 def robot_bases() -> list[Transform]:
@@ -112,28 +130,35 @@ def test_waypoints_reach_the_published_flange_poses(task: str) -> None:
 
 
 @needs_data
-@pytest.mark.parametrize("task", ["cliff", "faucet", "bridge"])
-def test_published_waypoints_are_free_with_our_geometry(task: str) -> None:
-    """Arms 4 mm apart at every row, above the plate, and never touching themselves."""
+@pytest.mark.parametrize(
+    ("task", "expected"), [("cliff", 0.0050), ("faucet", 0.0050), ("bridge", 0.0131)]
+)
+def test_published_waypoints_are_free_with_our_geometry(
+    task: str, expected: float
+) -> None:
+    """Arms 4 mm apart at every row, clear of the table, and never touching themselves.
+
+    On the public meshes the closest approach is 4.9 mm, tip to cone during the handover.
+    """
     model = robot_model("gp4")
     bases = robot_bases()
-    arms = [Replayed(model), Replayed(model)]
-    count = len(model.parts)
+    bodies = [part.body for part in model.parts]
+    left, right = Placed(bodies), Placed(bodies)
+    count = len(bodies)
     own = [p for p in combinations(range(count), 2) if p not in model.never_collide]
+    every = list(product(range(count), repeat=2))
+    moved = [(k, 0) for k, part in enumerate(model.parts) if part.joint >= 0]
+    table = box_body("table", (0.6985, 1.219, 0.02))
+    middle = (bases[0][:2, 3] + bases[1][:2, 3]) / 2.0
+    top = Placed([table])
+    top.put([translation(middle[0], 0.0, PLATE_HEIGHT - 0.01)])
     closest = np.inf
     for row in rows_of(task):
-        for arm, base, first in zip(arms, bases, (8, 22), strict=True):
-            arm.move_to(base, np.radians(row[first : first + 6]))
-            moved = [part.joint >= 1 for part in model.parts]
-            assert arm.low[moved, 2].min() > PLATE_HEIGHT
-            for a, b in own:
-                apart = np.maximum(arm.low[a] - arm.high[b], arm.low[b] - arm.high[a])
-                if apart.max() <= 0.0:
-                    assert distance(arm, a, arm, b) > 0.0
-        left, right = arms
-        gaps = np.maximum(
-            left.low[:, None] - right.high[None], right.low[None] - left.high[:, None]
-        ).max(axis=2)
-        for a, b in np.argwhere(gaps < 2.0 * CLOSEST):
-            closest = min(closest, distance(left, int(a), right, int(b)))
+        for arm, base, first in zip((left, right), bases, (8, 22), strict=True):
+            q = np.radians(row[first : first + 6])
+            arm.put(part_poses(model, base, q))
+            assert least_distance(arm, arm, own, 0.0) > 0.0
+            assert least_distance(arm, top, moved, 0.01) > 0.003
+        closest = min(closest, least_distance(left, right, every, 0.02))
     assert closest >= CLOSEST
+    assert closest == pytest.approx(expected, abs=2e-4)
