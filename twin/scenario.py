@@ -7,8 +7,6 @@ in its key.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -318,5 +316,6 @@ def resolved(scenario: Scenario) -> dict[str, Any]:
 
 def fingerprint(scenario: Scenario) -> str:
     """Return the SHA-256 of the resolved scenario; equal scenarios have equal ones."""
-    text = json.dumps(resolved(scenario), sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
+    from twin.run_folder import scenario_sha256
+
+    return scenario_sha256(resolved(scenario))

@@ -56,12 +56,12 @@ class InvalidScenarioError(ScenarioError):
         self.problems = tuple(
             sorted(set(problems), key=lambda p: (p.mark.line, p.mark.column, p.message))
         )
-        super().__init__(
-            "\n".join(self.headline(p) for p in self.problems) or f"{path}: not valid"
-        )
+        super().__init__("\n".join(self.headline(p) for p in self.problems))
 
     def headline(self, problem: Problem) -> str:
-        """Return ``file:line:column: message``."""
+        """Return ``file:line:column: message``; without a place where there is no text."""
+        if not self.lines:
+            return f"{self.path}: {problem.message}"
         mark = problem.mark
         return f"{self.path}:{mark.line}:{mark.column}: {problem.message}"
 

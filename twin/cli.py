@@ -1,0 +1,48 @@
+"""The ``twin`` program."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+
+from twin.commands.doctor import doctor
+from twin.commands.guard import FAILED, INTERRUPTED, print_error
+from twin.commands.import_task import app as import_app
+from twin.commands.replay import replay
+from twin.commands.robots import robots
+from twin.commands.run import run
+from twin.commands.schema import schema
+from twin.commands.validate import validate
+
+app = typer.Typer(
+    name="twin",
+    help="Plan, schedule and simulate teams of robots that build things together.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+app.command()(run)
+app.command()(validate)
+app.command()(replay)
+app.add_typer(import_app, name="import")
+app.command()(robots)
+app.command()(schema)
+app.command()(doctor)
+
+
+def main() -> None:
+    """Run the program; see ``twin --help``."""
+    try:
+        app()
+    except KeyboardInterrupt:
+        print_error("interrupted")
+        sys.exit(INTERRUPTED)
+    except BrokenPipeError:
+        # The reader went away, as `head` does. Python would complain once more at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(FAILED)
+
+
+if __name__ == "__main__":
+    main()

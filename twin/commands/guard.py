@@ -1,0 +1,66 @@
+"""What every command shares: errors become messages and exit codes, never tracebacks."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from collections.abc import Callable
+from typing import ParamSpec
+
+import typer
+
+from planning.errors import OutputError, RobotModelError, ScenarioError, TwinError
+
+COMPLETED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+"""Exit codes: done; the work failed or violates a guarantee; input is at fault; Ctrl-C."""
+
+P = ParamSpec("P")
+
+
+def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
+    """Return a command that ends with an exit code whatever happens.
+
+    ScenarioError, RobotModelError and OutputError are the user's input and end with 2, any
+    other TwinError with 1, an interrupt with 130. A command may return its own code.
+    """
+
+    @functools.wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            code = command(*args, **kwargs)
+        except KeyboardInterrupt:
+            print_error("interrupted")
+            code = INTERRUPTED
+        except TwinError as error:
+            print_error(describe(error))
+            inputs = (ScenarioError, RobotModelError, OutputError)
+            code = BAD_INPUT if isinstance(error, inputs) else FAILED
+        raise typer.Exit(code or COMPLETED)
+
+    return run
+
+
+def describe(error: TwinError) -> str:
+    """Return what to print for an error: with excerpts where it has any."""
+    report = getattr(error, "report", None)
+    return str(report()) if callable(report) else str(error)
+
+
+def print_error(message: str) -> None:
+    """Print a message to standard error, in red on a terminal."""
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(stderr=True, soft_wrap=True, highlight=False)
+    first, _, rest = message.partition("\n")
+    label = Text("error: ", style="bold red") if not _has_place(first) else Text("")
+    console.print(label + Text(first))
+    if rest:
+        console.print(Text(rest))
+    sys.stderr.flush()
+
+
+def _has_place(line: str) -> bool:
+    """Tell whether a line starts with file:line:column, which editors jump to."""
+    parts = line.split(":")
+    return len(parts) > 3 and parts[1].isdigit() and parts[2].isdigit()

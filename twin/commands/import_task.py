@@ -1,0 +1,55 @@
+"""``twin import``: scenarios from published task files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from planning.errors import OutputError
+from twin.commands.guard import guarded
+
+app = typer.Typer(
+    no_args_is_help=True, help="Make scenarios from published task files."
+)
+
+Folder = Annotated[
+    Path, typer.Argument(help="Folder with the published files.", metavar="FOLDER")
+]
+Task = Annotated[str, typer.Option("--task", help="Name of the task, such as cliff.")]
+Output = Annotated[Path, typer.Option("--output", "-o", help="Scenario file to write.")]
+Prescribed = Annotated[
+    bool,
+    typer.Option(
+        "--prescribed-stock", help="Take the stock brick of each step as published."
+    ),
+]
+
+
+@app.callback()
+def _group() -> None:
+    """Keep ``apex-mr`` a sub-command while it is the only one."""
+
+
+@app.command("apex-mr")
+@guarded
+def apex_mr(
+    folder: Folder, task: Task, output: Output, prescribed_stock: Prescribed = False
+) -> None:
+    """Read a task as the authors of APEX-MR publish them."""
+    from planning.lego.importer import import_apex_mr
+    from twin.scenario_file import load_scenario
+    from twin.scenario_text import scenario_text
+
+    content = import_apex_mr(folder, task, prescribed_stock=prescribed_stock)
+    note = f"Imported from the published APEX-MR task {task!r}."
+    try:
+        output.write_text(scenario_text(content, note), encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{output}: cannot be written: {error.strerror}") from None
+    scenario = load_scenario(output)
+    typer.echo(
+        f"{output}: {len(scenario.assembly.steps)} steps, "
+        f"{len(scenario.assembly.stock)} bricks in stock"
+    )

@@ -1,0 +1,42 @@
+"""``twin robots``: the robot models that a scenario can name."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated
+
+import typer
+
+from twin.commands.guard import guarded
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+@guarded
+def robots(as_json: AsJson = False) -> None:
+    """List the robot models that a scenario can name."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from planning.robots.registry import ROBOTS
+
+    if as_json:
+        rows = [
+            {
+                "name": entry.name,
+                "joints": len(entry.home_deg),
+                "source": entry.source,
+                "licence": entry.licence,
+                "note": entry.note,
+            }
+            for entry in ROBOTS.values()
+        ]
+        typer.echo(json.dumps(rows, indent=2))
+        return
+    table = Table("name", "joints", "what it is", "description from", "licence")
+    for entry in ROBOTS.values():
+        joints = str(len(entry.home_deg))
+        table.add_row(entry.name, joints, entry.note, entry.source, entry.licence)
+    console = Console()
+    console.print(table)
+    console.print("Any other robot: give `model:` the path of its URDF.")

@@ -1,0 +1,171 @@
+"""``twin run``: plan a scenario, execute it in the twin, check it, and show the figures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from planning.errors import ScenarioError
+from twin.commands.guard import COMPLETED, FAILED, INTERRUPTED, guarded, print_error
+
+if TYPE_CHECKING:
+    from scheduling.temporal_plan_graph import TemporalPlanGraph
+    from twin.progress import Report
+    from twin.scenario import Scenario
+
+File = Annotated[Path, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
+Seed = Annotated[
+    int | None, typer.Option(min=0, help="Seed, in place of the scenario's.")
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(help="Folder for the results; default: logs/<scenario>-<UTC time>."),
+]
+Plan = Annotated[
+    Path | None,
+    typer.Option(
+        help="Execute the plan in this folder of an earlier run.", metavar="DIR"
+    ),
+]
+PolicyName = Annotated[
+    str | None,
+    typer.Option(help="asynchronous or sequential, in place of the scenario's."),
+]
+Stalls = Annotated[
+    int | None,
+    typer.Option(
+        min=0, help="Random standstills of each robot, in place of the scenario's."
+    ),
+]
+Audit = Annotated[
+    bool,
+    typer.Option("--audit/--no-audit", help="Check what was executed with PyBullet."),
+]
+Recording = Annotated[
+    bool,
+    typer.Option("--recording/--no-recording", help="Write run.rrd for the viewer."),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON only.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+
+
+@guarded
+def run(
+    scenario: File,
+    seed: Seed = None,
+    out: Out = None,
+    plan: Plan = None,
+    policy: PolicyName = None,
+    stalls: Stalls = None,
+    audit: Audit = True,
+    recording: Recording = True,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Plan a scenario, execute it in the twin, check it, and show the figures."""
+    from twin.progress import StageDisplay
+    from twin.run_folder import prepare_run_folder
+    from twin.scenario_file import load_scenario
+
+    chosen = _changed(load_scenario(scenario), seed, policy, stalls)
+    silent = quiet or as_json
+    with StageDisplay(enabled=not silent) as progress:
+        base = scenario.parent
+        saved = None if plan is None else _saved_plan(plan, chosen, base)
+        folder = prepare_run_folder(out, chosen.name)
+        if not silent:
+            _announce(chosen, folder)
+        tpg, planning_s = saved or _planned(chosen, base, progress)
+        from twin.trial import Keep, try_plan
+
+        trial = try_plan(
+            chosen,
+            tpg,
+            folder,
+            base=base,
+            planning_s=planning_s,
+            keep=Keep(recording=recording, audit=audit),
+            progress=progress,
+        )
+    if as_json:
+        typer.echo(json.dumps({"folder": str(folder), **trial.summary}, indent=2))
+    elif not quiet:
+        from twin.run_table import print_summary
+
+        print_summary(trial.summary, folder, recording=recording)
+    if trial.run.outcome == "aborted":
+        print_error(f"interrupted; what happened until then is in {folder}")
+        return INTERRUPTED
+    return COMPLETED if trial.passed else FAILED
+
+
+def _changed(
+    scenario: Scenario, seed: int | None, policy: str | None, stalls: int | None
+) -> Scenario:
+    """Return the scenario with what the options say in place of what the file says."""
+    from pydantic import ValidationError
+
+    from twin.run import POLICIES
+    from twin.scenario import Scenario, resolved
+
+    content: dict[str, Any] = resolved(scenario)
+    execution = content["execution"]
+    if policy is not None and policy not in POLICIES:
+        raise ScenarioError(f"--policy: unknown policy {policy!r}", choices=POLICIES)
+    if seed is not None:
+        content["seed"] = seed
+    if policy is not None:
+        execution["policy"] = policy
+    if stalls is not None:
+        execution["stalls"]["count_per_robot"] = stalls
+    try:
+        return Scenario.model_validate_json(json.dumps(content))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(entry) for entry in first["loc"])
+        raise ScenarioError(f"{where}: {first['msg']}") from None
+
+
+def _planned(
+    scenario: Scenario, base: Path, progress: Report
+) -> tuple[TemporalPlanGraph, dict[str, float]]:
+    from twin.pipeline import plan_scenario
+
+    planned = plan_scenario(scenario, base, progress)
+    return planned.tpg, dict(planned.planning_s)
+
+
+def _saved_plan(
+    folder: Path, scenario: Scenario, base: Path
+) -> tuple[TemporalPlanGraph, dict[str, float]]:
+    from scheduling.plan_files import load_plan
+    from twin.cell import build_workcell
+
+    tpg = load_plan(folder)
+    cell = build_workcell(scenario, base)
+    for what, found, expected in (
+        ("robots", tpg.cell.robots, cell.robots),
+        ("bricks", tpg.cell.objects, cell.objects),
+    ):
+        if [item.name for item in found] != [item.name for item in expected]:
+            raise ScenarioError(
+                f"the plan in {folder} is for other {what} than scenario {scenario.name!r}"
+            )
+    return tpg, {}
+
+
+def _announce(scenario: Scenario, folder: Path) -> None:
+    from rich.console import Console
+
+    from twin.kernel_cache import kernels_are_cached
+
+    console = Console(stderr=True, highlight=False)
+    console.print(
+        f"{scenario.name}: {len(scenario.cell.robots)} robots, "
+        f"{len(scenario.assembly.steps)} steps, seed {scenario.seed} -> {folder}"
+    )
+    if not kernels_are_cached():
+        console.print("compiling kernels, once (about half a minute) ...")

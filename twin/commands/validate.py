@@ -1,0 +1,43 @@
+"""``twin validate``: check scenario files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from planning.errors import ScenarioError
+from twin.commands.guard import BAD_INPUT, COMPLETED, describe, guarded, print_error
+
+Files = Annotated[list[Path], typer.Argument(help="Scenario files.", metavar="FILE...")]
+Resolved = Annotated[
+    bool,
+    typer.Option("--resolved", help="Print each scenario with all defaults, as JSON."),
+]
+
+
+@guarded
+def validate(files: Files, resolved: Resolved = False) -> int:
+    """Check scenario files and report every problem in them."""
+    from twin import scenario as model
+    from twin.scenario_file import load_scenario
+
+    code = COMPLETED
+    for file in files:
+        try:
+            scenario = load_scenario(file)
+        except ScenarioError as error:
+            print_error(describe(error))
+            code = BAD_INPUT
+            continue
+        if resolved:
+            typer.echo(json.dumps(model.resolved(scenario), indent=2))
+        else:
+            steps, stock = scenario.assembly.steps, scenario.assembly.stock
+            typer.echo(
+                f"{file}: ok ({len(scenario.cell.robots)} robots, {len(steps)} steps, "
+                f"{len(stock)} bricks in stock)"
+            )
+    return code

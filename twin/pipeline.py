@@ -1,0 +1,131 @@
+"""The way of a scenario: who does what, how everyone moves, what must wait for what."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from planning.assignment import HighsAssignmentSolver
+from planning.lego.structure import LegoAssembly
+from planning.motion_plan import MotionPlan
+from planning.sequential import MotionSettings, plan_sequential
+from planning.speed import JointSpeed, L1Speed, SpeedModel
+from planning.task_plan import TaskPlan
+from planning.transit import RrtConnect
+from planning.workcell import PlacedRobot, Workcell
+from scheduling.construction import build_tpg
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from twin.cell import build_assembly, build_workcell
+from twin.duration_models import skill_models
+from twin.progress import Report, report_nothing
+from twin.scenario import PlanningSection, Scenario
+
+ASSIGNMENT, MOTION, ORDER = "who does what", "motions", "what waits for what"
+"""Names of the stages for progress displays."""
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A planned scenario, with what each stage made.
+
+    Attributes:
+        cell: the workcell.
+        assembly: what is built.
+        task_plan: who does what.
+        motion_plan: how everyone moves, one task after another.
+        tpg: what must wait for what.
+        planning_s: wall-clock seconds a stage: assignment, motion, tpg.
+    """
+
+    cell: Workcell
+    assembly: LegoAssembly
+    task_plan: TaskPlan
+    motion_plan: MotionPlan
+    tpg: TemporalPlanGraph
+    planning_s: Mapping[str, float]
+
+
+@dataclass
+class _Watch:
+    """Seconds spent, by stage."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = time.perf_counter() - start
+
+
+def plan_scenario(
+    scenario: Scenario, folder: Path = Path(), progress: Report = report_nothing
+) -> Planned:
+    """Plan a scenario from the cell to the temporal plan graph.
+
+    Args:
+        scenario: a checked scenario.
+        folder: where relative paths in it start, that of its file.
+        progress: told how far each stage has come.
+
+    Raises:
+        RobotModelError: a robot description cannot be used.
+        InfeasibleStepError: a step that no robot, brick and grasp can do.
+        TransitError: no collision-free path was found.
+        PlanInvariantError: the plan breaks a guarantee, which is a fault of this program.
+    """
+    from planning.lego.candidates import find_candidates
+    from planning.lego.expansion import expand_steps, link_steps
+
+    watch = _Watch()
+    cell, assembly = build_workcell(scenario, folder), build_assembly(scenario)
+    with watch.stage("assignment"):
+        progress(ASSIGNMENT, 0, 1)
+        problem = find_candidates(cell, assembly)
+        task_plan = HighsAssignmentSolver().assign(problem)
+        progress(ASSIGNMENT, 1, 1)
+    with watch.stage("motion"):
+        motion_plan = plan_sequential(
+            cell,
+            expand_steps(cell, assembly, problem, task_plan),
+            link_steps,
+            motion_settings(scenario, cell, folder),
+            lambda done, total: progress(MOTION, done, total),
+        )
+    with watch.stage("tpg"):
+        progress(ORDER, 0, 1)
+        tpg = build_tpg(
+            motion_plan, progress=lambda done, total: progress(ORDER, done, total)
+        )
+        progress(ORDER, 1, 1)
+    return Planned(cell, assembly, task_plan, motion_plan, tpg, watch.seconds)
+
+
+def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionSettings:
+    """Return how the planning section of a scenario wants tasks turned into motions."""
+    section = scenario.planning
+    speeds = {robot.name: _speed(section, robot) for robot in cell.robots}
+    planners = {
+        robot.name: RrtConnect(robot.model.lower, robot.model.upper, speeds[robot.name])
+        for robot in cell.robots
+    }
+    models = skill_models(scenario, folder)
+    return MotionSettings(
+        planners=planners,
+        speeds=speeds,
+        step=section.step_s,
+        skill_seconds={skill: model.mean for skill, model in models.items()},
+        attempts=section.attempts,
+        seed=scenario.seed,
+    )
+
+
+def _speed(section: PlanningSection, robot: PlacedRobot) -> SpeedModel:
+    if section.speed_model == "joint":
+        return JointSpeed(robot.model.velocity)
+    return L1Speed(section.speed_rad_s)

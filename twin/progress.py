@@ -1,0 +1,65 @@
+"""How long-running work tells how far it has come, and a display of it on a terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    SpinnerColumn,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+)
+
+Report = Callable[[str, float, float], None]
+"""Called with the name of a stage, how much of it is done, and how much there is in all."""
+
+
+def report_nothing(stage: str, done: float, total: float) -> None:
+    """Take no notice."""
+
+
+class StageDisplay:
+    """A line a stage on standard error; nothing when that is no terminal or not wanted."""
+
+    def __init__(self, *, enabled: bool = True) -> None:
+        """Show nothing unless ``enabled`` and on a terminal."""
+        self._live = enabled and sys.stderr.isatty()
+        self._stages: dict[str, TaskID] = {}
+        self._progress = Progress(
+            SpinnerColumn(),
+            TextColumn("{task.description:<24}"),
+            BarColumn(bar_width=30),
+            TextColumn("{task.percentage:>3.0f} %"),
+            TimeElapsedColumn(),
+            console=Console(stderr=True),
+            transient=True,
+            disable=not self._live,
+        )
+
+    def __enter__(self) -> StageDisplay:
+        """Start to draw."""
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Take the lines away again."""
+        self._progress.stop()
+
+    def __call__(self, stage: str, done: float, total: float) -> None:
+        """Show how far a stage has come; the first call of a stage adds its line."""
+        if not self._live:
+            return
+        if stage not in self._stages:
+            self._stages[stage] = self._progress.add_task(stage, total=total)
+        self._progress.update(self._stages[stage], completed=done, total=total)

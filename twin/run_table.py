@@ -1,0 +1,85 @@
+"""The figures of a run as a table for people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+_MOST_VIOLATIONS = 10
+
+_STAGES = {
+    "assignment": "who does what",
+    "motion": "motions",
+    "tpg": "what waits for what",
+    "shortcut": "shortcuts",
+}
+
+
+def print_summary(summary: Mapping[str, Any], folder: Path, *, recording: bool) -> None:
+    """Print the summary of a run to standard output.
+
+    Args:
+        summary: the content of ``summary.json``.
+        folder: of the run.
+        recording: whether there is one to replay.
+    """
+    console = Console(highlight=False)
+    table = Table(
+        show_header=False, title=f"{summary['scenario']}", title_justify="left"
+    )
+    table.add_column(style="bold")
+    table.add_column(justify="right")
+    table.add_column(style="dim")
+    for row in summary_rows(summary):
+        table.add_row(*row)
+    console.print(table)
+    audit = summary["audit"]
+    for entry in (audit or {}).get("violations", [])[:_MOST_VIOLATIONS]:
+        console.print(
+            f"[red]{entry['first']} - {entry['second']}[/red]: {1000 * entry['depth_m']:.2f} mm "
+            f"deep, from {entry['t_start']:.3f} s to {entry['t_end']:.3f} s {entry['detail']}",
+            soft_wrap=True,
+        )
+    console.print(f"results: {folder}", soft_wrap=True)
+    if recording:
+        console.print(f"replay:  twin replay {folder}", soft_wrap=True)
+
+
+def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Return the table's rows: what, how much, and a remark."""
+    rows = [("outcome", str(summary["outcome"]), f"seed {summary['seed']}")]
+    sequential = float(summary["makespan_sequential_s"])
+    makespan = float(summary["makespan_s"])
+    rows.append(("makespan, one task at a time", f"{sequential:.2f} s", ""))
+    if summary["policy"] != "sequential":
+        below = 100 * (1 - makespan / sequential) if sequential > 0 else 0.0
+        rows.append(
+            ("makespan, asynchronous", f"{makespan:.2f} s", f"{below:.1f} % below")
+        )
+    bound = float(summary["lower_bound_s"])
+    rows.append(("lower bound of these paths", f"{bound:.2f} s", ""))
+    for robot, seconds in summary["wait_s"].items():
+        share = f"{100 * seconds / makespan:.1f} % of the time" if makespan > 0 else ""
+        rows.append((f"wait of {robot}", f"{seconds:.2f} s", share))
+    rows.append(("nodes", str(summary["nodes"]), ""))
+    rows.append(("type-2 edges", str(summary["type2_edges"]), ""))
+    for stage, seconds in summary["planning_s"].items():
+        rows.append((f"planning: {_STAGES.get(stage, stage)}", f"{seconds:.2f} s", ""))
+    rows.append(_audit_row(summary["audit"]))
+    return rows
+
+
+def _audit_row(audit: Mapping[str, Any] | None) -> tuple[str, str, str]:
+    if audit is None:
+        return ("audit", "none", "")
+    count = len(audit["violations"])
+    least = audit["min_distance_m"]
+    remark = f"{audit['configurations']} configurations"
+    if least is not None:
+        remark += f", robots at least {1000 * least:.1f} mm apart"
+    verdict = "clean" if count == 0 else f"{count} violations"
+    return ("audit", verdict, remark)

@@ -1,0 +1,183 @@
+"""One trial of a plan: execute it in the twin, keep what happened, let the audit judge it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from scheduling.plan_files import save_plan
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from twin.disturbances import RandomStalls
+from twin.duration_models import skill_models
+from twin.durations import SkillDurations
+from twin.engine import simulate
+from twin.events import Event
+from twin.gantt import draw_gantt
+from twin.progress import Report, report_nothing
+from twin.recorders.jsonl import JsonlRecorder
+from twin.recorders.memory import MemoryRecorder
+from twin.recorders.observers import Recorder
+from twin.recorders.parquet import objects_table, trajectory_table, write_table
+from twin.run import Policy, Run
+from twin.run_folder import (
+    EVENTS,
+    GANTT,
+    OBJECTS,
+    RECORDING,
+    SUMMARY,
+    TRAJECTORY,
+    write_manifest,
+)
+from twin.scenario import Scenario, resolved
+from twin.summary import summarise, write_summary
+from twin.trajectory import object_placements, robot_trajectories
+
+SIMULATION, RECORDS, AUDIT = "simulation", "recording", "audit"
+"""Names of the stages for progress displays."""
+
+
+@dataclass(frozen=True)
+class Keep:
+    """What a trial does besides the simulation.
+
+    Attributes:
+        recording: write ``run.rrd``.
+        audit: let PyBullet check what was executed.
+    """
+
+    recording: bool = True
+    audit: bool = True
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What came of a trial.
+
+    Attributes:
+        folder: of the files.
+        run: the execution.
+        summary: the content of ``summary.json``.
+    """
+
+    folder: Path
+    run: Run
+    summary: Mapping[str, Any]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the run was completed and no audit found anything."""
+        audit = self.summary["audit"]
+        return self.run.outcome == "completed" and not (audit and audit["violations"])
+
+
+def try_plan(
+    scenario: Scenario,
+    tpg: TemporalPlanGraph,
+    folder: Path,
+    *,
+    base: Path = Path(),
+    planning_s: Mapping[str, float] | None = None,
+    keep: Keep | None = None,
+    progress: Report = report_nothing,
+) -> Trial:
+    """Execute a plan once and write everything about it into a folder.
+
+    Args:
+        scenario: seed, policy, durations and disturbances are taken from it.
+        tpg: the plan.
+        folder: of the run, made by prepare_run_folder.
+        base: where relative paths of the scenario start.
+        planning_s: seconds of the planning stages, for the summary.
+        keep: what to do besides.
+        progress: told how far each stage has come.
+
+    Raises:
+        OutputError: a file cannot be written.
+        DeadlockError: no robot could go on.
+    """
+    keep = keep or Keep()
+    write_manifest(folder, resolved(scenario), tpg.cell, seed=scenario.seed)
+    save_plan(tpg, folder)
+    progress(SIMULATION, 0, 1)
+    memory = MemoryRecorder()
+    log = JsonlRecorder(folder / EVENTS)
+    run = _execute(scenario, tpg, base, scenario.execution.policy, (log, memory))
+    sequential_s = None
+    if run.outcome == "completed":
+        baseline = _execute(scenario, tpg, base, "sequential", ())
+        sequential_s = baseline.makespan_s
+    progress(SIMULATION, 1, 1)
+    _write_records(folder, scenario, tpg, run, memory.events, keep, progress)
+    audit = None
+    if keep.audit and run.outcome == "completed":
+        audit = _audit(folder, progress)
+    summary = summarise(
+        tpg,
+        run,
+        scenario=scenario.name,
+        planning_s=planning_s,
+        audit=audit,
+        makespan_sequential_s=sequential_s,
+    )
+    write_summary(folder / SUMMARY, summary)
+    return Trial(folder, run, summary)
+
+
+def _execute(
+    scenario: Scenario,
+    tpg: TemporalPlanGraph,
+    base: Path,
+    policy: Policy,
+    recorders: tuple[Recorder, ...],
+) -> Run:
+    execution = scenario.execution
+    low, high = execution.stalls.duration_s
+    return simulate(
+        tpg,
+        SkillDurations(skill_models(scenario, base)),
+        seed=scenario.seed,
+        policy=policy,
+        queue_depth=execution.queue_depth,
+        latency_s=execution.latency_s,
+        stalls=RandomStalls(execution.stalls.count_per_robot, (low, high)),
+        recorders=recorders,
+    )
+
+
+def _write_records(
+    folder: Path,
+    scenario: Scenario,
+    tpg: TemporalPlanGraph,
+    run: Run,
+    events: list[Event],
+    keep: Keep,
+    progress: Report,
+) -> None:
+    total = 3 + keep.recording
+    progress(RECORDS, 0, total)
+    motions = robot_trajectories(tpg, run)
+    write_table(folder / TRAJECTORY, trajectory_table(motions))
+    write_table(folder / OBJECTS, objects_table(object_placements(tpg, run)))
+    progress(RECORDS, 2, total)
+    draw_gantt(folder / GANTT, tpg, run, title=scenario.name)
+    progress(RECORDS, 3, total)
+    if keep.recording:
+        from twin.recorders.rerun_recording import write_recording
+
+        write_recording(folder / RECORDING, tpg, run, events, name=scenario.name)
+        progress(RECORDS, total, total)
+
+
+def _audit(folder: Path, progress: Report) -> dict[str, Any]:
+    from twin.audit import audit_run
+
+    report = audit_run(folder, lambda done, total: progress(AUDIT, done, total))
+    least = report.min_distance_m
+    return {
+        "configurations": report.configurations,
+        "min_distance_m": least if math.isfinite(least) else None,
+        "violations": [asdict(violation) for violation in report.violations],
+    }
