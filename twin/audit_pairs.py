@@ -152,7 +152,6 @@ def _pairs(
 ) -> Iterator[_Watched]:
     count = len(stretch.t)
     arms = len(world.robot_shapes)
-    fixtures = len(world.fixtures)
     travelled = [_travelled(track, count) for track in moving]
     low = np.array([track.centre.min(axis=0) for track in moving])
     high = np.array([track.centre.max(axis=0) for track in moving])
@@ -192,7 +191,8 @@ def _outside(box: Track, points: Array) -> Array:
     """Return the distance of points, shape (m, 3), from a box at rest [m]."""
     assert box.size is not None
     local = (points - box.centre[0]) @ box.rotation[0]
-    return np.linalg.norm(np.maximum(np.abs(local) - 0.5 * box.size, 0.0), axis=1)
+    gap = np.maximum(np.abs(local) - 0.5 * box.size, 0.0)
+    return np.asarray(np.linalg.norm(gap, axis=1))
 
 
 def _travelled(track: Track, count: int) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -68,15 +69,18 @@ def stretches(world: AuditWorld, recording: Recording) -> Iterator[Stretch]:
     rows = list(recording.objects)
     knots = np.unique(
         np.concatenate(
-            [np.zeros(1), *(r.t for r in recording.robots.values())]
-            + [np.array([row.t for row in rows])]
+            [
+                np.zeros(1),
+                np.array([row.t for row in rows]),
+                *(r.t for r in recording.robots.values()),
+            ]
         )
     )
     knots = knots[(knots >= 0.0) & (knots <= recording.end)]
     changes = sorted({row.t for row in rows if 0.0 < row.t <= recording.end})
     # What changes hands at the very end is seen in a last stretch of one moment.
     bounds = [0.0, *changes, recording.end]
-    for start, end in zip(bounds[:-1], bounds[1:], strict=True):
+    for start, end in pairwise(bounds):
         _apply(placements, rows, start)
         inside = knots[(knots >= start) & (knots <= end)]
         for k in range(0, max(len(inside) - 1, 1), _ROWS):
@@ -123,10 +127,10 @@ def _sample(
 
 def _split(t: Array, parts: Array) -> Array:
     """Return ``t`` with interval k divided into ``parts[k]`` equal ones (at least one)."""
-    parts = np.maximum(parts, 1).astype(np.int64)
-    interval = np.repeat(np.arange(len(parts)), parts)
-    first = np.concatenate([[0], np.cumsum(parts)[:-1]])
-    share = (np.arange(len(interval)) - first[interval]) / parts[interval]
+    count = np.maximum(parts, 1).astype(np.int64)
+    interval = np.repeat(np.arange(len(count)), count)
+    first = np.concatenate([[0], np.cumsum(count)[:-1]])
+    share = (np.arange(len(interval)) - first[interval]) / count[interval]
     inner = (
         t[interval] + share * (t[interval + 1] - t[interval]) if len(t) > 1 else t[:0]
     )
