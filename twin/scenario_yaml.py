@@ -93,7 +93,7 @@ class YamlDocument:
 
 def read_yaml(path: Path, text: str) -> YamlDocument:
     """Parse ``text`` strictly; problems are listed in the result, never raised."""
-    lines = tuple(text.splitlines())
+    lines = tuple(text.splitlines()) or ("",)
     try:
         nodes = list(yaml.compose_all(text, Loader=yaml.SafeLoader))
     except yaml.YAMLError as error:
