@@ -92,7 +92,10 @@ class Simulator:
             stall_ns=stall,
             start_ns=start,
             end_ns=end,
-            makespan_ns=execution.now_ns,
+            # The last report may still be on its way when the last node is complete.
+            makespan_ns=max((int(e[-1]) for e in end if len(e)), default=0)
+            if outcome == "completed"
+            else execution.now_ns,
         )
         if outcome == "failed":
             raise DeadlockError(execution.deadlock(), run)

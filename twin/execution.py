@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import simpy
+from simpy.events import EventPriority
 
 from scheduling.dispatcher import Dispatcher
 from scheduling.temporal_plan_graph import TemporalPlanGraph
@@ -16,7 +17,7 @@ from twin.events import Event, EventKind
 from twin.recorders.observers import Observers
 from twin.run import Outcome, Policy, waypoint_offsets_ns
 
-_LAST = simpy.core.EventPriority(9)
+_LAST = EventPriority(9)
 """Priority of what happens after everything else at the same time."""
 
 _Steps = Generator[simpy.Event, Any, None]

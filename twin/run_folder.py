@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -15,10 +15,7 @@ from typing import Any
 from planning.errors import OutputError
 from planning.transforms import Transform, quat_wxyz
 from planning.workcell import PlacedRobot, Workcell
-from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.atomic import write_json
-from twin.events import Event
-from twin.run import Run
 
 MANIFEST = "manifest.json"
 EVENTS = "events.jsonl"
@@ -141,35 +138,3 @@ def _robot_entry(robot: PlacedRobot) -> dict[str, Any]:
 
 def _pose_entry(pose: Transform) -> dict[str, list[float]]:
     return {"xyz": pose[:3, 3].tolist(), "quat_wxyz": quat_wxyz(pose).tolist()}
-
-
-def write_run(
-    folder: Path,
-    tpg: TemporalPlanGraph,
-    run: Run,
-    events: Sequence[Event],
-    *,
-    name: str,
-) -> None:
-    """Write trajectories, objects, the recording and the Gantt chart of a run.
-
-    Args:
-        folder: of the run.
-        tpg: what was executed.
-        run: how.
-        events: the rows of its event log.
-        name: of the scenario.
-
-    Raises:
-        OutputError: a file cannot be written; those before it are there.
-    """
-    from twin.gantt import draw_gantt
-    from twin.recorders.parquet import objects_table, trajectory_table, write_table
-    from twin.recorders.rerun_recording import write_recording
-    from twin.trajectory import object_placements, robot_trajectories
-
-    motions = robot_trajectories(tpg, run)
-    write_table(folder / TRAJECTORY, trajectory_table(motions))
-    write_table(folder / OBJECTS, objects_table(object_placements(tpg, run)))
-    write_recording(folder / RECORDING, tpg, run, events, name=name)
-    draw_gantt(folder / GANTT, tpg, run, title=name)

@@ -84,8 +84,9 @@ def random_tpg(
     """
     rng = np.random.default_rng(seed)
     cell = toy_cell([*dofs, *[2] * idle_robots])
+    tasks = max(tasks, len(dofs))
     owner = rng.integers(len(dofs), size=tasks)
-    owner[: len(dofs)] = np.arange(len(dofs))[:tasks]
+    owner[: len(dofs)] = np.arange(len(dofs))
     task_list, order = [], []
     parts: list[list[dict[str, object]]] = [[] for _ in dofs]
     clock = 0.0
@@ -115,7 +116,7 @@ def random_tpg(
         _chain(cell.robots[k], nodes) for k, nodes in enumerate(parts) if nodes
     )
     found = set()
-    for _ in range(edges):
+    for _ in range(edges if len(order) > 1 else 0):
         a, b = sorted(rng.choice(len(order), 2, replace=False).tolist())
         if order[a][0] != order[b][0]:
             found.add((*order[a], *order[b]))

@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from twin.draws import philox_block, stable_hash, uniform, uniforms
+
+WORD = st.integers(min_value=0, max_value=2**64 - 1)
+
+
+def block(counter: list[int], key: list[int]) -> np.ndarray:
+    out = np.empty(4, np.uint64)
+    philox_block(np.array(counter, np.uint64), np.array(key, np.uint64), out)
+    return out
+
+
+def numpys_block(counter: list[int], key: list[int]) -> np.ndarray:
+    """numpy counts up before it draws, so it must start one below (with borrow)."""
+    number = sum(word << (64 * k) for k, word in enumerate(counter))
+    before = (number - 1) % 2**256
+    words = [(before >> (64 * k)) % 2**64 for k in range(4)]
+    generator = np.random.Philox(
+        counter=np.array(words, np.uint64), key=np.array(key, np.uint64)
+    )
+    return generator.random_raw(4)
+
+
+@given(st.lists(WORD, min_size=4, max_size=4), st.lists(WORD, min_size=2, max_size=2))
+def test_blocks_equal_numpys_bit_for_bit(counter: list[int], key: list[int]) -> None:
+    assert np.array_equal(block(counter, key), numpys_block(counter, key))
+
+
+def test_blocks_equal_numpys_at_the_edges_of_words() -> None:
+    top = 2**64 - 1
+    for counter in ([0] * 4, [top] * 4, [0, 1, 0, 0], [top, 0, 0, top]):
+        for key in ([0, 0], [top, top]):
+            assert np.array_equal(block(counter, key), numpys_block(counter, key))
+
+
+def test_a_draw_follows_from_its_name_as_documented() -> None:
+    words = numpys_block(
+        [5, 7, stable_hash("robot", "left"), stable_hash("pick", "duration")], [3, 11]
+    )
+    expected = ((int(words[0]) >> 12) + 0.5) * 2.0**-52
+    assert uniform(3, 11, "left", 7, "pick", "duration", 5) == expected
+
+
+def test_hashes_of_names_are_fixed_for_all_time() -> None:
+    assert stable_hash("robot", "left") == 0xE6BFFD88DC01B0B7
+    assert stable_hash("ab", "c") != stable_hash("a", "bc")
+    code = "from twin.draws import stable_hash; print(stable_hash('robot', 'left'))"
+    other = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert int(other.stdout) == stable_hash("robot", "left")
+
+
+def test_every_part_of_the_name_matters() -> None:
+    base = (0, 0, "left", 1, "pick", "duration", 0)
+    others = [
+        (1, 0, "left", 1, "pick", "duration", 0),
+        (0, 1, "left", 1, "pick", "duration", 0),
+        (0, 0, "right", 1, "pick", "duration", 0),
+        (0, 0, "left", 2, "pick", "duration", 0),
+        (0, 0, "left", 1, "handover", "duration", 0),
+        (0, 0, "left", 1, "pick", "stall", 0),
+        (0, 0, "left", 1, "pick", "duration", 1),
+    ]
+    values = {uniform(*name) for name in [base, *others]}
+    assert len(values) == len(others) + 1
+
+
+def test_bulk_draws_do_not_depend_on_what_else_is_drawn() -> None:
+    robots = ["left", "right"] * 50
+    tasks = np.arange(100)
+    kinds = ["pick"] * 100
+    forward = uniforms(4, 2, robots, tasks, kinds, "duration")
+    backward = uniforms(4, 2, robots[::-1], tasks[::-1], kinds, "duration")
+    assert np.array_equal(forward, backward[::-1])
+    assert forward[17] == uniform(4, 2, "right", 17, "pick", "duration")
+
+
+def test_draws_are_uniform_and_open() -> None:
+    n = 20_000
+    u = uniforms(0, 0, ["left"] * n, np.arange(n), ["pick"] * n, "duration")
+    assert u.min() > 0
+    assert u.max() < 1
+    assert stats.kstest(u, "uniform").pvalue > 0.01
+    assert abs(np.corrcoef(u[:-1], u[1:])[0, 1]) < 0.03
+
+
+@pytest.mark.parametrize(("seed", "replication"), [(-1, 0), (0, -1), (2**64, 0)])
+def test_seeds_must_fit(seed: int, replication: int) -> None:
+    with pytest.raises(ValueError, match="must be within"):
+        uniform(seed, replication, "left", 0, "pick", "duration")

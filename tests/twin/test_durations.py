@@ -1,0 +1,209 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from planning.errors import ScenarioError
+from planning.task_graph import SKILLS
+from tests.twin.twin_toys import random_tpg
+from twin.durations import (
+    DurationModel,
+    Empirical,
+    Fixed,
+    Lognormal,
+    SkillDurations,
+    Uniform,
+    nominal_durations,
+    packaged_timings,
+    to_nanoseconds,
+)
+from twin.timings.generate import SPREAD_S, SPREAD_SHARE, write_timings
+
+PROBABILITIES = (np.arange(200_000) + 0.5) / 200_000
+MEASURED = [3.0, 1.0, 2.0, 2.0, 8.0]
+
+
+def reference(model: DurationModel) -> object:
+    if isinstance(model, Lognormal):
+        sigma = np.log(model.p95_s / model.median_s) / stats.norm.ppf(0.95)
+        return stats.lognorm(s=sigma, scale=model.median_s)
+    assert isinstance(model, Uniform)
+    return stats.uniform(model.low_s, model.high_s - model.low_s)
+
+
+@pytest.mark.parametrize("model", [Lognormal(8.7, 10.0), Uniform(2.0, 5.0)])
+def test_quantiles_and_mean_agree_with_scipy(model: DurationModel) -> None:
+    expected = reference(model)
+    u = PROBABILITIES[::997]
+    assert model.ppf(u) == pytest.approx(expected.ppf(u), rel=1e-12)
+    assert model.mean == pytest.approx(expected.mean(), rel=1e-12)
+    assert model.ppf(PROBABILITIES).mean() == pytest.approx(model.mean, rel=1e-4)
+
+
+def test_lognormal_keeps_the_two_figures_it_is_given() -> None:
+    model = Lognormal(8.7, 10.0)
+    assert model.ppf(np.array([0.5, 0.95])) == pytest.approx([8.7, 10.0])
+
+
+def test_fixed_is_fixed() -> None:
+    assert np.array_equal(Fixed(2.5).ppf(PROBABILITIES[:3]), [2.5, 2.5, 2.5])
+    assert Fixed(2.5).mean == 2.5
+
+
+def test_empirical_gives_the_values_measured_each_as_often() -> None:
+    model = Empirical(MEASURED)
+    values, counts = np.unique(model.ppf(PROBABILITIES), return_counts=True)
+    assert values.tolist() == [1.0, 2.0, 3.0, 8.0]
+    assert (counts / len(PROBABILITIES)).tolist() == [0.2, 0.4, 0.2, 0.2]
+    assert model.mean == pytest.approx(3.2)
+
+
+@given(
+    st.lists(st.floats(0, 100), min_size=1, max_size=30),
+    st.floats(1e-9, 1 - 1e-9),
+)
+def test_empirical_quantiles_invert_the_distribution(
+    values: list[float], u: float
+) -> None:
+    quantile = float(Empirical(values).ppf(np.array([u]))[0])
+    below = np.mean(np.array(values) < quantile)
+    assert below <= u <= np.mean(np.array(values) <= quantile) + 1e-12
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Fixed(-1.0),
+        lambda: Fixed(float("nan")),
+        lambda: Uniform(3.0, 2.0),
+        lambda: Lognormal(0.0, 1.0),
+        lambda: Lognormal(2.0, 1.0),
+        lambda: Empirical([]),
+        lambda: Empirical([1.0, -1.0]),
+    ],
+)
+def test_impossible_distributions_are_refused(make: object) -> None:
+    with pytest.raises(ScenarioError):
+        make()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("duration_s\n1.0\nsoon\n", ":3: duration_s is 'soon'"),
+        ("duration_s\n1.0\n-2\n", ":3: duration_s is '-2'"),
+        ("duration_s\n1.0\nnan\n", ":3: duration_s is 'nan'"),
+        ("trial,duration_s\n1,2.0\n2,\n", ":3: duration_s is ''"),
+        ("duration_s\n", "has no rows"),
+        ("", "no column 'duration_s'"),
+        ("time,robot\n1.0,left\n", "no column 'duration_s' (valid: time, robot)"),
+    ],
+)
+def test_errors_in_timing_files_name_file_and_line(
+    tmp_path: Path, text: str, says: str
+) -> None:
+    path = tmp_path / "pick.csv"
+    path.write_text(text)
+    with pytest.raises(ScenarioError) as caught:
+        Empirical.from_csv(path)
+    assert f"{path}" in str(caught.value)
+    assert says in str(caught.value)
+
+
+def test_a_missing_timing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="no_such"):
+        Empirical.from_csv(tmp_path / "no_such.csv")
+
+
+def test_timings_are_read_from_the_column_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "pick.csv"
+    path.write_text("trial,seconds\n1,2.5\n2,1.5\n")
+    assert Empirical.from_csv(path, "seconds").values_s.tolist() == [1.5, 2.5]
+
+
+def test_packaged_timings_keep_the_two_facts_of_the_paper() -> None:
+    timings = packaged_timings()
+    assert set(timings) == set(SKILLS)
+    seconds, shares = [], []
+    for model in timings.values():
+        assert isinstance(model, Empirical)
+        median = float(np.median(model.values_s))
+        deviation = float(np.max(np.abs(model.values_s - median)))
+        seconds.append(deviation)
+        shares.append(deviation / median)
+    assert max(seconds) == pytest.approx(SPREAD_S, abs=1e-3)
+    assert max(shares) == pytest.approx(SPREAD_SHARE, abs=2e-3)
+    assert np.median(timings["handover"].values_s) == pytest.approx(8.7, abs=0.01)
+
+
+def test_packaged_timings_come_out_of_their_script(tmp_path: Path) -> None:
+    import twin.timings
+
+    write_timings(tmp_path)
+    committed = Path(str(twin.timings.__file__)).parent
+    for skill in SKILLS:
+        name = f"{skill}.csv"
+        assert (tmp_path / name).read_text() == (committed / name).read_text()
+
+
+def test_motions_keep_their_nominal_time_and_skills_vary() -> None:
+    tpg = random_tpg(5, tasks=12)
+    durations = SkillDurations(packaged_timings()).sample(tpg, seed=1)
+    for chain, drawn, nominal in zip(
+        tpg.chains, durations, nominal_durations(tpg), strict=True
+    ):
+        assert np.array_equal(drawn[~chain.skill], nominal[~chain.skill])
+        for node in np.flatnonzero(chain.skill):
+            model = packaged_timings()[tpg.tasks[chain.task[node]].kind]
+            assert isinstance(model, Empirical)
+            assert drawn[node] in to_nanoseconds(model.values_s)
+
+
+def test_a_skill_without_a_model_keeps_its_nominal_time() -> None:
+    tpg = random_tpg(5, tasks=12)
+    for drawn, nominal in zip(
+        SkillDurations({}).sample(tpg, seed=1), nominal_durations(tpg), strict=True
+    ):
+        assert np.array_equal(drawn, nominal)
+
+
+def test_seed_and_replication_change_the_draws() -> None:
+    tpg = random_tpg(5, tasks=12)
+    durations = SkillDurations(packaged_timings())
+    draws = [
+        np.concatenate(durations.sample(tpg, seed=seed, replication=replication))
+        for seed, replication in ((1, 0), (1, 0), (2, 0), (1, 1))
+    ]
+    assert np.array_equal(draws[0], draws[1])
+    assert not np.array_equal(draws[0], draws[2])
+    assert not np.array_equal(draws[0], draws[3])
+
+
+def test_a_task_cut_into_more_nodes_takes_as_long_in_all() -> None:
+    tpg = random_tpg(5, tasks=12)
+    durations = SkillDurations({skill: Lognormal(7.0, 9.0) for skill in SKILLS})
+    whole = durations.sample(tpg, seed=3)
+    chain = tpg.chains[0]
+    node = int(np.flatnonzero(chain.skill)[0])
+    at = int(chain.first[node + 1])
+    cut = replace(
+        chain,
+        waypoints=np.insert(chain.waypoints, at, chain.waypoints[at - 1], axis=0),
+        fraction=np.insert(chain.fraction, at, 1.0),
+        first=np.insert(chain.first, node + 1, at)
+        + (np.arange(len(chain) + 2) > node + 1),
+        task=np.insert(chain.task, node, chain.task[node]),
+        skill=np.insert(chain.skill, node, True),
+        duration=np.insert(chain.duration, node, 0.7),
+        planned_start=np.insert(chain.planned_start, node, chain.planned_start[node]),
+    )
+    parts = durations.sample(replace(tpg, chains=(cut, *tpg.chains[1:])), seed=3)
+    assert parts[0][node] + parts[0][node + 1] == whole[0][node]
+    assert parts[0].sum() == whole[0].sum()
+    assert np.array_equal(parts[1], whole[1])

@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from planning.errors import OutputError
+from tests.twin.twin_toys import toy_cell
+from twin.atomic import replacing, write_json
+from twin.replay import replay_run
+from twin.run_folder import (
+    MANIFEST,
+    prepare_run_folder,
+    scenario_sha256,
+    write_manifest,
+)
+from twin.viewer import ViewerError
+
+
+def test_a_folder_is_made_below_logs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    first, second = prepare_run_folder(None, "cliff"), prepare_run_folder(None, "cliff")
+    assert first != second
+    for folder in (first, second):
+        assert folder.is_dir()
+        assert re.fullmatch(r"cliff-\d{8}T\d{6}Z(-\d+)?", folder.name)
+        assert folder.parent == Path("logs")
+
+
+def test_results_of_an_earlier_run_go_and_plans_stay(tmp_path: Path) -> None:
+    for name in ("summary.json", "plan.npz", "notes.txt"):
+        (tmp_path / name).write_text("old")
+    assert prepare_run_folder(tmp_path, "cliff") == tmp_path
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["notes.txt", "plan.npz"]
+
+
+def test_a_place_that_cannot_be_written_is_an_error_at_once(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    with pytest.raises(OutputError, match="file"):
+        prepare_run_folder(blocked / "run", "cliff")
+    with pytest.raises(OutputError, match="file"):
+        prepare_run_folder(blocked, "cliff")
+
+
+def test_the_manifest_says_what_is_needed_to_repeat_a_run(tmp_path: Path) -> None:
+    scenario = {"name": "cliff", "seed": 3}
+    write_manifest(tmp_path, scenario, toy_cell((2, 3)), seed=3)
+    manifest = json.loads((tmp_path / MANIFEST).read_text())
+    assert set(manifest) == {
+        "scenario",
+        "scenario_sha256",
+        "seed",
+        "versions",
+        "robots",
+    }
+    assert manifest["scenario_sha256"] == scenario_sha256({"seed": 3, "name": "cliff"})
+    assert manifest["versions"]["numpy"]
+    assert manifest["robots"][1] == {
+        "name": "robot_1",
+        "model": "toy",
+        "urdf": "toy.urdf",
+        "base": {"xyz": [1.0, 0.0, 0.0], "quat_wxyz": [1.0, 0.0, 0.0, 0.0]},
+        "joints": ["joint_0", "joint_1", "joint_2"],
+        "tool": {
+            "last_joint_T_flange": {
+                "xyz": [0.1, 0.0, 0.0],
+                "quat_wxyz": [1.0, 0.0, 0.0, 0.0],
+            },
+            "flange_T_frame": {
+                "tool": {"xyz": [0.0, 0.0, 0.05], "quat_wxyz": [1.0, 0.0, 0.0, 0.0]}
+            },
+        },
+    }
+
+
+def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "value.json"
+    write_json(path, {"a": 1})
+    with pytest.raises(ValueError, match="JSON"):
+        write_json(path, {"a": float("nan")})
+    with pytest.raises(ZeroDivisionError), replacing(path) as temporary:
+        temporary.write_bytes(b"half") / 0
+    assert json.loads(path.read_text()) == {"a": 1}
+    assert [p.name for p in tmp_path.iterdir()] == ["value.json"]
+
+
+def test_a_run_without_a_recording_cannot_be_replayed(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=r"no run\.rrd"):
+        replay_run(tmp_path)
+    with pytest.raises(OutputError, match="no such file"):
+        replay_run(tmp_path / "nowhere")
+
+
+def test_without_a_display_replay_says_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "run.rrd").write_bytes(b"")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(ViewerError) as caught:
+        replay_run(tmp_path)
+    assert "rerun run.rrd" in str(caught.value)
+    assert "--stills" in str(caught.value)
