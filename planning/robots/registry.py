@@ -86,7 +86,7 @@ _ENTRIES = (
     RobotEntry(
         name="gp4",
         source="own primitives within the measured outer dimensions",
-        licence="as this project",
+        licence="MIT",
         note="Yaskawa GP4, 6 joints, with force sensor and LEGO tool",
         home_deg=(0.0, -15.4560, -40.3566, 0.0, -65.0995, 0.0),
         tool_links=("tool",),
