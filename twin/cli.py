@@ -15,6 +15,7 @@ from twin.commands.robots import robots
 from twin.commands.run import run
 from twin.commands.schema import schema
 from twin.commands.validate import validate
+from twin.commands.verify import verify
 
 app = typer.Typer(
     name="twin",
@@ -26,6 +27,7 @@ app.command()(run)
 app.command()(validate)
 app.command()(replay)
 app.add_typer(import_app, name="import")
+app.command()(verify)
 app.command()(robots)
 app.command()(schema)
 app.command()(doctor)
