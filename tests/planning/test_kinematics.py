@@ -265,7 +265,7 @@ def test_sliding_joints_are_solved_too() -> None:
         home=readonly(np.zeros(6)),
     )
     q = np.array([0.5, -0.7, 0.2, 1.1, -0.6, 0.4])
-    target = from_rpy(q[:3], (0.4, -0.6, 1.1))
+    target = from_rpy((0.5, -0.7, 0.2), (0.4, -0.6, 1.1))
     robot = placed(model, identity())
     assert np.allclose(frame_pose(robot, q), target)
     solutions = inverse_kinematics(robot, "flange", target, model.home)

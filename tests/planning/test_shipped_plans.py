@@ -146,7 +146,7 @@ def test_published_waypoints_are_free_with_our_geometry(
     left, right = Placed(bodies), Placed(bodies)
     count = len(bodies)
     own = [p for p in combinations(range(count), 2) if p not in model.never_collide]
-    every = list(product(range(count), repeat=2))
+    every = list(product(range(count), range(count)))
     moved = [(k, 0) for k, part in enumerate(model.parts) if part.joint >= 0]
     table = box_body("table", (0.6985, 1.219, 0.02))
     middle = (bases[0][:2, 3] + bases[1][:2, 3]) / 2.0
