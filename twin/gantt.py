@@ -26,7 +26,7 @@ from twin.lanes import (
 )
 from twin.run import Run
 
-_TASKS_A_ROW = 44
+_TASKS_A_ROW = 36
 _WIDTH_IN = 15.0
 _LANE_IN = 0.42
 _INK = "#2b2f36"
@@ -60,7 +60,7 @@ def draw_gantt(
     total_s = max(run.makespan_s, 1e-9)
     most = max((len({s.task for s in lane.spans}) for lane in lanes), default=0)
     rows = max(1, -(-most // _TASKS_A_ROW))
-    row_s = total_s / rows if rows > 1 else total_s * 1.02
+    row_s = total_s * 1.012 / rows
     height = rows * (len(lanes) * _LANE_IN + 0.42) + 1.25
     figure = Figure(figsize=(_WIDTH_IN, height), dpi=130, facecolor="white")
     FigureCanvasAgg(figure)
@@ -124,7 +124,7 @@ def _draw_lane(
     lane: Lane,
     window: tuple[float, float],
 ) -> None:
-    pixel_s = (window[1] - window[0]) / (_WIDTH_IN * 0.91 * 72)
+    point_s = (window[1] - window[0]) / (_WIDTH_IN * 0.91 * 72)
     for span in lane.spans:
         start, end = span.start_ns / NANOSECONDS, span.end_ns / NANOSECONDS
         low, high = max(start, window[0]), min(end, window[1])
@@ -140,14 +140,15 @@ def _draw_lane(
             lw=0.0 if waits else 0.4,
         )
         label = _label(tpg, span)
-        if label and (high - low) / pixel_s > 5.2 * len(label) + 3:
+        size_pt = 7.5 if len(label) < 3 else 6.3
+        if label and (high - low) / point_s > 0.62 * size_pt * len(label) + 1.5:
             axis.text(
                 0.5 * (low + high),
                 k,
                 label,
                 ha="center",
                 va="center",
-                fontsize=7.5,
+                fontsize=size_pt,
                 color="white" if _dark(span.state) else _INK,
             )
 

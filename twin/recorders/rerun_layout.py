@@ -94,7 +94,7 @@ def _camera(cell: Workcell) -> rrb.EyeControls3D:
     )
     low, high = points.min(axis=0), points.max(axis=0)
     centre = 0.5 * (low + high)
-    target: Array = np.append(centre[:2], high[2] + 0.15)
+    target: Array = np.append(centre[:2], high[2] + 0.25)
     size = max(float(np.linalg.norm(high[:2] - low[:2])), 0.8)
     line = bases[-1, :2] - bases[0, :2] if len(bases) > 1 else np.array([1.0, 0.0])
     norm = float(np.linalg.norm(line))
