@@ -35,7 +35,7 @@ class ConflictChecker(Protocol):
         Args:
             a, s: an occupancy and a segment of it.
             b, t: another robot's occupancy and a segment of it.
-            pairs: bodies (of a, of b) whose capsules come too close, shape (p, 2).
+            pairs: bodies (of a, of b) that are proposed, shape (p, 2).
         """
         ...
 
@@ -49,6 +49,7 @@ class HullChecker:
     """
 
     def __init__(self, table: ContactTable, *, slack: float = 0.0) -> None:
+        self.slack = slack
         self._robots = table.robots
         self._between_robots = float(table.clearance[0]) - slack
         self._to_objects = float(table.clearance[1]) - slack
@@ -65,12 +66,12 @@ class HullChecker:
                 and b.sequence.entity[t, j] < self._robots
             )
             if come_close(
-                a.solids[a.solid[s, i]],
-                a.q_a[s],
-                a.q_b[s],
-                b.solids[b.solid[t, j]],
-                b.q_a[t],
-                b.q_b[t],
+                a.solids[a.hulls.solid[s, i]],
+                a.hulls.q_a[s],
+                a.hulls.q_b[s],
+                b.solids[b.hulls.solid[t, j]],
+                b.hulls.q_a[t],
+                b.hulls.q_b[t],
                 self._between_robots if both_robots else self._to_objects,
             ):
                 return True
@@ -110,9 +111,21 @@ def search_conflicts(
     stack = np.zeros((4096, 2), dtype=np.int64)
     pairs = np.empty((ROOM, 2), dtype=np.int64)
     depth = 1
+    # A checker that decides by hulls need not be asked about hulls proved to be apart.
+    slack = checker.slack if isinstance(checker, HullChecker) else np.nan
     while True:
         depth, s, t, count = next_proposal(
-            a.sequence, b.sequence, table, floor, limit, stack, depth, pairs
+            a.sequence,
+            a.hulls,
+            b.sequence,
+            b.hulls,
+            table,
+            slack,
+            floor,
+            limit,
+            stack,
+            depth,
+            pairs,
         )
         if count == 0:
             return

@@ -25,6 +25,7 @@ from planning.geometry.swept import sweep_segments
 from planning.transforms import Array, Transform
 from planning.workcell import PlacedRobot
 from scheduling.contacts import ALWAYS, EntityNumbers
+from scheduling.hull_separation import AT_REST, HullTable
 from scheduling.object_spans import ObjectSpan, Rest
 from scheduling.swept_sequence import INACTIVE, SweptSequence, swept_sequence
 from scheduling.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
@@ -38,18 +39,14 @@ class Occupancy:
     """What one robot, or one resting object, occupies.
 
     Attributes:
-        q_a, q_b: ends of the segments, shape (s, n).
         sequence: the swept capsules and their tree.
         solids: the bodies that occur.
-        solid: index into ``solids`` of every body of every segment, -1 for none, shape
-            (s, bodies).
+        hulls: their corners, and which of them are where.
     """
 
-    q_a: Array
-    q_b: Array
     sequence: SweptSequence
     solids: tuple[Solid, ...]
-    solid: npt.NDArray[np.int32]
+    hulls: HullTable
 
 
 def cut_nodes(
@@ -201,9 +198,38 @@ def rest_occupancy(
         np.full((1, 1), entities[rest.object], dtype=np.int32),
         np.ones((1, 1), dtype=np.bool_),
     )
-    q = np.zeros((1, 0))
-    solid = resting_solid(rest.object, body, rest.pose)
-    return Occupancy(q, q, sequence, (solid,), np.zeros((1, 1), dtype=np.int32))
+    solids = (resting_solid(rest.object, body, rest.pose),)
+    # No robot carries it; any one's kernel will do.
+    kernel = robot_kernel(tpg.cell.robots[0])
+    q = np.ascontiguousarray(tpg.cell.robots[0].home[None], dtype=np.float64)
+    hulls = _hull_table(kernel, q, q, np.zeros((1, 1), dtype=np.int32), solids)
+    return Occupancy(sequence, solids, hulls)
+
+
+def _hull_table(
+    kernel: RobotKernel,
+    q_a: Array,
+    q_b: Array,
+    solid: npt.NDArray[np.int32],
+    solids: Sequence[Solid],
+) -> HullTable:
+    corners = [
+        s.vertices
+        if s.carrier is not None
+        else s.vertices @ s.local[:3, :3].T + s.local[:3, 3]
+        for s in solids
+    ]
+    return HullTable(
+        kernel,
+        q_a,
+        q_b,
+        solid,
+        np.cumsum([0, *(len(c) for c in corners)]).astype(np.int64),
+        np.array(
+            [AT_REST if s.carrier is None else s.joint for s in solids], dtype=np.int64
+        ),
+        np.ascontiguousarray(np.concatenate(corners)),
+    )
 
 
 def _placed(body: ConvexBody, pose: Transform) -> tuple[Array, Array, Array]:
@@ -294,7 +320,8 @@ def _assemble(
         [kernel.body, len(parts) + np.repeat(np.arange(depth), room)]
     )
     sequence = swept_sequence(node, *tasks, start, end, radius, body_of, entity, still)
-    return Occupancy(q_a, q_b, sequence, tuple(solids), solid)
+    hulls = _hull_table(kernel, q_a, q_b, solid, solids)
+    return Occupancy(sequence, tuple(solids), hulls)
 
 
 def _only(

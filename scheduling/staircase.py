@@ -15,6 +15,7 @@ from numba import njit
 from planning.geometry.distance import segment_segment
 from planning.transforms import Array
 from scheduling.contacts import ContactTable, may_touch
+from scheduling.hull_separation import HullTable, hulls_stay_apart
 from scheduling.swept_sequence import SweptSequence
 from scheduling.temporal_plan_graph import Indices
 
@@ -165,10 +166,38 @@ def close_bodies(
 
 
 @njit(cache=True)
+def _keep_close_hulls(
+    a: SweptSequence,
+    a_hulls: HullTable,
+    s: int,
+    b: SweptSequence,
+    b_hulls: HullTable,
+    t: int,
+    table: ContactTable,
+    slack: float,
+    out: npt.NDArray[np.int64],
+    count: int,
+) -> int:
+    """Drop the pairs of bodies whose hulls are proved to stay apart; return what is left."""
+    left = 0
+    for e in range(count):
+        i, j = out[e, 0], out[e, 1]
+        robots = a.entity[s, i] < table.robots and b.entity[t, j] < table.robots
+        limit = table.clearance[0] if robots else table.clearance[1]
+        if not hulls_stay_apart(a_hulls, s, i, b_hulls, t, j, limit - slack):
+            out[left, 0], out[left, 1] = i, j
+            left += 1
+    return left
+
+
+@njit(cache=True)
 def next_proposal(
     a: SweptSequence,
+    a_hulls: HullTable,
     b: SweptSequence,
+    b_hulls: HullTable,
     table: ContactTable,
+    slack: float,
     floor: Indices,
     limit: Indices,
     stack: npt.NDArray[np.int64],
@@ -178,9 +207,11 @@ def next_proposal(
     """Go on with a descent until two segments may conflict.
 
     Args:
-        a: sequence of the nodes v that may have to wait.
-        b: sequence of the nodes u that may have to be waited for.
+        a, a_hulls: occupancy of the nodes v that may have to wait.
+        b, b_hulls: occupancy of the nodes u that may have to be waited for.
         table: allowed contacts and clearances.
+        slack: pairs of bodies whose hulls are proved to keep their clearance less this are
+            dropped [m]; NaN to propose whatever the capsules do.
         floor: last u that each v waits for already, never falling, by node of ``a``.
         limit: first u that is not at stake for each v, never falling, by node of ``a``.
         stack: pairs still to be looked at: blocks, or segments when negative, shape (room, 2).
@@ -204,6 +235,10 @@ def next_proposal(
             if _boxes_apart(a.low[s], a.high[s], b.low[t], b.high[t], gap):
                 continue
             count = close_bodies(a, s, b, t, table, out)
+            if not np.isnan(slack):
+                count = _keep_close_hulls(
+                    a, a_hulls, s, b, b_hulls, t, table, slack, out, count
+                )
             if count > 0:
                 return depth, s, t, count
             continue
