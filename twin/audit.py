@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import TracebackType
 
 from planning.transforms import Transform
 from twin.audit_contacts import ContactRule
@@ -75,25 +76,50 @@ def audit_run(folder: Path, progress: Progress | None = None) -> AuditReport:
     from scheduling.plan_files import load_plan
 
     scene = scene_of(load_plan(folder))
-    return audit_recording(scene, read_recording(folder, scene), progress)
+    with Auditor(scene) as auditor:
+        return auditor.audit(read_recording(folder, scene), progress)
 
 
-def audit_recording(
-    scene: AuditScene, recording: Recording, progress: Progress | None = None
-) -> AuditReport:
-    """Audit an execution.
-
-    The robots are moved along their straight joint-space lines in steps of at most 2 mm of any
-    point, and a stretch of time in which nothing moves is looked at once.
+class Auditor:
+    """Audits any number of executions in one cell; a context manager.
 
     Args:
-        scene: what stands in the cell.
-        recording: what was executed.
-        progress: told how far the audit has come.
+        scene: what stands in the cell, and who may touch whom.
     """
-    with AuditWorld(scene) as world:
-        watch = _Watch(world, ContactRule(scene, recording))
-        for stretch in stretches(world, recording):
+
+    def __init__(self, scene: AuditScene) -> None:
+        self.scene = scene
+        self._world = AuditWorld(scene)
+        self._exempt = overlapping_at_home(self._world)
+
+    def __enter__(self) -> Auditor:
+        """Return the auditor itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Let go of Bullet."""
+        self._world.close()
+
+    def audit(
+        self, recording: Recording, progress: Progress | None = None
+    ) -> AuditReport:
+        """Audit an execution.
+
+        The robots are moved along their straight joint-space lines in steps of at most 2 mm of
+        any point, and a stretch of time in which nothing moves is looked at once.
+
+        Args:
+            recording: what was executed.
+            progress: told how far the audit has come.
+        """
+        rule = ContactRule(self.scene, recording)
+        watch = _Watch(self._world, rule, self._exempt)
+        for stretch in stretches(self._world, recording):
             watch.look(stretch)
             if progress is not None:
                 progress(float(stretch.t[-1]), recording.end)
@@ -114,9 +140,13 @@ class _Overlap:
 class _Watch:
     """Collects what is seen stretch by stretch."""
 
-    def __init__(self, world: AuditWorld, rule: ContactRule) -> None:
-        self._world, self._rule = world, rule
-        self._exempt = overlapping_at_home(world)
+    def __init__(
+        self,
+        world: AuditWorld,
+        rule: ContactRule,
+        exempt: frozenset[tuple[int, int]],
+    ) -> None:
+        self._world, self._rule, self._exempt = world, rule, exempt
         self._least = math.inf
         self._configurations = 0
         self._samples = 0

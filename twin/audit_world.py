@@ -12,7 +12,6 @@ from __future__ import annotations
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 import pybullet
@@ -82,19 +81,6 @@ class AuditWorld:
             self._load(index, robot)
         self.fixtures = [self._box(box) for box in scene.fixtures]
         self.objects = [self._box(box) for box in scene.objects]
-
-    def __enter__(self) -> AuditWorld:
-        """Return the world itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Disconnect from Bullet."""
-        self.close()
 
     def close(self) -> None:
         """Disconnect from Bullet."""

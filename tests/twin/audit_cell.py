@@ -1,0 +1,186 @@
+"""A cell of two GP4 arms for audit tests, and runs of it written by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from planning.geometry.cover import box_body
+from planning.kinematics import frame_pose, inverse_kinematics
+from planning.robots.registry import robot_model
+from planning.task_graph import AllowedContact, Task
+from planning.transforms import (
+    Array,
+    Transform,
+    from_rpy,
+    inverse,
+    quat_wxyz,
+    rotation,
+    translation,
+)
+from planning.workcell import CellObject, Fixture, PlacedRobot, Workcell
+from scheduling.temporal_plan_graph import NodeChain, TemporalPlanGraph
+
+BRICK = np.array([0.0158, 0.0318, 0.0096])
+TOP = 0.19
+"""Height of the plate's top face above the floor that both bases stand on [m]."""
+
+PLATE_CENTRE = (0.44, 0.0)
+
+
+def fixture(name: str, size: Sequence[float], pose: Transform) -> Fixture:
+    return Fixture(name, np.array(size), pose, box_body(name, size))
+
+
+def brick(name: str, x: float, y: float, layer: int = 1) -> CellObject:
+    """A 2 x 4 brick whose centre is at (x, y), on the plate for layer 1."""
+    pose = translation(x, y, TOP + (layer - 0.5) * BRICK[2])
+    return CellObject(name, "2x4", BRICK, pose, box_body(name, BRICK))
+
+
+def two_arm_cell(objects: Sequence[CellObject] = (), gap: float = 0.88) -> Workcell:
+    model = robot_model("gp4")
+    return Workcell(
+        (
+            PlacedRobot("left", model, np.eye(4), model.home),
+            PlacedRobot(
+                "right", model, from_rpy([gap, 0, 0], [0, 0, np.pi]), model.home
+            ),
+        ),
+        (
+            fixture(
+                "plate", [0.3, 0.4, 0.005], translation(*PLATE_CENTRE, TOP - 0.0025)
+            ),
+            fixture("table", [0.5, 1.0, 0.02], translation(*PLATE_CENTRE, TOP - 0.015)),
+        ),
+        tuple(objects),
+    )
+
+
+def tool_down(x: float, y: float, z: float) -> Transform:
+    """The tool frame pointing down at a point of the world."""
+    return translation(x, y, z) @ rotation("y", np.pi)
+
+
+def reach(cell: Workcell, robot: str, x: float, y: float, z: float) -> Array:
+    """A configuration that puts the tool frame at a point, pointing down."""
+    placed = cell.robot(robot)
+    found = inverse_kinematics(placed, "tool", tool_down(x, y, z), placed.home)
+    assert found, f"{robot} cannot reach {(x, y, z)}"
+    return found[0]
+
+
+def straight_down(
+    cell: Workcell, robot: str, x: float, y: float, high: float, low: float, rows: int
+) -> Array:
+    """Configurations along a vertical line of the tool frame, shape (rows, 6)."""
+    placed = cell.robot(robot)
+    out = [reach(cell, robot, x, y, high)]
+    for z in np.linspace(high, low, rows)[1:]:
+        found = inverse_kinematics(placed, "tool", tool_down(x, y, float(z)), out[-1])
+        out.append(found[0])
+    return np.array(out)
+
+
+def in_hand(cell: Workcell, robot: str, q: Array, pose: Transform) -> Transform:
+    """The pose, in the flange frame, of something at ``pose`` while the robot is at ``q``."""
+    return inverse(frame_pose(cell.robot(robot), q)) @ pose
+
+
+@dataclass
+class HandWrittenRun:
+    """A run folder, written row by row; each robot's rows are its nodes."""
+
+    cell: Workcell
+    allowed: list[AllowedContact] = field(default_factory=list)
+    motions: dict[str, tuple[Array, Array]] = field(default_factory=dict)
+    placements: list[tuple[float, str, str | None, Transform]] = field(
+        default_factory=list
+    )
+
+    def move(self, robot: str, times: Sequence[float], q: Array) -> None:
+        """Let a robot pass configurations at times; the k-th row (from 1) ends node k - 1."""
+        self.motions[robot] = (np.asarray(times, dtype=float), np.asarray(q))
+
+    def put(self, t: float, name: str, robot: str | None, pose: Transform) -> None:
+        """From a time on, an object is in a hand or at rest."""
+        self.placements.append((t, name, robot, pose))
+
+    def tpg(self) -> TemporalPlanGraph:
+        """Each robot's nodes are one task: 0 for the first robot with rows, 1 for the next."""
+        chains, tasks = [], []
+        for robot in self.cell.robots:
+            if robot.name not in self.motions:
+                continue
+            t, q = self.motions[robot.name]
+            count = len(t) - 1
+            task = len(tasks)
+            tasks.append(Task(task, robot.name, "pick", 1, "by hand", q[1:]))
+            chains.append(
+                NodeChain(
+                    robot.name,
+                    q[0],
+                    q[1:],
+                    np.ones(count),
+                    np.arange(count + 1),
+                    np.full(count, task),
+                    np.zeros(count, dtype=bool),
+                    np.diff(t),
+                    t[:-1],
+                )
+            )
+        return TemporalPlanGraph(
+            self.cell,
+            tuple(tasks),
+            tuple(chains),
+            np.empty((0, 4), dtype=np.int64),
+            np.empty(0, dtype=np.uint8),
+            (),
+            tuple(self.allowed),
+        )
+
+    def write(self, folder: Path) -> Path:
+        """Write plan.json, plan.npz, trajectory.parquet and objects.parquet."""
+        from scheduling.plan_files import save_plan
+
+        save_plan(self.tpg(), folder)
+        rows = [
+            {
+                "t_s": float(t),
+                "robot": robot,
+                **{f"q_{j}": float(v) for j, v in enumerate(q)},
+                "node": k - 1,
+            }
+            for robot, (times, path) in self.motions.items()
+            for k, (t, q) in enumerate(zip(times, path, strict=True))
+        ]
+        pq.write_table(pa.Table.from_pylist(rows), folder / "trajectory.parquet")
+        start = [(0.0, o.name, None, o.start) for o in self.cell.objects]
+        table = [
+            {
+                "t_s": t,
+                "object": name,
+                "parent": "world" if robot is None else f"{robot}/flange",
+                "xyz": pose[:3, 3].tolist(),
+                "quat_wxyz": quat_wxyz(pose).tolist(),
+            }
+            for t, name, robot, pose in [*start, *self.placements]
+        ]
+        schema = pa.schema(
+            {
+                "t_s": pa.float64(),
+                "object": pa.string(),
+                "parent": pa.string(),
+                "xyz": pa.list_(pa.float64()),
+                "quat_wxyz": pa.list_(pa.float64()),
+            }
+        )
+        pq.write_table(
+            pa.Table.from_pylist(table, schema=schema), folder / "objects.parquet"
+        )
+        return folder
