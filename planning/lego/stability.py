@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
+
 from planning.errors import ScenarioError
 from planning.lego.contacts import (
     LAYER,
@@ -119,7 +120,7 @@ def stability(
     loads: Sequence[Load] = (),
     holds: Sequence[Hold] = (),
     loose: frozenset[str] = frozenset(),
-    strength: JointStrength = JointStrength(),  # noqa: B008 - frozen
+    strength: JointStrength = JointStrength(),
     limit: float = 1.0,
 ) -> StabilityReport:
     """Return whether a structure on a plate stands, and how much friction it needs.
@@ -128,7 +129,8 @@ def stability(
         structure: its bricks; those of layer 1 stand on the plate, which does not move.
         loads: forces besides gravity.
         holds: tools that stand still against bricks.
-        loose: bricks that are just being pressed on; their knobs push but do not pull.
+        loose: bricks that are just being pressed into place; their joints push but do not
+            pull yet.
         strength: what joints bear.
         limit: largest score that counts as stable.
 
@@ -154,7 +156,8 @@ def stability(
     )
     for joint in knobs:
         upper = bricks[joint.upper]
-        pull = 0.0 if joint.upper in loose else strength.pull(upper)
+        free = joint.upper in loose or joint.lower in loose
+        pull = 0.0 if free else strength.pull(upper)
         _add_joint(program, joint, upper, pull, strength.sideways)
     for side in side_contacts(bricks, filled):
         _add_side(program, side)
@@ -191,9 +194,7 @@ def _add_side(program: Equilibrium, side: SideContact) -> None:
             program.add_contact(side.first, side.second, point, _LEVEL[side.axis])
 
 
-def _floating(
-    bricks: Mapping[str, PlacedBrick], knobs: Sequence[Joint]
-) -> str | None:
+def _floating(bricks: Mapping[str, PlacedBrick], knobs: Sequence[Joint]) -> str | None:
     """Return the first brick that no chain of joints connects to the plate."""
     linked: dict[str | None, set[str | None]] = {name: set() for name in bricks}
     linked[None] = set()

@@ -1,0 +1,95 @@
+"""Assembly by disassembly: a depth-first search from the finished product (APEX-MR App. A).
+
+Free of any domain: parts are anything hashable, what may be removed is asked of the caller. The
+reversed order of removals is the assembly sequence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+Part = TypeVar("Part", bound=Hashable)
+How = TypeVar("How")
+
+
+@dataclass(frozen=True)
+class Removal(Generic[Part, How]):
+    """One way to take one part away; reversed, one way to add it.
+
+    Attributes:
+        part: what is taken away.
+        how: whatever the caller wants to remember of it.
+    """
+
+    part: Part
+    how: How
+
+
+@dataclass(frozen=True)
+class DisassemblySearch(Generic[Part, How]):
+    """What a search for an assembly sequence found.
+
+    Attributes:
+        steps: removals in the order of assembly, None when there is no sequence.
+        dead_end: a smallest set of parts, reached by removals, of which none can be removed;
+            None when the search never got stuck.
+        visited: number of sets of parts looked at.
+        complete: False when the search gave up because of its limit.
+    """
+
+    steps: tuple[Removal[Part, How], ...] | None
+    dead_end: frozenset[Part] | None
+    visited: int
+    complete: bool
+
+
+def find_assembly_sequence(
+    parts: Iterable[Part],
+    removals: Callable[[frozenset[Part]], Iterable[Removal[Part, How]]],
+    *,
+    limit: int = 100_000,
+) -> DisassemblySearch[Part, How]:
+    """Search for an order in which parts can be put together.
+
+    Args:
+        parts: the parts of the finished product.
+        removals: gives the parts that may be removed from a set of parts, and how, the
+            preferred ones first; it is only asked for as many as are needed. It must depend on
+            nothing but its argument.
+        limit: largest number of sets of parts to look at.
+
+    Returns:
+        The first sequence in the order of preference: removals are tried depth first, and a set
+        of parts that once led nowhere is never tried again.
+    """
+    whole = frozenset(parts)
+    failed: set[frozenset[Part]] = set()
+    dead_end: frozenset[Part] | None = None
+    states = [whole]
+    done: list[Removal[Part, How]] = []
+    pending: list[Iterator[Removal[Part, How]]] = [iter(removals(whole))]
+    visited = 1
+    while states[-1]:
+        step = next(
+            (r for r in pending[-1] if states[-1] - {r.part} not in failed), None
+        )
+        if step is None:
+            stuck = states.pop()
+            pending.pop()
+            failed.add(stuck)
+            if dead_end is None or len(stuck) < len(dead_end):
+                dead_end = stuck
+            if not states:
+                return DisassemblySearch(None, dead_end, visited, True)
+            done.pop()
+            continue
+        if visited >= limit:
+            return DisassemblySearch(None, dead_end, visited, False)
+        visited += 1
+        rest = states[-1] - {step.part}
+        states.append(rest)
+        done.append(step)
+        pending.append(iter(removals(rest)) if rest else iter(()))
+    return DisassemblySearch(tuple(reversed(done)), dead_end, visited, True)

@@ -1,0 +1,288 @@
+"""How a brick can be put into a structure: from above, with a support, or from below.
+
+This is the pruning of APEX-MR App. A for one brick: the structure must bear the pressing force,
+and the tools must have room.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+from planning.lego.contacts import PlacedBrick
+from planning.lego.grid import footprint, occupied_studs
+from planning.lego.grips import press_cell, presses
+from planning.lego.partial_structures import Names, PartialStructures
+from planning.lego.stability import Hold, Load
+from planning.lego.structure import (
+    LAYER_HEIGHT,
+    STUD_PITCH,
+    LegoStep,
+    Press,
+    Support,
+)
+from planning.lego.support import ORIENTATIONS
+from planning.lego.tool_room import (
+    BrickTool,
+    attack_side,
+    brick_box,
+    place_down_blocked,
+    place_up_blocked,
+    support_blocked,
+    support_face,
+)
+from planning.transforms import Array
+
+PLAIN, SUPPORTED, FROM_BELOW = "plain", "supported", "from below"
+WAYS = (PLAIN, SUPPORTED, FROM_BELOW)
+"""Ways to insert a brick, the preferred ones first: place-down; place-down with a
+support-bottom; handover, then place-up with a support-top."""
+
+INSERTION_FORCE = 15.0
+"""Force at which the published skills stop pressing (APEX-MR App. C) [N]."""
+
+_BELOW = (-3, -2, -4)
+_ABOVE = (3, 4)
+_SHIFTS = (0, -1, 1)
+_LEAST_TOUCH = 0.002
+
+
+@dataclass(frozen=True)
+class Insertion:
+    """One way to put a brick into a structure.
+
+    Attributes:
+        way: one of ``WAYS``.
+        press: the grip.
+        support: the supporting tool, None without one.
+        score: bound of the structure's stability score while the brick is pressed.
+    """
+
+    way: str
+    press: Press
+    support: Support | None
+    score: float
+
+
+class InsertionRules:
+    """Finds the ways to insert bricks of one design.
+
+    Args:
+        structures: the partial structures of the design.
+        tool: the tool that presses and supports.
+        force: insertion force [N].
+    """
+
+    def __init__(
+        self,
+        structures: PartialStructures,
+        *,
+        tool: BrickTool,
+        force: float = INSERTION_FORCE,
+    ) -> None:
+        self._structures = structures
+        self._tool = tool
+        self._force = force
+        self._boxes = {n: brick_box(item) for n, item in structures.bricks.items()}
+
+    def insertions(self, names: Names, brick: str, way: str) -> Iterator[Insertion]:
+        """Yield the ways of one kind to insert a brick, the preferred ones first.
+
+        Args:
+            names: the partial structure with the brick in place.
+            brick: the brick.
+            way: one of ``WAYS``.
+        """
+        if self.obstacle(names, brick, way) is not None:
+            return
+        up = way == FROM_BELOW
+        for press in self.roomy_presses(names, brick, up=up):
+            loads = self._loads(brick, press, up=up)
+            if way == PLAIN:
+                report = self._structures.pressed(names, brick, loads)
+                if report.stable:
+                    yield Insertion(way, press, None, report.score)
+                continue
+            for support, holds in self.roomy_supports(names, brick, press, up=up):
+                report = self._structures.pressed(names, brick, loads, holds)
+                if report.stable:
+                    yield Insertion(way, press, support, report.score)
+
+    def obstacle(self, names: Names, brick: str, way: str) -> str | None:
+        """Return why a brick can in no case be inserted this way, None if it may be."""
+        above = self._structures.above(names, brick)
+        below = self._structures.below(names, brick)
+        if way == FROM_BELOW:
+            if below:
+                return f"{_name(below[0])} is in the way below it"
+            return None if above else "there is nothing above it to press it onto"
+        if above:
+            return f"{_name(above[0])} is in the way above it"
+        return None if below else "there is nothing below it to press it onto"
+
+    def roomy_presses(self, names: Names, brick: str, *, up: bool) -> tuple[Press, ...]:
+        """Return the presses of a brick that leave the tool room, the central ones first."""
+        item = self._structures.bricks[brick]
+        others = self._others(names, brick)
+        blocked = place_up_blocked if up else place_down_blocked
+        return tuple(
+            press
+            for press in self._ordered_presses(names, item, up=up)
+            if blocked(self._tool, item, press, others) is None
+        )
+
+    def blocker(self, names: Names, brick: str, *, up: bool) -> str:
+        """Return what leaves no room for the first press of a brick."""
+        item = self._structures.bricks[brick]
+        others = self._others(names, brick)
+        blocked = place_up_blocked if up else place_down_blocked
+        found = (blocked(self._tool, item, p, others) for p in presses(item.brick))
+        return next((name for name in found if name is not None), "nothing")
+
+    def roomy_supports(
+        self, names: Names, brick: str, press: Press, *, up: bool
+    ) -> Iterator[tuple[Support, tuple[Hold, ...]]]:
+        """Yield the supports that touch a brick and have room, nearest to the press first.
+
+        They are sought as the published code does: shifted by up to one stud along x and y, 2
+        to 4 layers below the contact of the press for a support-bottom, 3 or 4 above it for a
+        support-top.
+        """
+        item = self._structures.bricks[brick]
+        contact = press_cell(item.cell, item.brick, press, up=up)
+        x, y = self._press_point(item, press, up=up)
+        boxes = {n: self._boxes[n] for n in sorted(names)}
+        found = []
+        for dz, dx, dy, turn in product(
+            _ABOVE if up else _BELOW, _SHIFTS, _SHIFTS, ORIENTATIONS
+        ):
+            support = Support(contact.x + dx, contact.y + dy, contact.z + dz, turn)
+            if support.z < 1:
+                continue
+            holds = self._holds(names, support, top=up)
+            if not holds:
+                continue
+            mid = [sum(h.point[k] for h in holds) / len(holds) for k in (0, 1)]
+            away = round(abs(mid[0] - x) + abs(mid[1] - y), 9)
+            found.append((abs(dz), away, len(found), support, holds))
+        found.sort(key=lambda f: ((_ABOVE if up else (3, 2, 4)).index(f[0]), *f[1:3]))
+        for *_, support, holds in found:
+            if support_blocked(self._tool, support, boxes, top=up) is None:
+                yield support, holds
+
+    def step(self, names: Names, brick: str, insertion: Insertion) -> LegoStep:
+        """Return an insertion as a step of an assembly."""
+        item = self._structures.bricks[brick]
+        up = insertion.way == FROM_BELOW
+        return LegoStep(
+            brick=item.brick.name,
+            cell=item.cell,
+            up=up,
+            press=insertion.press,
+            press_cell=(
+                press_cell(item.cell, item.brick, insertion.press, up=True)
+                if up
+                else None
+            ),
+            support=insertion.support,
+            attack=attack_side(
+                self._tool, item, insertion.press, self._others(names, brick), up=up
+            ),
+        )
+
+    def _others(self, names: Names, brick: str) -> Mapping[str, Array]:
+        return {n: self._boxes[n] for n in sorted(names - {brick})}
+
+    def _ordered_presses(
+        self, names: Names, item: PlacedBrick, *, up: bool
+    ) -> list[Press]:
+        """Return all presses, those near the middle of what they press onto first."""
+        onto = (
+            self._structures.above(names, item.name)
+            if up
+            else self._structures.below(names, item.name)
+        )
+        own = occupied_studs(item.cell, item.brick)
+        if None in onto:
+            studs = {(x, y) for x, y, _ in own}
+        else:
+            studs = {
+                (x, y)
+                for other in onto
+                if other is not None
+                for x, y, _ in occupied_studs(
+                    self._structures.bricks[other].cell,
+                    self._structures.bricks[other].brick,
+                )
+            } & {(x, y) for x, y, _ in own}
+        mx = sum(x + 0.5 for x, _ in studs) / len(studs) * STUD_PITCH
+        my = sum(y + 0.5 for _, y in studs) / len(studs) * STUD_PITCH
+
+        def off(press: Press) -> float:
+            x, y = self._press_point(item, press, up=up)
+            return round(abs(x - mx) + abs(y - my), 9)
+
+        return sorted(presses(item.brick), key=off)
+
+    def _press_point(
+        self, item: PlacedBrick, press: Press, *, up: bool
+    ) -> tuple[float, float]:
+        loads = self._loads(item.name, press, up=up)
+        n = len(loads)
+        return sum(v.point[0] for v in loads) / n, sum(v.point[1] for v in loads) / n
+
+    def _loads(self, brick: str, press: Press, *, up: bool) -> tuple[Load, ...]:
+        """Return the insertion force, shared by the pressed studs of the brick itself."""
+        item = self._structures.bricks[brick]
+        contact = press_cell(item.cell, item.brick, press, up=up)
+        dx, dy = (1, 0) if contact.turned else (0, 1)
+        nx, ny = footprint(item.cell, item.brick)
+        pressed = [
+            (x, y)
+            for x, y in ((contact.x, contact.y), (contact.x + dx, contact.y + dy))
+            if 0 <= x - item.cell.x < nx and 0 <= y - item.cell.y < ny
+        ]
+        each = (self._force if up else -self._force) / len(pressed)
+        height = (item.cell.z - up) * LAYER_HEIGHT
+        return tuple(
+            Load(
+                brick,
+                (0.0, 0.0, each),
+                ((x + 0.5) * STUD_PITCH, (y + 0.5) * STUD_PITCH, height),
+            )
+            for x, y in pressed
+        )
+
+    def _holds(self, names: Names, support: Support, *, top: bool) -> tuple[Hold, ...]:
+        """Return where a supporting tool touches bricks: the corners of what they share."""
+        low, high = support_face(self._tool, support, top=top)
+        layer = support.z - 1 if top else support.z + 1
+        height = (support.z - 1 if top else support.z) * LAYER_HEIGHT
+        xs = range(int(low[0] // STUD_PITCH), int(high[0] // STUD_PITCH) + 1)
+        ys = range(int(low[1] // STUD_PITCH), int(high[1] // STUD_PITCH) + 1)
+        touched = {self._filled.get((x, y, layer)) for x, y in product(xs, ys)}
+        out = []
+        for name in sorted(n for n in touched if n is not None and n in names):
+            box = self._boxes[name]
+            x0, y0 = (max(float(low[k]), float(box[0, k])) for k in (0, 1))
+            x1, y1 = (min(float(high[k]), float(box[1, k])) for k in (0, 1))
+            if x1 - x0 > _LEAST_TOUCH and y1 - y0 > _LEAST_TOUCH:
+                out += [
+                    Hold(name, -1 if top else 1, (x, y, height))
+                    for x, y in product((x0, x1), (y0, y1))
+                ]
+        return tuple(out)
+
+    @cached_property
+    def _filled(self) -> dict[tuple[int, int, int], str]:
+        return {
+            place: name
+            for name, item in self._structures.bricks.items()
+            for place in occupied_studs(item.cell, item.brick)
+        }
+
+
+def _name(brick: str | None) -> str:
+    return "the plate" if brick is None else f"brick {brick!r}"

@@ -1,0 +1,276 @@
+"""From a finished LEGO structure to the steps that build it (APEX-MR Sec. III and App. A).
+
+Assembly by disassembly: from the finished structure, bricks are removed one at a time such that
+what remains stands, and such that the removed brick could be put back: pressed on from above,
+from above with a supporting tool below, or from below after a handover. Reversed, the removals
+are the assembly sequence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from planning.assembly_sequence import Removal, find_assembly_sequence
+from planning.errors import InfeasibleStepError
+from planning.lego.contacts import PlacedBrick
+from planning.lego.insertion import (
+    FROM_BELOW,
+    INSERTION_FORCE,
+    PLAIN,
+    SUPPORTED,
+    WAYS,
+    Insertion,
+    InsertionRules,
+)
+from planning.lego.partial_structures import Names, PartialStructures
+from planning.lego.stability import JointStrength
+from planning.lego.structure import LegoStep, Press, Support
+from planning.lego.tool_room import BrickTool
+
+
+@dataclass(frozen=True)
+class SequencingRules:
+    """What an assembly sequence may do, and what the structure bears.
+
+    Attributes:
+        support: a second robot may hold the structure from below.
+        place_up: a brick may be handed over and pressed on from below, a second robot pressing
+            against it from above.
+        force: force with which a brick is pressed into place [N].
+        strength: what joints bear.
+        limit: largest stability score that is accepted.
+        tool: the tool on every robot.
+        search_limit: largest number of partial structures to look at.
+    """
+
+    support: bool = True
+    place_up: bool = True
+    force: float = INSERTION_FORCE
+    strength: JointStrength = JointStrength()  # noqa: RUF009 - frozen
+    limit: float = 1.0
+    tool: BrickTool = field(default_factory=BrickTool)
+    search_limit: int = 20_000
+
+
+@dataclass(frozen=True)
+class SequencedStep:
+    """A step of an assembly sequence, and why it is what it is.
+
+    Attributes:
+        name: the brick's name in the structure.
+        step: the step, with the preferred press and support.
+        reason: in words.
+        score: bound of the stability score while the brick is pressed.
+        presses: all presses that have room and that the structure bears (with the chosen
+            support, where there is one), the chosen one first.
+        supports: all supports that would do with the chosen press, the chosen one first.
+    """
+
+    name: str
+    step: LegoStep
+    reason: str
+    score: float
+    presses: tuple[Press, ...]
+    supports: tuple[Support, ...]
+
+
+@dataclass(frozen=True)
+class SequencedStructure:
+    """An assembly sequence.
+
+    Attributes:
+        sequence: the steps in the order of assembly, with reasons.
+        visited: partial structures looked at.
+        programs: linear programs solved.
+    """
+
+    sequence: tuple[SequencedStep, ...]
+    visited: int
+    programs: int
+
+    @property
+    def steps(self) -> tuple[LegoStep, ...]:
+        """The steps as an assembly takes them."""
+        return tuple(item.step for item in self.sequence)
+
+
+def sequence_structure(
+    structure: Sequence[PlacedBrick],
+    *,
+    scaffold: Iterable[PlacedBrick] = (),
+    rules: SequencingRules | None = None,
+) -> SequencedStructure:
+    """Return an order in which a structure can be assembled, and how each brick goes in.
+
+    Args:
+        structure: the bricks of the finished structure, on the plate or on the scaffold.
+        scaffold: bricks that stand from the start and stay.
+        rules: what is allowed.
+
+    Returns:
+        The first sequence found depth first; place-downs without support are preferred, then
+        those with support, then place-ups, and the bricks of the top layer are removed first.
+
+    Raises:
+        InfeasibleStepError: the finished structure does not stand, or no order leads to it;
+            names the bricks that cannot be removed and why.
+        ScenarioError: bricks overlap or two have the same name.
+    """
+    rules = rules or SequencingRules()
+    fixed = tuple(scaffold)
+    structures = PartialStructures(
+        [*structure, *fixed], strength=rules.strength, limit=rules.limit
+    )
+    sequencer = _Sequencer(structures, frozenset(b.name for b in fixed), rules)
+    sequencer.check_finished(frozenset(structures.bricks))
+    found = find_assembly_sequence(
+        (item.name for item in structure),
+        sequencer.removals,
+        limit=rules.search_limit,
+    )
+    if found.steps is None:
+        raise InfeasibleStepError(
+            sequencer.explain(found.dead_end or frozenset(), complete=found.complete)
+        )
+    names = sequencer.fixed
+    out = []
+    for removal in found.steps:
+        names |= {removal.part}
+        out.append(sequencer.describe(names, removal.part, removal.how))
+    return SequencedStructure(tuple(out), found.visited, structures.programs)
+
+
+class _Sequencer:
+    """Removal candidates of a partial structure, and the words for them."""
+
+    def __init__(
+        self, structures: PartialStructures, fixed: Names, rules: SequencingRules
+    ) -> None:
+        self.fixed = fixed
+        self._structures = structures
+        self._rules = rules
+        self._insertion = InsertionRules(structures, tool=rules.tool, force=rules.force)
+        self._ways = tuple(
+            way
+            for way, allowed in zip(
+                WAYS, (True, rules.support, rules.place_up), strict=True
+            )
+            if allowed
+        )
+
+    def check_finished(self, names: Names) -> None:
+        """Raise an error when the finished structure does not stand."""
+        report = self._structures.standing(names)
+        if report.stable:
+            return
+        what = self._place(report.brick or "")
+        if math.isinf(report.score):
+            raise InfeasibleStepError(
+                f"the finished structure does not stand: nothing holds {what}"
+            )
+        raise InfeasibleStepError(
+            f"the finished structure does not stand: {what} needs {report.score:.2f} times "
+            f"the friction its knobs have"
+        )
+
+    def removals(self, parts: Names) -> Iterator[Removal[str, Insertion]]:
+        """Yield the bricks that may be removed, and how they would be put back."""
+        names = parts | self.fixed
+        for way in self._ways:
+            for brick in self._candidates(parts):
+                if self._insertion.obstacle(names, brick, way) is not None:
+                    continue
+                if not self._structures.standing(names - {brick}).stable:
+                    continue
+                insertion = next(self._insertion.insertions(names, brick, way), None)
+                if insertion is not None:
+                    yield Removal(brick, insertion)
+
+    def describe(self, names: Names, brick: str, chosen: Insertion) -> SequencedStep:
+        """Return a step of the sequence with all its alternatives."""
+        every = list(self._insertion.insertions(names, brick, chosen.way))
+        presses = [i.press for i in every if i.support == chosen.support]
+        supports = [
+            i.support
+            for i in every
+            if i.press == chosen.press and i.support is not None
+        ]
+        return SequencedStep(
+            name=brick,
+            step=self._insertion.step(names, brick, chosen),
+            reason=self._reason(names, brick, chosen.way),
+            score=chosen.score,
+            presses=tuple(presses),
+            supports=tuple(supports),
+        )
+
+    def explain(self, parts: Names, *, complete: bool) -> str:
+        """Return why none of the bricks of a dead end can be removed."""
+        names = parts | self.fixed
+        whys = [
+            f"{self._place(brick)}: {self._why_not(names, brick)}"
+            for brick in self._candidates(parts)
+        ]
+        end = "" if complete else " (the search was cut short by its limit)"
+        shown = whys[:6]
+        if len(whys) > len(shown):
+            shown.append(f"and {len(whys) - len(shown)} more")
+        return (
+            f"no order of assembly was found{end}; none of these bricks could be the last one in: "
+            + "; ".join(shown)
+        )
+
+    def _candidates(self, parts: Names) -> list[str]:
+        bricks = self._structures.bricks
+
+        def top_first(name: str) -> tuple[int, int, int, str]:
+            cell = bricks[name].cell
+            return -cell.z, -cell.x, -cell.y, name
+
+        return sorted(parts, key=top_first)
+
+    def _reason(self, names: Names, brick: str, way: str) -> str:
+        if way == PLAIN:
+            return "the structure bears the press from above"
+        if way == SUPPORTED:
+            presses = self._insertion.roomy_presses(names, brick, up=False)
+            del presses
+            return "pressed from above alone, the structure would give way"
+        above = self._structures.above(names, brick)
+        return f"it hangs below {self._place(above[0])}, with nothing under it"
+
+    def _why_not(self, names: Names, brick: str) -> str:
+        rest = self._structures.standing(names - {brick})
+        if not rest.stable:
+            what = self._place(rest.brick or "")
+            return (
+                f"without it nothing holds {what}"
+                if math.isinf(rest.score)
+                else f"without it {what} gives way"
+            )
+        from_above = self._insertion.obstacle(names, brick, PLAIN)
+        from_below = self._insertion.obstacle(names, brick, FROM_BELOW)
+        if from_above and from_below:
+            return f"{from_above} and {from_below}"
+        up = from_above is not None
+        if up and not self._rules.place_up:
+            return f"{from_above}, and placing from below is not allowed"
+        presses = self._insertion.roomy_presses(names, brick, up=up)
+        if not presses:
+            blocker = self._insertion.blocker(names, brick, up=up)
+            return f"the tool has no room: {blocker!r} is in its way"
+        if up:
+            return "no supporting tool above has room and keeps the structure standing"
+        if not self._rules.support:
+            return "the structure gives way under the press, and support is not allowed"
+        return (
+            "the structure gives way under the press, and no supporting tool below has room "
+            "and helps"
+        )
+
+    def _place(self, name: str) -> str:
+        item = self._structures.bricks[name]
+        cell = item.cell
+        return f"{name!r} ({item.brick.name} at [{cell.x}, {cell.y}, {cell.z}])"
