@@ -32,6 +32,7 @@ from twin.run_folder import (
     write_manifest,
 )
 from twin.scenario import Scenario, resolved
+from twin.silence import silenced
 from twin.summary import summarise, write_summary
 from twin.trajectory import object_placements, robot_trajectories
 
@@ -172,6 +173,8 @@ def _write_records(
 
 
 def _audit(folder: Path, progress: Report) -> dict[str, Any]:
+    with silenced():
+        import pybullet  # noqa: F401 - for its greeting
     from twin.audit import audit_run
 
     report = audit_run(folder, lambda done, total: progress(AUDIT, done, total))

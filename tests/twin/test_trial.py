@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -110,6 +111,23 @@ def test_run_leaves_every_promised_file_and_prints_the_figures(
     manifest = json.loads((out / "manifest.json").read_text())
     assert manifest["scenario"]["name"] == "two"
     assert [r["name"] for r in manifest["robots"]] == ["left", "right"]
+
+
+def test_every_file_key_and_column_is_documented(plan: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    arguments = ("run", plan / "two.yaml", "--plan", plan, "--out", out, "-q")
+    assert invoke(*arguments).exit_code == 0
+    page = Path(__file__).parents[2] / "docs" / "reference" / "formats.md"
+    words = set(re.findall(r"`([\w.]+)`", page.read_text()))
+    names = {p.name for p in out.iterdir()}
+    for table in ("trajectory", "objects"):
+        names |= set(pq.read_schema(out / f"{table}.parquet").names)
+    names |= set(json.loads((out / "events.jsonl").read_text().splitlines()[0]))
+    summary = json.loads((out / "summary.json").read_text())
+    names |= set(summary) | set(summary["audit"])
+    names |= set(json.loads((out / "manifest.json").read_text()))
+    names |= set(json.loads((out / "plan.json").read_text()))
+    assert names - words - {f"q_{k}" for k in range(2, 9)} == set()
 
 
 def test_json_output_is_the_summary_and_nothing_else(

@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 from twin.commands.guard import COMPLETED, FAILED, guarded
+from twin.silence import silenced
 
 # Distribution and the module that proves it works.
 PARTS = (
@@ -48,7 +49,8 @@ def doctor(as_json: AsJson = False) -> int:
     missing = {}
     for distribution, module in PARTS:
         try:
-            import_module(module)
+            with silenced():
+                import_module(module)
             found[distribution] = _version(distribution)
         except Exception as error:  # a broken library may raise anything on import
             missing[distribution] = f"{type(error).__name__}: {error}"

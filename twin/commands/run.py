@@ -77,7 +77,7 @@ def run(
         saved = None if plan is None else _saved_plan(plan, chosen, base)
         folder = prepare_run_folder(out, chosen.name)
         if not silent:
-            _announce(chosen, folder)
+            _announce(chosen, folder, compiles=saved is None)
         tpg, planning_s = saved or _planned(chosen, base, progress)
         from twin.trial import Keep, try_plan
 
@@ -157,7 +157,7 @@ def _saved_plan(
     return tpg, {}
 
 
-def _announce(scenario: Scenario, folder: Path) -> None:
+def _announce(scenario: Scenario, folder: Path, *, compiles: bool) -> None:
     from rich.console import Console
 
     from twin.kernel_cache import kernels_are_cached
@@ -167,5 +167,5 @@ def _announce(scenario: Scenario, folder: Path) -> None:
         f"{scenario.name}: {len(scenario.cell.robots)} robots, "
         f"{len(scenario.assembly.steps)} steps, seed {scenario.seed} -> {folder}"
     )
-    if not kernels_are_cached():
-        console.print("compiling kernels, once (about half a minute) ...")
+    if compiles and not kernels_are_cached():
+        console.print("compiling kernels, once ...")

@@ -1,0 +1,109 @@
+"""Every command in the documentation runs, and prints what the page says it prints."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted(
+    [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/**/*.md")]
+)
+_BLOCK = re.compile(
+    r"(?P<mark><!-- expensive -->\n)?```console\n(?P<body>.*?)```", re.DOTALL
+)
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of a page, and the output that the page shows under it."""
+
+    page: Path
+    line: str
+    output: str
+    expensive: bool
+
+    def __str__(self) -> str:
+        return f"{self.page.stem}: {self.line}"
+
+
+def commands() -> list[Command]:
+    out = []
+    for page in PAGES:
+        for block in _BLOCK.finditer(page.read_text(encoding="utf-8")):
+            for part in re.split(r"^\$ ", block["body"], flags=re.MULTILINE)[1:]:
+                line, _, output = part.partition("\n")
+                out.append(Command(page, line, output, block["mark"] is not None))
+    return out
+
+
+COMMANDS = commands()
+CHEAP = [c for c in COMMANDS if c.line.startswith("twin ") and not c.expensive]
+EXPENSIVE = [c for c in COMMANDS if c.line.startswith("twin ") and c.expensive]
+
+
+def run(line: str, logs: Path) -> subprocess.CompletedProcess[str]:
+    program, *arguments = shlex.split(line)
+    assert program == "twin"
+    if arguments[0] == "run":
+        arguments += ["--out", str(logs)]
+    return subprocess.run(
+        [sys.executable, "-m", "twin.cli", *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+
+
+def test_the_pages_have_commands() -> None:
+    assert len(CHEAP) >= 4
+    assert COMMANDS[0].page.name in {"CONTRIBUTING.md", "README.md"}
+
+
+@pytest.mark.parametrize("command", CHEAP, ids=str)
+def test_command_runs(command: Command, tmp_path: Path) -> None:
+    done = run(command.line, tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    assert command.output.strip() in done.stdout
+
+
+@pytest.mark.expensive
+@pytest.mark.parametrize("command", EXPENSIVE, ids=str)
+def test_expensive_command_runs(command: Command, tmp_path: Path) -> None:
+    done = run(command.line, tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+
+
+def test_make_knows_every_target_that_a_page_names() -> None:
+    targets = {c.line.split()[1] for c in COMMANDS if c.line.startswith("make ")}
+    assert targets >= {"demo", "test"}
+    makefile = (ROOT / "Makefile").read_text()
+    for target in targets:
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+
+
+def test_links_between_pages_lead_somewhere() -> None:
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for target in re.findall(r"\]\(([^)#]+)\)", text):
+            if "://" not in target:
+                assert (page.parent / target).exists(), f"{page}: {target}"
+
+
+def test_every_key_of_a_scenario_is_in_the_reference() -> None:
+    from twin.scenario_file import scenario_schema
+
+    text = (ROOT / "docs" / "reference" / "scenario.md").read_text(encoding="utf-8")
+    words = set(re.findall(r"[\w-]+", text))
+    for name, part in scenario_schema()["$defs"].items():
+        for key in part.get("properties", {}):
+            assert key in words, f"{name}.{key}"
