@@ -12,7 +12,10 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from planning.errors import OutputError, TwinError
 
@@ -75,21 +78,35 @@ def render_stills(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot hold stills: {error}") from error
-    pictures = []
-    with _headless_viewer(recording, size) as port:
-        client = _connect(port)
-        client.open(str(recording.resolve()))
-        for k, time_s in enumerate(times_s):
-            client.set_time(TIMELINE, duration=float(time_s), play_state="paused")
-            # The viewer answers before it has drawn everything, most of all the first time.
-            time.sleep(_FIRST_SETTLE_S if k == 0 else _SETTLE_S)
-            picture = (folder / f"still_{time_s:09.3f}.png").resolve()
-            if k == 0:
-                client.save_screenshot(str(picture))
-                time.sleep(_SETTLE_S)
-            client.save_screenshot(str(picture))
-            pictures.append(_wait_for(picture))
-    return pictures
+    with _headless_viewer(recording, size) as viewer:
+        client = viewer.client
+        try:
+            client.open(str(recording.resolve()))
+            return [
+                _render_still(client, time_s, folder, first=k == 0)
+                for k, time_s in enumerate(times_s)
+            ]
+        except TwinError:
+            raise
+        except Exception as error:
+            raise viewer.failure(f"the viewer broke off: {error}") from error
+
+
+def _render_still(client: Any, time_s: float, folder: Path, *, first: bool) -> Path:
+    client.set_time(TIMELINE, duration=float(time_s), play_state="paused")
+    picture = (folder / f"still_{time_s:09.3f}.png").resolve()
+    # The viewer answers before it has drawn everything, most of all the first time.
+    time.sleep(_FIRST_SETTLE_S if first else _SETTLE_S)
+    if first:
+        client.save_screenshot(str(picture))
+        time.sleep(_SETTLE_S)
+    client.save_screenshot(str(picture))
+    until = time.monotonic() + _START_S
+    while time.monotonic() < until:
+        if picture.is_file() and picture.stat().st_size > 0:
+            return picture
+        time.sleep(0.1)
+    raise ViewerError(f"the viewer did not draw {picture}")
 
 
 def _viewer_program(recording: Path) -> str:
@@ -105,15 +122,53 @@ def _viewer_program(recording: Path) -> str:
     return program
 
 
+@dataclass
+class _Viewer:
+    """A viewer without a window that is up and answers."""
+
+    process: subprocess.Popen[bytes]
+    port: int
+    log: Path
+
+    @cached_property
+    def client(self) -> Any:
+        """What commands it."""
+        from rerun.experimental import ViewerClient
+
+        until = time.monotonic() + _START_S
+        while True:
+            try:
+                return ViewerClient.connect(f"rerun+http://{_HOST}:{self.port}/proxy")
+            except Exception as error:
+                if self.process.poll() is not None or time.monotonic() > until:
+                    message = "the headless viewer did not start"
+                    raise self.failure(message) from error
+                time.sleep(0.3)
+
+    def failure(self, message: str) -> ViewerError:
+        """Return an error with what the viewer itself had to say."""
+        lines = self.log.read_text(errors="replace").splitlines()
+        said = next((line for line in lines if "panicked" in line), "nothing")
+        return ViewerError(
+            f"{message}; it needs a Vulkan driver, a software one such as Mesa's lavapipe "
+            f"(mesa-vulkan-drivers) is enough. It said: {said}"
+        )
+
+
 @contextmanager
-def _headless_viewer(recording: Path, size: tuple[int, int]) -> Iterator[int]:
-    """Run a viewer without a window; yield its port and end it with all its children."""
+def _headless_viewer(recording: Path, size: tuple[int, int]) -> Iterator[_Viewer]:
+    """Run a viewer without a window, and end it with all its children."""
     program = _viewer_program(recording)
     port = _free_port()
     command = [program, "--headless", "--bind", _HOST, "--port", str(port)]
     command += ["--window-size", f"{size[0]}x{size[1]}", "--hide-welcome-screen"]
     with tempfile.TemporaryDirectory() as home:
-        environment = {**os.environ, "XDG_DATA_HOME": home, "XDG_CONFIG_HOME": home}
+        environment = {
+            **os.environ,
+            "XDG_DATA_HOME": home,
+            "XDG_CONFIG_HOME": home,
+            "NO_COLOR": "1",
+        }
         log = Path(home) / "viewer.log"
         with log.open("wb") as output:
             process = subprocess.Popen(
@@ -124,52 +179,12 @@ def _headless_viewer(recording: Path, size: tuple[int, int]) -> Iterator[int]:
                 start_new_session=True,
             )
         try:
-            _wait_for_port(port, process, log)
-            yield port
+            yield _Viewer(process, port, log)
         finally:
             # The program is a shim: the viewer proper is its child, in the same group.
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGTERM)
             process.wait(timeout=20)
-
-
-def _wait_for_port(port: int, process: subprocess.Popen[bytes], log: Path) -> None:
-    until = time.monotonic() + _START_S
-    while time.monotonic() < until:
-        if process.poll() is not None:
-            break
-        try:
-            with socket.create_connection((_HOST, port), timeout=1.0):
-                return
-        except OSError:
-            time.sleep(0.2)
-    tail = log.read_text(errors="replace").strip().splitlines()[-3:]
-    raise ViewerError(
-        "the headless viewer did not start; it needs a Vulkan driver, such as the package "
-        f"mesa-vulkan-drivers. It said: {' | '.join(tail)}"
-    )
-
-
-def _connect(port: int):  # type: ignore[no-untyped-def]  # the client class is experimental
-    from rerun.experimental import ViewerClient
-
-    until = time.monotonic() + _START_S
-    while True:
-        try:
-            return ViewerClient.connect(f"rerun+http://{_HOST}:{port}/proxy")
-        except Exception as error:
-            if time.monotonic() > until:
-                raise ViewerError(f"the viewer does not answer: {error}") from error
-            time.sleep(0.3)
-
-
-def _wait_for(picture: Path) -> Path:
-    until = time.monotonic() + _START_S
-    while time.monotonic() < until:
-        if picture.is_file() and picture.stat().st_size > 0:
-            return picture
-        time.sleep(0.1)
-    raise ViewerError(f"the viewer did not draw {picture}")
 
 
 def _free_port() -> int:

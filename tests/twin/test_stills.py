@@ -1,0 +1,54 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from tests.twin.twin_toys import random_tpg, toy_cell
+from twin.durations import SkillDurations
+from twin.engine import simulate
+from twin.recorders.memory import MemoryRecorder
+from twin.recorders.rerun_recording import write_recording
+from twin.replay import replay_run
+from twin.viewer import ViewerError
+
+ARM = """<robot name="toy">
+  <link name="base"/>
+  <link name="bar">
+    <visual name="bar">
+      <origin xyz="0.2 0 0"/>
+      <geometry><box size="0.4 0.1 0.1"/></geometry>
+      <material name="red"><color rgba="0.9 0.1 0.1 1"/></material>
+    </visual>
+  </link>
+  <joint name="joint_0" type="revolute">
+    <parent link="base"/><child link="bar"/>
+    <axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" velocity="1" effort="1"/>
+  </joint>
+</robot>
+"""
+
+
+@pytest.mark.expensive
+def test_stills_show_the_robot_where_it_is(tmp_path: Path) -> None:
+    urdf = tmp_path / "toy.urdf"
+    urdf.write_text(ARM)
+    tpg = random_tpg(1, dofs=(1,), tasks=2)
+    tpg = replace(tpg, cell=toy_cell((1,), urdf=urdf))
+    memory = MemoryRecorder()
+    run = simulate(tpg, SkillDurations({}), seed=0, recorders=[memory])
+    write_recording(tmp_path / "run.rrd", tpg, run, memory.events)
+    times = (0.0, run.makespan_s / 2)
+    try:
+        pictures = replay_run(tmp_path, stills_s=times)
+    except ViewerError as error:
+        pytest.skip(f"no headless viewer here: {error}")
+    assert [p.parent for p in pictures] == [tmp_path / "stills"] * 2
+    scenes = [imread(p)[70:560, :1000, :3] for p in pictures]
+    red = [(s[..., 0] > 0.4) & (s[..., 1] < 0.35) & (s[..., 2] < 0.35) for s in scenes]
+    assert all(np.count_nonzero(mask) > 500 for mask in red)
+    assert np.count_nonzero(red[0] != red[1]) > 500
