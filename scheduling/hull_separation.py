@@ -34,18 +34,38 @@ class HullTable(NamedTuple):
         q_a, q_b: ends of the segments, shape (s, n).
         solid: index of the solid of every body of every segment, -1 for none, shape
             (s, bodies).
-        first: where the corners of a solid begin, shape (solids + 1,).
         joint: joint that carries a solid, -1 for the base, AT_REST for none, shape (solids,).
+        corner_first: where the corners of a solid begin, shape (solids + 1,).
         corners: hull corners in the joint's frame, or in the world, shape (all, 3) [m].
+        capsule_first: where the capsules of a solid begin, shape (solids + 1,).
+        ends: capsule starts and ends in the same frame, shape (capsules, 2, 3) [m].
+        radius: capsule radii, shape (capsules,) [m].
     """
 
     kernel: RobotKernel
     q_a: Array
     q_b: Array
     solid: npt.NDArray[np.int32]
-    first: Indices
     joint: Indices
+    corner_first: Indices
     corners: Array
+    capsule_first: Indices
+    ends: Array
+    radius: Array
+
+
+@njit(cache=True)
+def _pose(table: HullTable, q_a: Array, q_b: Array, poses: Array) -> None:
+    """Write the joint poses at the middle of a motion."""
+    kernel = table.kernel
+    joint_poses(
+        kernel.placement,
+        kernel.axis,
+        kernel.prismatic,
+        kernel.base,
+        0.5 * (q_a + q_b),
+        poses,
+    )
 
 
 @njit(cache=True)
@@ -57,7 +77,7 @@ def _place(
     The bound is of how far any point of the body strays from its place in the middle; the
     argument is that of planning.geometry.swept.
     """
-    first, last = table.first[solid], table.first[solid + 1]
+    first, last = table.corner_first[solid], table.corner_first[solid + 1]
     joint = table.joint[solid]
     count = last - first
     if joint == AT_REST:
@@ -66,14 +86,6 @@ def _place(
                 out[v, r] = table.corners[first + v, r]
         return count, 0.0
     kernel = table.kernel
-    joint_poses(
-        kernel.placement,
-        kernel.axis,
-        kernel.prismatic,
-        kernel.base,
-        0.5 * (q_a + q_b),
-        poses,
-    )
     pose = poses[joint + 1]
     for v in range(count):
         for r in range(3):
@@ -82,6 +94,7 @@ def _place(
                 total += pose[r, k] * table.corners[first + v, k]
             out[v, r] = total
     moved = 0.0
+    c_first, c_last = table.capsule_first[solid], table.capsule_first[solid + 1]
     for j in range(joint, -1, -1):
         half_travel = 0.5 * abs(q_b[j] - q_a[j])
         if half_travel == 0.0:
@@ -96,13 +109,20 @@ def _place(
             ay += frame[1, k] * kernel.axis[j, k]
             az += frame[2, k] * kernel.axis[j, k]
         reach = 0.0
-        for v in range(count):
-            x = out[v, 0] - frame[0, 3]
-            y = out[v, 1] - frame[1, 3]
-            z = out[v, 2] - frame[2, 3]
-            cx, cy, cz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
-            reach = max(reach, cx * cx + cy * cy + cz * cz)
-        moved += half_travel * (np.sqrt(reach) + moved)
+        for c in range(c_first, c_last):
+            for e in range(2):
+                x, y, z = -frame[0, 3], -frame[1, 3], -frame[2, 3]
+                x += pose[0, 3]
+                y += pose[1, 3]
+                z += pose[2, 3]
+                for k in range(3):
+                    x += pose[0, k] * table.ends[c, e, k]
+                    y += pose[1, k] * table.ends[c, e, k]
+                    z += pose[2, k] * table.ends[c, e, k]
+                cx, cy, cz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
+                far = np.sqrt(cx * cx + cy * cy + cz * cz) + table.radius[c]
+                reach = max(reach, far)
+        moved += half_travel * (reach + moved)
     return count, moved
 
 
@@ -152,82 +172,67 @@ def apart_by(a: Array, a_count: int, b: Array, b_count: int, enough: float) -> b
 
 @njit(cache=True)
 def _nearest(simplex: Array, size: int, v: Array) -> int:
-    """Write the point of a simplex nearest to the origin; keep only the corners it needs."""
-    if size == 1:
-        v[:] = simplex[0]
-        return 1
-    best = np.inf
-    keep = np.zeros(4, dtype=np.int64)
-    kept = 0
-    weights = np.empty(3)
-    near = np.empty(3)
+    """Write the point of a simplex nearest to the origin; keep only the corners it needs.
+
+    The newest corner is the last one. Every face, edge and corner is tried, and of those that
+    hold the origin's projection the nearest wins: few operations, and no case to get wrong.
+    """
     if size == 4 and _inside(simplex):
-        v[:] = 0.0
         return 4
-    # The nearest point lies on a face, an edge or a corner: the best of all that hold the
-    # newest corner and whose own nearest point is inside them, and of the others as well.
-    for mask in range(1, 1 << size):
-        count = 0
-        index = np.zeros(4, dtype=np.int64)
-        for s in range(size):
-            if mask & (1 << s):
-                index[count] = s
-                count += 1
-        if count > 3 or not _project(simplex, index, count, weights):
-            continue
-        for k in range(3):
-            near[k] = 0.0
-            for s in range(count):
-                near[k] += weights[s] * simplex[index[s], k]
-        d = near[0] * near[0] + near[1] * near[1] + near[2] * near[2]
-        if d < best:
-            best = d
-            v[:] = near
-            kept = count
-            for s in range(count):
-                keep[s] = index[s]
-    for s in range(kept):
-        for k in range(3):
-            simplex[s, k] = simplex[keep[s], k]
+    best = np.inf
+    ki, kj, kk = 0, -1, -1
+    wi, wj, wk = 1.0, 0.0, 0.0
+    for i in range(size):
+        p0, p1, p2 = simplex[i, 0], simplex[i, 1], simplex[i, 2]
+        pp = p0 * p0 + p1 * p1 + p2 * p2
+        if pp < best:
+            best, ki, kj, kk, wi = pp, i, -1, -1, 1.0
+        for j in range(i + 1, size):
+            e0, e1, e2 = simplex[j, 0] - p0, simplex[j, 1] - p1, simplex[j, 2] - p2
+            ee = e0 * e0 + e1 * e1 + e2 * e2
+            ep = -(e0 * p0 + e1 * p1 + e2 * p2)
+            if 0.0 < ep < ee:
+                d = pp - ep * ep / ee
+                if d < best:
+                    best, ki, kj, kk = d, i, j, -1
+                    wj = ep / ee
+                    wi = 1.0 - wj
+            for k in range(j + 1, size):
+                f0 = simplex[k, 0] - p0
+                f1 = simplex[k, 1] - p1
+                f2 = simplex[k, 2] - p2
+                ff = f0 * f0 + f1 * f1 + f2 * f2
+                ef = e0 * f0 + e1 * f1 + e2 * f2
+                fp = -(f0 * p0 + f1 * p1 + f2 * p2)
+                det = ee * ff - ef * ef
+                if det <= 1e-14 * ee * ff:
+                    continue
+                x, y = (ff * ep - ef * fp) / det, (ee * fp - ef * ep) / det
+                if x <= 0.0 or y <= 0.0 or x + y >= 1.0:
+                    continue
+                d = pp - x * ep - y * fp
+                if d < best:
+                    best, ki, kj, kk = d, i, j, k
+                    wi, wj, wk = 1.0 - x - y, x, y
+    for r in range(3):
+        v[r] = wi * simplex[ki, r]
+        if kj >= 0:
+            v[r] += wj * simplex[kj, r]
+        if kk >= 0:
+            v[r] += wk * simplex[kk, r]
+    # ki < kj < kk: nothing is overwritten before it is read.
+    kept = 1
+    for r in range(3):
+        simplex[0, r] = simplex[ki, r]
+    if kj >= 0:
+        kept = 2
+        for r in range(3):
+            simplex[1, r] = simplex[kj, r]
+    if kk >= 0:
+        kept = 3
+        for r in range(3):
+            simplex[2, r] = simplex[kk, r]
     return kept
-
-
-@njit(cache=True)
-def _project(simplex: Array, index: Indices, count: int, weights: Array) -> bool:
-    """Write the weights of the origin's projection; False where it falls outside."""
-    if count == 1:
-        weights[0] = 1.0
-        return True
-    p = simplex[index[0]]
-    if count == 2:
-        q = simplex[index[1]]
-        dd = dp = 0.0
-        for k in range(3):
-            e = q[k] - p[k]
-            dd += e * e
-            dp -= e * p[k]
-        if dd <= 0.0 or dp < 0.0 or dp > dd:
-            return False
-        weights[1] = dp / dd
-        weights[0] = 1.0 - weights[1]
-        return True
-    q, r = simplex[index[1]], simplex[index[2]]
-    aa = ab = bb = ap = bp = 0.0
-    for k in range(3):
-        e, f = q[k] - p[k], r[k] - p[k]
-        aa += e * e
-        ab += e * f
-        bb += f * f
-        ap -= e * p[k]
-        bp -= f * p[k]
-    det = aa * bb - ab * ab
-    if det <= 1e-14 * aa * bb:
-        return False
-    s, t = (bb * ap - ab * bp) / det, (aa * bp - ab * ap) / det
-    if s < 0.0 or t < 0.0 or s + t > 1.0:
-        return False
-    weights[0], weights[1], weights[2] = 1.0 - s - t, s, t
-    return True
 
 
 @njit(cache=True)
@@ -248,9 +253,56 @@ def _inside(simplex: Array) -> bool:
     return bool(side[0] >= 0 and side[1] >= 0 and side[2] >= 0 and side[3] >= 0)
 
 
+class Scratch(NamedTuple):
+    """Room to work in: joint poses at the middle of whole segments, and of parts of them.
+
+    Attributes:
+        whole_a, whole_b, part_a, part_b: shape (n + 1, 4, 4).
+        corners_a, corners_b: shape (most corners of a solid, 3).
+        stack: shape (64, 4).
+    """
+
+    whole_a: Array
+    whole_b: Array
+    part_a: Array
+    part_b: Array
+    corners_a: Array
+    corners_b: Array
+    stack: Array
+
+
+@njit(cache=True)
+def make_scratch(a: HullTable, b: HullTable) -> Scratch:
+    """Return room for the bodies of two occupancies."""
+    n, m = a.q_a.shape[1] + 1, b.q_a.shape[1] + 1
+    return Scratch(
+        np.empty((n, 4, 4)),
+        np.empty((m, 4, 4)),
+        np.empty((n, 4, 4)),
+        np.empty((m, 4, 4)),
+        np.empty((np.max(np.diff(a.corner_first)), 3)),
+        np.empty((np.max(np.diff(b.corner_first)), 3)),
+        np.empty((64, 4)),
+    )
+
+
+@njit(cache=True)
+def pose_segments(a: HullTable, s: int, b: HullTable, t: int, scratch: Scratch) -> None:
+    """Prepare two segments for ``hulls_stay_apart``."""
+    _pose(a, a.q_a[s], a.q_b[s], scratch.whole_a)
+    _pose(b, b.q_a[t], b.q_b[t], scratch.whole_b)
+
+
 @njit(cache=True)
 def hulls_stay_apart(
-    a: HullTable, s: int, i: int, b: HullTable, t: int, j: int, clearance: float
+    a: HullTable,
+    s: int,
+    i: int,
+    b: HullTable,
+    t: int,
+    j: int,
+    clearance: float,
+    scratch: Scratch,
 ) -> bool:
     """Tell whether two bodies are proved to keep a clearance, each anywhere on its motion.
 
@@ -258,40 +310,43 @@ def hulls_stay_apart(
         a, s, i: an occupancy, a segment of it and a body.
         b, t, j: likewise for the other.
         clearance: least distance [m]; where negative, 0 is proved or nothing.
+        scratch: after ``pose_segments`` for s and t.
     """
     x, y = a.solid[s, i], b.solid[t, j]
-    poses_a = np.empty((a.q_a.shape[1] + 1, 4, 4))
-    poses_b = np.empty((b.q_a.shape[1] + 1, 4, 4))
-    corners_a = np.empty((a.first[x + 1] - a.first[x], 3))
-    corners_b = np.empty((b.first[y + 1] - b.first[y], 3))
+    corners_a, corners_b, stack = scratch.corners_a, scratch.corners_b, scratch.stack
     step_a, step_b = a.q_b[s] - a.q_a[s], b.q_b[t] - b.q_a[t]
-    stack = np.empty((64, 4))
-    stack[0] = np.array([0.0, 1.0, 0.0, 1.0])
+    stack[0, 0] = stack[0, 2] = 0.0
+    stack[0, 1] = stack[0, 3] = 1.0
     depth = 1
     while depth > 0:
         depth -= 1
         a0, a1, b0, b1 = stack[depth]
-        a_count, a_moved = _place(
-            a, x, a.q_a[s] + a0 * step_a, a.q_a[s] + a1 * step_a, poses_a, corners_a
-        )
-        b_count, b_moved = _place(
-            b, y, b.q_a[t] + b0 * step_b, b.q_a[t] + b1 * step_b, poses_b, corners_b
-        )
-        if apart_by(
-            corners_a, a_count, corners_b, b_count, clearance + a_moved + b_moved
-        ):
+        poses_a, poses_b = scratch.part_a, scratch.part_b
+        from_a, to_a = a.q_a[s] + a0 * step_a, a.q_a[s] + a1 * step_a
+        from_b, to_b = b.q_a[t] + b0 * step_b, b.q_a[t] + b1 * step_b
+        if a1 - a0 == 1.0:
+            poses_a = scratch.whole_a
+        else:
+            _pose(a, from_a, to_a, poses_a)
+        if b1 - b0 == 1.0:
+            poses_b = scratch.whole_b
+        else:
+            _pose(b, from_b, to_b, poses_b)
+        a_count, a_moved = _place(a, x, from_a, to_a, poses_a, corners_a)
+        b_count, b_moved = _place(b, y, from_b, to_b, poses_b, corners_b)
+        enough = clearance + a_moved + b_moved
+        if apart_by(corners_a, a_count, corners_b, b_count, enough):
             continue
-        if a_moved + b_moved < _FINEST or depth + 2 > 64:
+        if a_moved + b_moved < _FINEST or depth + 2 > len(stack):
             return False
         if not apart_by(corners_a, a_count, corners_b, b_count, clearance):
             return False
+        for k in range(2):
+            for c in range(4):
+                stack[depth + k, c] = (a0, a1, b0, b1)[c]
         if a_moved >= b_moved:
-            middle = 0.5 * (a0 + a1)
-            stack[depth] = np.array([a0, middle, b0, b1])
-            stack[depth + 1] = np.array([middle, a1, b0, b1])
+            stack[depth, 1] = stack[depth + 1, 0] = 0.5 * (a0 + a1)
         else:
-            middle = 0.5 * (b0 + b1)
-            stack[depth] = np.array([a0, a1, b0, middle])
-            stack[depth + 1] = np.array([a0, a1, middle, b1])
+            stack[depth, 3] = stack[depth + 1, 2] = 0.5 * (b0 + b1)
         depth += 2
     return True

@@ -202,7 +202,8 @@ def rest_occupancy(
     # No robot carries it; any one's kernel will do.
     kernel = robot_kernel(tpg.cell.robots[0])
     q = np.ascontiguousarray(tpg.cell.robots[0].home[None], dtype=np.float64)
-    hulls = _hull_table(kernel, q, q, np.zeros((1, 1), dtype=np.int32), solids)
+    only = np.zeros((1, 1), dtype=np.int32)
+    hulls = _hull_table(kernel, q, q, only, solids, (body,))
     return Occupancy(sequence, solids, hulls)
 
 
@@ -212,7 +213,13 @@ def _hull_table(
     q_b: Array,
     solid: npt.NDArray[np.int32],
     solids: Sequence[Solid],
+    bodies: Sequence[ConvexBody],
 ) -> HullTable:
+    starts, ends = [], []
+    for item, body in zip(solids, bodies, strict=True):
+        start, end, _ = _placed(body, item.local)
+        starts.append(start)
+        ends.append(end)
     corners = [
         s.vertices
         if s.carrier is not None
@@ -224,11 +231,16 @@ def _hull_table(
         q_a,
         q_b,
         solid,
-        np.cumsum([0, *(len(c) for c in corners)]).astype(np.int64),
         np.array(
             [AT_REST if s.carrier is None else s.joint for s in solids], dtype=np.int64
         ),
+        np.cumsum([0, *(len(c) for c in corners)]).astype(np.int64),
         np.ascontiguousarray(np.concatenate(corners)),
+        np.cumsum([0, *(len(b.capsules.radius) for b in bodies)]).astype(np.int64),
+        np.ascontiguousarray(
+            np.stack([np.concatenate(starts), np.concatenate(ends)], 1)
+        ),
+        np.concatenate([b.capsules.radius for b in bodies]),
     )
 
 
@@ -270,6 +282,7 @@ def _assemble(
     kernel = robot_kernel(robot)
     solids = robot_solids(robot, kernel)
     parts = robot.model.parts
+    bodies = [part.body for part in parts]
     count = len(q_a)
     slots = _assign_slots(runs)
     depth = max(slots, default=-1) + 1
@@ -282,14 +295,14 @@ def _assemble(
     start, end = np.zeros((count, total, 3)), np.zeros((count, total, 3))
     radius = np.full((count, total), INACTIVE)
     start[:, :own], end[:, :own], radius[:, :own] = sweep_segments(kernel, q_a, q_b)
-    bodies = len(parts) + depth
-    entity = np.full((count, bodies), -1, dtype=np.int32)
+    count_bodies = len(parts) + depth
+    entity = np.full((count, count_bodies), -1, dtype=np.int32)
     entity[:, : len(parts)] = [
         entities[robot_entity(robot.name, part.group)] for part in parts
     ]
-    still = np.zeros((count, bodies), dtype=np.bool_)
+    still = np.zeros((count, count_bodies), dtype=np.bool_)
     still[:, : len(parts)] = [part.joint < 0 for part in parts]
-    solid = np.full((count, bodies), -1, dtype=np.int32)
+    solid = np.full((count, count_bodies), -1, dtype=np.int32)
     solid[:, : len(parts)] = np.arange(len(parts))
     for (span, first, stop), slot in zip(runs, slots, strict=True):
         body = tpg.cell.object(span.object).body
@@ -316,11 +329,12 @@ def _assemble(
         still[which, len(parts) + slot] = not span.carried
         solid[which, len(parts) + slot] = len(solids)
         solids.append(item)
+        bodies.append(body)
     body_of = np.concatenate(
         [kernel.body, len(parts) + np.repeat(np.arange(depth), room)]
     )
     sequence = swept_sequence(node, *tasks, start, end, radius, body_of, entity, still)
-    hulls = _hull_table(kernel, q_a, q_b, solid, solids)
+    hulls = _hull_table(kernel, q_a, q_b, solid, solids, bodies)
     return Occupancy(sequence, tuple(solids), hulls)
 
 

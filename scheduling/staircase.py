@@ -15,7 +15,13 @@ from numba import njit
 from planning.geometry.distance import segment_segment
 from planning.transforms import Array
 from scheduling.contacts import ContactTable, may_touch
-from scheduling.hull_separation import HullTable, hulls_stay_apart
+from scheduling.hull_separation import (
+    HullTable,
+    Scratch,
+    hulls_stay_apart,
+    make_scratch,
+    pose_segments,
+)
 from scheduling.swept_sequence import SweptSequence
 from scheduling.temporal_plan_graph import Indices
 
@@ -177,14 +183,17 @@ def _keep_close_hulls(
     slack: float,
     out: npt.NDArray[np.int64],
     count: int,
+    scratch: Scratch,
 ) -> int:
     """Drop the pairs of bodies whose hulls are proved to stay apart; return what is left."""
     left = 0
+    if count > 0:
+        pose_segments(a_hulls, s, b_hulls, t, scratch)
     for e in range(count):
         i, j = out[e, 0], out[e, 1]
         robots = a.entity[s, i] < table.robots and b.entity[t, j] < table.robots
         limit = table.clearance[0] if robots else table.clearance[1]
-        if not hulls_stay_apart(a_hulls, s, i, b_hulls, t, j, limit - slack):
+        if not hulls_stay_apart(a_hulls, s, i, b_hulls, t, j, limit - slack, scratch):
             out[left, 0], out[left, 1] = i, j
             left += 1
     return left
@@ -223,6 +232,7 @@ def next_proposal(
         that the descent is over.
     """
     gap = max(table.clearance[0], table.clearance[1])
+    scratch = make_scratch(a_hulls, b_hulls)
     leaf_a, leaf_b = len(a.block_first) // 2, len(b.block_first) // 2
     while depth > 0:
         depth -= 1
@@ -237,7 +247,7 @@ def next_proposal(
             count = close_bodies(a, s, b, t, table, out)
             if not np.isnan(slack):
                 count = _keep_close_hulls(
-                    a, a_hulls, s, b, b_hulls, t, table, slack, out, count
+                    a, a_hulls, s, b, b_hulls, t, table, slack, out, count, scratch
                 )
             if count > 0:
                 return depth, s, t, count
