@@ -1,0 +1,300 @@
+"""How each robot could do each skill of an assembly, found once and remembered.
+
+What depends on the robot, the stock brick and the grip (the pick) is apart from what depends on
+the robot, the step and the grip (the place): their product is never checked pair by pair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from planning.lego.allowed_contacts import (
+    beside_tool,
+    gripped,
+    grounded,
+    seated,
+    supporting,
+)
+from planning.lego.brick_world import (
+    BrickWorld,
+    Placed,
+    goal_name,
+    press_of,
+)
+from planning.lego.grips import grip_pose
+from planning.lego.skill_paths import (
+    Obstruction,
+    SkillContacts,
+    SkillPath,
+    SkillScene,
+    find_obstruction,
+    resolve_skill,
+)
+from planning.lego.skill_targets import (
+    SkillTargets,
+    held_box,
+    pick_targets,
+    place_down_targets,
+    place_up_contact,
+    place_up_targets,
+    support_skill,
+)
+from planning.lego.support import support_bottom_targets, support_top_targets
+from planning.transforms import Array
+from planning.workcell import Attachment, PlacedRobot
+
+NOTHING: frozenset[frozenset[str]] = frozenset()
+
+
+@dataclass(frozen=True)
+class SkillOption:
+    """A way to do a skill.
+
+    Attributes:
+        path: in joint space.
+        after: stock bricks that stand in the way until they have been used.
+        latest: last step at which it is possible, because a later brick is in the way; None
+            when none is.
+    """
+
+    path: SkillPath
+    after: frozenset[str] = frozenset()
+    latest: int | None = None
+
+
+class SkillOptions:
+    """Finds picks, places and supports; each is worked out at most once.
+
+    The scene is the stock at rest and the goals of the earlier steps, other robots at HOME.
+    """
+
+    def __init__(self, world: BrickWorld) -> None:
+        self.world = world
+        self.home: dict[str, Array] = {r.name: r.home for r in world.cell.robots}
+        self._known: dict[tuple[Any, ...], SkillOption | Obstruction] = {}
+
+    def pick(self, robot: str, stock: str, grasp: int) -> SkillOption | Obstruction:
+        """Return how a robot picks a stock brick with a grip."""
+        key = ("pick", robot, stock, grasp)
+        if key not in self._known:
+            self._known[key] = self._pick(self.world.cell.robot(robot), stock, grasp)
+        return self._known[key]
+
+    def place(
+        self, robot: str, step: int, grasp: int, beside: SkillPath | None = None
+    ) -> SkillOption | Obstruction:
+        """Return how a robot places the brick of a step, down or up.
+
+        Args:
+            robot: who places.
+            step: counted from 1.
+            grasp: number of the grip.
+            beside: support of another robot, which stands supporting meanwhile; None for HOME.
+        """
+        who = (beside.robot, beside.support) if beside else None
+        key = ("place", robot, step, grasp, who)
+        if key not in self._known:
+            self._known[key] = self._place(robot, step, grasp, beside)
+        return self._known[key]
+
+    def support(self, robot: str, step: int) -> SkillOption | Obstruction:
+        """Return how a robot supports a step, from the first pre-pose that works."""
+        key = ("support", robot, step)
+        if key not in self._known:
+            self._known[key] = self._support(self.world.cell.robot(robot), step)
+        return self._known[key]
+
+    def _pick(
+        self, robot: PlacedRobot, stock: str, grasp: int
+    ) -> SkillOption | Obstruction:
+        world = self.world
+        cell, kind = world.stock_cells[stock]
+        press, top = press_of(grasp), world.start_top(stock)
+        frames = robot.model.frames
+        targets = pick_targets(
+            frames, kind, top, press, twist=world.assembly.twist["pick"]
+        )
+        others = {k: v for k, v in world.stock_cells.items() if k != stock}
+        grip = gripped(robot.name, stock)
+        touching = grip | seated(stock, cell, kind, others)
+        touching |= beside_tool(robot.name, cell, kind, others)
+        start = world.stock_at_rest[stock][1].pose
+        touching |= grounded(stock, start, world.cell.fixtures)
+        held = held_box(frames, "tool", grip_pose(top, kind, press), top)
+        above = world.above(stock)
+        goals = world.goals(range(1, len(world.assembly.steps) + 1))
+        here = {k: v for k, v in world.stock_at_rest.items() if k not in above}
+        scene = SkillScene(
+            world.cell,
+            {**here, **goals},
+            self.home,
+            SkillContacts(NOTHING, touching, grip),
+            (stock, Attachment(robot.name, held)),
+        )
+        loose = {k for k in here if not world.stock[k].fixed} - {stock} | set(goals)
+        option = self._resolve(robot, targets, scene, loose)
+        if isinstance(option, Obstruction):
+            return option
+        return replace(option, after=option.after | above)
+
+    def place_targets(self, robot: str, step: int, grasp: int) -> SkillTargets:
+        """Return the subgoals of placing the brick of a step."""
+        world = self.world
+        work = world.step(step)
+        frames = world.cell.robot(robot).model.frames
+        kind, top, press = (
+            world.kind(work.brick),
+            world.goal_top(step),
+            press_of(grasp),
+        )
+        if work.up:
+            contact = place_up_contact(top, kind, press)
+            return place_up_targets(
+                frames,
+                contact,
+                attack=work.attack,
+                twist=world.assembly.twist["place-up"],
+            )
+        return place_down_targets(
+            frames,
+            kind,
+            top,
+            press,
+            attack=work.attack,
+            twist=world.assembly.twist["place-down"],
+        )
+
+    def held_for_place(self, robot: str, step: int, grasp: int) -> Attachment:
+        """Return how a robot holds the brick that it is about to place."""
+        world = self.world
+        work = world.step(step)
+        frames = world.cell.robot(robot).model.frames
+        kind, top, press = (
+            world.kind(work.brick),
+            world.goal_top(step),
+            press_of(grasp),
+        )
+        if work.up:
+            contact = place_up_contact(top, kind, press)
+            return Attachment(robot, held_box(frames, "alt", contact, top))
+        tool = grip_pose(top, kind, press)
+        return Attachment(robot, held_box(frames, "tool", tool, top))
+
+    def around(self, step: int) -> dict[str, Placed]:
+        """Return the stock at rest and the goals of the earlier steps."""
+        return {
+            **self.world.stock_at_rest,
+            **self.world.goals(range(1, step)),
+        }
+
+    def _loose(self) -> set[str]:
+        return {k for k, item in self.world.stock.items() if not item.fixed}
+
+    def _place(
+        self, robot: str, step: int, grasp: int, beside: SkillPath | None
+    ) -> SkillOption | Obstruction:
+        world = self.world
+        name = goal_name(step)
+        work = world.step(step)
+        others = world.cells_during(step)
+        kind = world.kind(work.brick)
+        grip = gripped(robot, name)
+        touching = grip | seated(name, work.cell, kind, others)
+        touching |= beside_tool(robot, work.cell, kind, others)
+        goal, at_goal = world.goal(step)
+        touching |= grounded(name, at_goal.pose, world.cell.fixtures)
+        standing = dict(self.home)
+        if beside is not None:
+            standing[beside.robot] = beside.path[-1]
+            touching |= self.supported(beside.robot, step)
+        scene = SkillScene(
+            world.cell,
+            {
+                **self.around(step),
+                name: (goal, self.held_for_place(robot, step, grasp)),
+            },
+            standing,
+            SkillContacts(grip, touching, NOTHING),
+            (name, at_goal),
+        )
+        targets = self.place_targets(robot, step, grasp)
+        return self._resolve(world.cell.robot(robot), targets, scene, self._loose())
+
+    def supported(self, robot: str, step: int) -> frozenset[frozenset[str]]:
+        """Return what a supporting tool may touch, the brick of the step included."""
+        world = self.world
+        work = world.step(step)
+        assert work.support is not None
+        bricks = {**world.cells_during(step), **world.goal_cells([step])}
+        return supporting(robot, work.support, bricks)
+
+    def _support(self, robot: PlacedRobot, step: int) -> SkillOption | Obstruction:
+        world = self.world
+        work = world.step(step)
+        if work.support is None:
+            return Obstruction("the step does not say where to support")
+        plate = world.assembly.plate
+        find = support_top_targets if work.up else support_bottom_targets
+        targets = find(plate, work.support)
+        held = self.supported(robot.name, step)
+        scene = SkillScene(
+            world.cell,
+            self.around(step),
+            self.home,
+            SkillContacts(held, held, held),
+        )
+        reason: Obstruction | None = None
+        for k in range(len(targets.pre)):
+            skill = support_skill(targets, pre=k)
+            option = self._resolve(robot, skill, scene, self._loose(), support=k)
+            if isinstance(option, SkillOption):
+                return option
+            reason = reason or option
+        assert reason is not None
+        return reason
+
+    def _resolve(
+        self,
+        robot: PlacedRobot,
+        targets: SkillTargets,
+        scene: SkillScene,
+        loose: Iterable[str],
+        *,
+        support: int = 0,
+    ) -> SkillOption | Obstruction:
+        """Return a path clear of everything, or else of everything that will be gone."""
+        path = resolve_skill(
+            robot, targets, lambda p: find_obstruction(p, scene), support=support
+        )
+        if isinstance(path, SkillPath):
+            return SkillOption(path)
+        if path.by is None or path.by not in (loose := set(loose)):
+            return path
+        removed: dict[int, list[str]] = {}
+
+        def clear_but_loose(candidate: SkillPath) -> Obstruction | None:
+            rest, gone = scene, []
+            while True:
+                found = find_obstruction(candidate, rest)
+                if found is None:
+                    removed[id(candidate)] = gone
+                    return None
+                if found.by is None or found.by not in loose or found.by in gone:
+                    return found
+                gone.append(found.by)
+                rest = rest.without(found.by)
+
+        again = resolve_skill(robot, targets, clear_but_loose, support=support)
+        if not isinstance(again, SkillPath):
+            return again
+        return self._with_obstacles(again, removed[id(again)])
+
+    def _with_obstacles(self, path: SkillPath, gone: Iterable[str]) -> SkillOption:
+        steps: Mapping[str, int] = {
+            goal_name(k): k for k in range(1, len(self.world.assembly.steps) + 1)
+        }
+        later = [steps[name] for name in gone if name in steps]
+        stock = frozenset(name for name in gone if name not in steps)
+        return SkillOption(path, stock, min(later) if later else None)
