@@ -1,9 +1,10 @@
 """A URDF rewritten so that Bullet measures every collision shape exactly.
 
-Bullet puts the shapes of a link in one compound, whose children keep a margin of 1 mm that
-cannot be taken away. A shape that is alone in its link, at the link's origin, is not put in a
-compound: boxes, cylinders and spheres then have sharp faces once their margin is set to zero.
-Nothing else of the description changes.
+Bullet gives every shape of a URDF a margin of 1 mm that cannot be taken away. It inflates the
+hulls of meshes by it, and rounds the edges of boxes and cylinders off with it. So boxes and
+cylinders are made larger by 1 mm here: what Bullet then measures is the distance of the sharp
+shape less 1 mm, for them as for hulls. And every shape becomes a link of its own, so that
+distances are those of single convex shapes.
 """
 
 from __future__ import annotations
@@ -17,6 +18,10 @@ from pathlib import Path
 from planning.errors import RobotModelError
 
 
+MARGIN = 0.001
+"""Bullet's margin of the shapes of a URDF [m]."""
+
+
 @dataclass(frozen=True)
 class ShapeLink:
     """A link that carries one collision shape.
@@ -24,12 +29,12 @@ class ShapeLink:
     Attributes:
         link: name of the new link.
         owner: link of the original description that the shape belongs to.
-        mesh: True when the shape is the hull of a mesh.
+        margin: by how much Bullet inflates it [m].
     """
 
     link: str
     owner: str
-    mesh: bool
+    margin: float
 
 
 def one_shape_a_link(
@@ -59,14 +64,31 @@ def one_shape_a_link(
             link.remove(child)
         link.append(_unit_inertia())
         for number, collision in enumerate(collisions):
-            mesh = collision.find("geometry/mesh")
-            if mesh is not None:
-                mesh.set("filename", _mesh_file(mesh, urdf, package_dirs))
+            margin = _prepare(collision, urdf, package_dirs)
             name = f"{owner}//{number}"
-            shapes.append(ShapeLink(name, owner, mesh is not None))
+            shapes.append(ShapeLink(name, owner, margin))
             robot.append(_shape_link(name, collision))
             robot.append(_mount(name, owner, collision.find("origin")))
     return ElementTree.tostring(robot, encoding="unicode"), tuple(shapes)
+
+
+def _prepare(
+    collision: ElementTree.Element, urdf: Path, package_dirs: Sequence[Path]
+) -> float:
+    """Grow a shape by the margin or complete its file name; return how far it is inflated."""
+    box = collision.find("geometry/box")
+    if box is not None:
+        size = [float(s) + 2 * MARGIN for s in str(box.get("size")).split()]
+        box.set("size", " ".join(map(repr, size)))
+    cylinder = collision.find("geometry/cylinder")
+    if cylinder is not None:
+        cylinder.set("radius", repr(float(str(cylinder.get("radius"))) + MARGIN))
+        cylinder.set("length", repr(float(str(cylinder.get("length"))) + 2 * MARGIN))
+    mesh = collision.find("geometry/mesh")
+    if mesh is not None:
+        mesh.set("filename", _mesh_file(mesh, urdf, package_dirs))
+    # A sphere is a point with its radius for a margin: nothing to make up for.
+    return 0.0 if collision.find("geometry/sphere") is not None else MARGIN
 
 
 def _shape_link(name: str, collision: ElementTree.Element) -> ElementTree.Element:

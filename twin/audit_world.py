@@ -1,10 +1,10 @@
 """The audit's own copy of the cell in PyBullet: robots from their URDF files, boxes for the rest.
 
 Distances of Bullet and of coal on the same shapes differ by at most 0.04 mm (measured on boxes,
-cylinders, and hulls of meshes, up to 4 mm deep), once two things are done: the margin of boxes,
-cylinders and spheres is set to zero, and the 1 mm by which Bullet inflates the hull of a mesh is
-added to what it reports. When hulls overlap, Bullet's penetration solver was wrong by more than
-that at 1 of 3000 random placements; neighbouring samples of a motion do not share such a slip.
+cylinders, and hulls of meshes, up to 4 mm deep), once margins are made up for: that of single
+boxes is set to zero, that of the shapes of robots is added to what Bullet reports. When hulls
+overlap, Bullet's penetration solver was wrong by more than that at 1 of 3000 random placements;
+neighbouring samples of a motion do not share such a slip.
 """
 
 from __future__ import annotations
@@ -20,9 +20,6 @@ from planning.errors import RobotModelError
 from planning.transforms import Array, Transform, quat_wxyz
 from twin.audit_scene import AuditBox, AuditRobot, AuditScene
 from twin.audit_urdf import one_shape_a_link
-
-MESH_MARGIN = 0.001
-"""Bullet inflates the hull of a mesh in a URDF by this [m]."""
 
 BASE = -1
 
@@ -123,10 +120,6 @@ class AuditWorld:
         rotation, position = self.link_frames(index, np.zeros((1, len(moved))))
         for shape in shapes:
             link = links[shape.link]
-            margin = MESH_MARGIN
-            if not shape.mesh:
-                self._sharpen(body, link)
-                margin = 0.0
             carrier = link
             while carrier != BASE and carrier not in moved:
                 carrier = parent[carrier]
@@ -146,7 +139,7 @@ class AuditWorld:
                     joint,
                     rotation[0, joint + 1].T @ middle,
                     float(0.5 * np.linalg.norm(high - low)),
-                    margin,
+                    shape.margin,
                 )
             )
 
@@ -156,7 +149,9 @@ class AuditWorld:
             pybullet.GEOM_BOX, halfExtents=half, physicsClientId=self._client
         )
         body = pybullet.createMultiBody(0, shape, physicsClientId=self._client)
-        self._sharpen(body, BASE)
+        pybullet.changeDynamics(
+            body, BASE, collisionMargin=0.0, physicsClientId=self._client
+        )
         self.place(body, box.pose)
         return Shape(
             box.name,
@@ -168,11 +163,6 @@ class AuditWorld:
             np.zeros(3),
             float(np.linalg.norm(half)),
             0.0,
-        )
-
-    def _sharpen(self, body: int, link: int) -> None:
-        pybullet.changeDynamics(
-            body, link, collisionMargin=0.0, physicsClientId=self._client
         )
 
     def place(self, body: int, pose: Transform) -> None:
