@@ -119,6 +119,23 @@ def test_an_output_folder_that_cannot_be_is_refused_before_planning(
     assert "cannot be written to" in result.stderr
 
 
+@pytest.mark.parametrize("before", [False, True])
+def test_planning_that_fails_ends_with_code_1_and_leaves_no_folder(
+    before: bool, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise InfeasibleStepError("step 1 (2x4) cannot be done")
+
+    monkeypatch.setattr("twin.pipeline.plan_scenario", fail)
+    (here / "small.yaml").write_text(SMALL)
+    if before:
+        (here / "run").mkdir()
+    result = invoke("run", "small.yaml", "--out", "run")
+    assert result.exit_code == 1
+    assert result.stderr.splitlines()[-1] == "error: step 1 (2x4) cannot be done"
+    assert (here / "run").exists() == before
+
+
 def test_validate_checks_every_file_and_says_what_is_in_them(here: Path) -> None:
     (here / "good.yaml").write_text(SMALL)
     (here / "bad.yaml").write_text(SMALL.replace("gp4", "gp9"))
@@ -254,3 +271,4 @@ def test_ctrl_c_while_planning_ends_with_130_and_a_message(here: Path) -> None:
     assert process.returncode == 130
     assert "interrupted" in stderr
     assert "Traceback" not in stderr
+    assert not (here / "run").exists()

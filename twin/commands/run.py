@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -75,10 +76,16 @@ def run(
     with StageDisplay(enabled=not silent) as progress:
         base = scenario.parent
         saved = None if plan is None else _saved_plan(plan, chosen, base)
+        existed = out is not None and out.exists()
         folder = prepare_run_folder(out, chosen.name)
         if not silent:
             _announce(chosen, folder, compiles=saved is None)
-        tpg, planning_s = saved or _planned(chosen, base, progress)
+        try:
+            tpg, planning_s = saved or _planned(chosen, base, progress)
+        except BaseException:
+            if not existed:
+                _remove_if_empty(folder)
+            raise
         from twin.trial import Keep, try_plan
 
         trial = try_plan(
@@ -155,6 +162,12 @@ def _saved_plan(
                 f"the plan in {folder} is for other {what} than scenario {scenario.name!r}"
             )
     return tpg, {}
+
+
+def _remove_if_empty(folder: Path) -> None:
+    """Leave no empty folder behind when planning fails."""
+    with contextlib.suppress(OSError):
+        folder.rmdir()
 
 
 def _announce(scenario: Scenario, folder: Path, *, compiles: bool) -> None:
