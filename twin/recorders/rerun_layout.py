@@ -89,19 +89,18 @@ def _camera(cell: Workcell) -> rrb.EyeControls3D:
     """Look across the line of robots, from slightly above, at what they work on."""
     bases = np.array([robot.base[:3, 3] for robot in cell.robots]).reshape(-1, 3)
     things = np.array([item.start[:3, 3] for item in cell.objects]).reshape(-1, 3)
-    points = (
-        np.vstack([bases, things]) if len(bases) + len(things) else np.zeros((1, 3))
-    )
+    points = np.vstack([bases, things])
+    if len(points) == 0:
+        points = np.zeros((1, 3))
     low, high = points.min(axis=0), points.max(axis=0)
-    centre = 0.5 * (low + high)
-    target: Array = np.append(centre[:2], high[2] + 0.25)
+    work = things if len(things) else points
+    target: Array = np.append(0.5 * (low + high)[:2], work[:, 2].mean() + 0.1)
     size = max(float(np.linalg.norm(high[:2] - low[:2])), 0.8)
     line = bases[-1, :2] - bases[0, :2] if len(bases) > 1 else np.array([1.0, 0.0])
     norm = float(np.linalg.norm(line))
     along = line / norm if norm > 1e-6 else np.array([1.0, 0.0])
     across = np.array([along[1], -along[0]])
-    flat = 1.45 * across + 0.3 * along
-    eye = target + size * np.append(flat, 0.75)
+    eye = target + size * np.append(1.2 * across + 0.25 * along, 0.7)
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=[0, 0, 1]
     )

@@ -83,7 +83,8 @@ def _log_fixtures(rec: rr.RecordingStream, cell: Workcell) -> None:
             entity_path(layout.FIXTURES, fixture.name),
             rr.CoordinateFrame(WORLD_FRAME),
             rr.Boxes3D(
-                sizes=[fixture.size],
+                # A hair larger each: faces that lie in one plane would flicker.
+                sizes=[fixture.size + 0.0004 * k],
                 centers=[fixture.pose[:3, 3]],
                 quaternions=[quat_xyzw(fixture.pose)],
                 colors=[_FIXTURE_GREYS[k % len(_FIXTURE_GREYS)]],
@@ -230,6 +231,8 @@ def _level(tpg: TemporalPlanGraph, event: Event) -> str:
 def _sentence(tpg: TemporalPlanGraph, event: Event) -> str:
     if not event.robot:
         return f"run {event.kind}: {event.detail}"
+    if event.kind == "waiting":
+        return f"{event.robot} {event.detail}"
     label = tpg.tasks[event.task].label if event.task >= 0 else ""
     words = [
         event.robot,
