@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from planning.assignment import HighsAssignmentSolver
+from planning.lego.candidates import find_candidates
+from planning.lego.expansion import StepExpansions
 from planning.lego.structure import LegoAssembly
 from planning.motion_plan import MotionPlan
 from planning.sequential import MotionSettings, plan_sequential
@@ -79,21 +81,20 @@ def plan_scenario(
         TransitError: no collision-free path was found.
         PlanInvariantError: the plan breaks a guarantee, which is a fault of this program.
     """
-    from planning.lego.candidates import find_candidates
-    from planning.lego.expansion import expand_steps, link_steps
-
     watch = _Watch()
     cell, assembly = build_workcell(scenario, folder), build_assembly(scenario)
     with watch.stage("assignment"):
         progress(ASSIGNMENT, 0, 1)
-        problem = find_candidates(cell, assembly)
-        task_plan = HighsAssignmentSolver().assign(problem)
+        candidates = find_candidates(cell, assembly)
+        task_plan = HighsAssignmentSolver().assign(candidates.problem)
         progress(ASSIGNMENT, 1, 1)
     with watch.stage("motion"):
+        steps = StepExpansions(candidates, task_plan)
+        progress(MOTION, 0, len(assembly.steps))
         motion_plan = plan_sequential(
             cell,
-            expand_steps(cell, assembly, problem, task_plan),
-            link_steps,
+            steps.callables(),
+            steps.link,
             motion_settings(scenario, cell, folder),
             lambda done, total: progress(MOTION, done, total),
         )
@@ -103,7 +104,7 @@ def plan_scenario(
             motion_plan, progress=lambda done, total: progress(ORDER, done, total)
         )
         progress(ORDER, 1, 1)
-    return Planned(cell, assembly, task_plan, motion_plan, tpg, watch.seconds)
+    return Planned(cell, assembly, steps.plan, motion_plan, tpg, watch.seconds)
 
 
 def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionSettings:

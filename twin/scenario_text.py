@@ -6,6 +6,8 @@ from typing import Any
 
 import yaml
 
+from twin.scenario_yaml import plain_scalar
+
 _WIDTH = 100
 
 
@@ -19,6 +21,9 @@ class _Dumper(yaml.SafeDumper):
         node = super().represent_data(data)
         if isinstance(node, yaml.CollectionNode) and _is_short(data):
             node.flow_style = True
+        quoted = isinstance(data, str) and plain_scalar(data) != data
+        if isinstance(node, yaml.ScalarNode) and quoted:
+            node.style = "'"  # YAML 1.1, which PyYAML writes, reads some as text
         return node
 
 

@@ -201,17 +201,22 @@ class _Builder:
         if not node.tag.startswith(standard) or "python" in node.tag:
             self.report(node, f"tag {node.tag!r} is not supported")
             return None
-        if _NULL.match(text):
-            return None
-        if _BOOL.match(text):
-            return text.lower() == "true"
-        if _INT.match(text) and len(text) < _LONGEST_INT:
-            return int(text)
-        if _OCT_HEX.match(text):
-            return int(text, 0)
-        if _FLOAT.match(text):
-            return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
-        return text
+        return plain_scalar(text)
+
+
+def plain_scalar(text: str) -> Any:
+    """Return what an unquoted scalar means in the core schema of YAML 1.2."""
+    if _NULL.match(text):
+        return None
+    if _BOOL.match(text):
+        return text.lower() == "true"
+    if _INT.match(text) and len(text) < _LONGEST_INT:
+        return int(text)
+    if _OCT_HEX.match(text):
+        return int(text, 0)
+    if _FLOAT.match(text):
+        return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
+    return text
 
 
 def _mark(node: yaml.Node) -> Mark:
