@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 from planning.lego.allowed_contacts import (
@@ -41,11 +42,15 @@ from planning.lego.skill_targets import (
     place_up_targets,
     support_skill,
 )
+from planning.lego.structure import Subgoal
 from planning.lego.support import support_bottom_targets, support_top_targets
-from planning.transforms import Array
+from planning.transforms import Array, translation
 from planning.workcell import Attachment, PlacedRobot
 
 NOTHING: frozenset[frozenset[str]] = frozenset()
+
+_DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
+"""How far behind the pre-pose a support may start [m]."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +105,11 @@ class SkillOptions:
         return self._known[key]
 
     def support(self, robot: str, step: int) -> SkillOption | Obstruction:
-        """Return how a robot supports a step, from the first pre-pose that works."""
+        """Return how a robot supports a step, from the first pre-pose that works.
+
+        Where bricks beside the pre-pose are too near for a transit to end there, the skill
+        starts further back along the tool.
+        """
         key = ("support", robot, step)
         if key not in self._known:
             self._known[key] = self._support(self.world.cell.robot(robot), step)
@@ -243,11 +252,11 @@ class SkillOptions:
             world.cell,
             self.around(step),
             self.home,
-            SkillContacts(held, held, held),
+            SkillContacts(NOTHING, held, held),
         )
         reason: Obstruction | None = None
-        for k in range(len(targets.pre)):
-            skill = support_skill(targets, pre=k)
+        for back, k in product(_DRAWN_BACK, range(len(targets.pre))):
+            skill = _drawn_back(support_skill(targets, pre=k), back)
             option = self._resolve(robot, skill, scene, self._loose(), support=k)
             if isinstance(option, SkillOption):
                 return option
@@ -298,3 +307,12 @@ class SkillOptions:
         later = [steps[name] for name in gone if name in steps]
         stock = frozenset(name for name in gone if name not in steps)
         return SkillOption(path, stock, min(later) if later else None)
+
+
+def _drawn_back(skill: SkillTargets, distance: float) -> SkillTargets:
+    """Return a skill that starts further back along the tool [m]."""
+    if distance == 0.0:
+        return skill
+    pre = skill.subgoals[0]
+    start = Subgoal("drawn back", pre.frame, pre.pose @ translation(0, 0, -distance))
+    return replace(skill, subgoals=(start, *skill.subgoals))

@@ -1,0 +1,104 @@
+"""Builds the tasks of one step one after another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from planning.lego.skill_paths import Pairs, SkillPath
+from planning.step_tasks import StepTasks
+from planning.task_graph import TRANSIT, AllowedContact, Handling, Task
+from planning.transforms import Array, Transform, readonly
+
+
+@dataclass
+class StepBuilder:
+    """Appends tasks and remembers what depends on what and what may touch what.
+
+    Attributes:
+        step: assembly step, counted from 1.
+        first: index of the first task.
+    """
+
+    step: int
+    first: int
+    _tasks: list[Task] = field(default_factory=list)
+    _dependencies: list[tuple[int, int]] = field(default_factory=list)
+    _allowed: dict[frozenset[str], set[int]] = field(default_factory=dict)
+
+    def transit(self, robot: str, goal: Array, label: str, carries: str | None) -> int:
+        """Append a transit and return its index."""
+        path = readonly(np.atleast_2d(goal))
+        return self._append(Task(self._next, robot, TRANSIT, self.step, label, path, (), carries))
+
+    def skill(
+        self,
+        path: SkillPath,
+        label: str,
+        brick: str | None,
+        holder: str | None = None,
+        pose: Transform | None = None,
+    ) -> int:
+        """Append a skill and return its index.
+
+        Args:
+            path: in joint space.
+            label: for people.
+            brick: what it is about.
+            holder: who holds the brick once it has changed hands, None when it is put down.
+            pose: of the brick then; None for skills in which nothing changes hands.
+        """
+        handlings: tuple[Handling, ...] = ()
+        if pose is not None and brick is not None and path.change_at is not None:
+            change = Handling(brick, path.change_at, holder, readonly(pose))
+            handlings = (change,)
+        task = Task(
+            self._next,
+            path.robot,
+            path.skill,
+            self.step,
+            label,
+            readonly(path.path),
+            handlings,
+            brick,
+        )
+        return self._append(task)
+
+    def depend(self, before: int, after: int) -> None:
+        """Let one task wait for another."""
+        self._dependencies.append((before, after))
+
+    def allow(self, pairs: Pairs, *tasks: int) -> None:
+        """Allow contacts during some tasks."""
+        for entry in pairs:
+            self._allowed.setdefault(entry, set()).update(tasks)
+
+    def of_robot(self, robot: str, first: int, last: int) -> list[int]:
+        """Return the tasks of a robot from one index to another, both included."""
+        return [
+            task.index
+            for task in self._tasks
+            if task.robot == robot and first <= task.index <= last
+        ]
+
+    def build(self) -> StepTasks:
+        """Return the step."""
+        allowed = []
+        for entry, tasks in sorted(self._allowed.items(), key=lambda e: sorted(e[0])):
+            first, second = sorted(entry)
+            allowed.append(AllowedContact(first, second, frozenset(tasks)))
+        return StepTasks(
+            self.step,
+            tuple(self._tasks),
+            tuple(sorted(self._dependencies)),
+            tuple(allowed),
+        )
+
+    @property
+    def _next(self) -> int:
+        return self.first + len(self._tasks)
+
+    def _append(self, task: Task) -> int:
+        self._tasks.append(task)
+        return task.index
