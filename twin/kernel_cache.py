@@ -19,7 +19,7 @@ def kernels_are_cached() -> bool:
         path
         for package in ("planning", "scheduling", "twin")
         for path in (root / package).rglob("*.py")
-        if b"@njit" in path.read_bytes()
+        if b"\n@njit" in path.read_bytes()
     ]
     return all(_is_compiled(path) for path in sources)
 
