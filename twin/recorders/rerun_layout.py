@@ -100,7 +100,7 @@ def _camera(cell: Workcell) -> rrb.EyeControls3D:
     norm = float(np.linalg.norm(line))
     along = line / norm if norm > 1e-6 else np.array([1.0, 0.0])
     across = np.array([along[1], -along[0]])
-    eye = target + size * np.append(1.2 * across + 0.25 * along, 0.7)
+    eye = target + size * np.append(1.05 * across + 0.22 * along, 0.66)
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=[0, 0, 1]
     )

@@ -113,6 +113,18 @@ def _log_objects(
             ),
             static=True,
         )
+        # Edges tell neighbours of one colour apart.
+        rec.log(
+            f"{entity}/edges",
+            rr.CoordinateFrame(frame),
+            rr.Boxes3D(
+                sizes=[item.size],
+                colors=[tuple(channel // 3 for channel in item.colour)],
+                radii=rr.Radius.ui_points(0.6),
+                fill_mode=rr.components.FillMode.MajorWireframe,
+            ),
+            static=True,
+        )
         own = rows[item.name]
         parents = [
             WORLD_FRAME if p.holder is None else flange_frame(p.holder) for p in own
@@ -185,7 +197,9 @@ def _log_steps(
     values: np.ndarray,
     label: str,
 ) -> None:
-    style = rr.SeriesLines(names=[label], interpolation_mode="StepAfter")
+    style = rr.SeriesLines(
+        names=[label], interpolation_mode="StepAfter", aggregation_policy="Off"
+    )
     rec.log(entity, style, static=True)
     rec.send_columns(
         entity,
