@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -95,8 +96,9 @@ def object_node(name: str, occurrence: int) -> tuple[str, str, int]:
 
 
 def build_task_graph(
-    tasks: Sequence[Task], dependencies: Iterable[tuple[int, int]] | npt.NDArray[np.int64]
-) -> nx.DiGraph:
+    tasks: Sequence[Task],
+    dependencies: Iterable[tuple[int, int]] | npt.NDArray[np.int64],
+) -> nx.DiGraph[Any]:
     """Build the task graph of APEX-MR IV-A.
 
     Task nodes carry ``task``, object nodes ``pose`` (world, or in the flange of the robot it is
@@ -112,7 +114,7 @@ def build_task_graph(
         PlanInvariantError: a dependency names no task, an object is handled by a robot that
             does not have it, or the graph has a cycle, which the message names.
     """
-    graph = nx.DiGraph()
+    graph: nx.DiGraph[Any] = nx.DiGraph()
     of_robot: dict[str, list[Task]] = defaultdict(list)
     for task in tasks:
         graph.add_node(task_node(task.index), task=task)
@@ -128,9 +130,7 @@ def build_task_graph(
                 raise PlanInvariantError(
                     f"dependency ({first}, {second}) names task {index}, which is not there"
                 )
-        graph.add_edge(
-            task_node(int(first)), task_node(int(second)), kind="dependency"
-        )
+        graph.add_edge(task_node(int(first)), task_node(int(second)), kind="dependency")
     _add_objects(graph, tasks, of_robot)
     if not nx.is_directed_acyclic_graph(graph):
         cycle = " -> ".join(
@@ -141,7 +141,7 @@ def build_task_graph(
 
 
 def _add_objects(
-    graph: nx.DiGraph, tasks: Sequence[Task], of_robot: dict[str, list[Task]]
+    graph: nx.DiGraph[Any], tasks: Sequence[Task], of_robot: dict[str, list[Task]]
 ) -> None:
     """Add a node for every place where an object rests, with its edges."""
     occurrence: dict[str, int] = defaultdict(int)
@@ -181,7 +181,7 @@ def _next_task(
     return next((t for t in of_robot[robot] if t.index > index), None)
 
 
-def _label(graph: nx.DiGraph, node: tuple[object, ...]) -> str:
+def _label(graph: nx.DiGraph[Any], node: tuple[object, ...]) -> str:
     """Return a node in words."""
     if node[0] == "object":
         return str(node[1])

@@ -47,9 +47,7 @@ class LegoCandidates:
     def place(self, choice: StepChoice) -> SkillPath:
         """Return the place of a choice, with its support robot standing by."""
         beside = self.support(choice)
-        return _path(
-            self.skills.place(choice.robot, choice.step, choice.grasp, beside)
-        )
+        return _path(self.skills.place(choice.robot, choice.step, choice.grasp, beside))
 
     def support(self, choice: StepChoice) -> SkillPath | None:
         """Return the support of a choice, None where there is none."""
@@ -158,9 +156,7 @@ class _Collector:
                 cost = self._cost(place.path) + self._cost(handover.give)
                 cost += joint_distance(self._home[receiver], handover.receive)
                 for stock in self.world.usable_stock(step):
-                    self._add_primary(
-                        step, receiver, stock, grasp, place, cost, giver
-                    )
+                    self._add_primary(step, receiver, stock, grasp, place, cost, giver)
                 self._add_clashes(step, receiver, grasp, supports, first)
 
     def _add_supports(self, step: int) -> dict[int, SkillPath]:
@@ -190,7 +186,9 @@ class _Collector:
         self, robot: str, step: int, grasp: int, supports: dict[int, SkillPath]
     ) -> SkillOption | None:
         """Return the cheapest place, alone or beside any of the supports."""
-        beside = [path for path in supports.values() if path.robot != robot]
+        beside: list[SkillPath | None] = [
+            path for path in supports.values() if path.robot != robot
+        ]
         best: SkillOption | None = None
         reason: Obstruction | None = None
         for support in beside or [None]:

@@ -154,8 +154,10 @@ class _Expander:
         self.kind = self.world.kind(self.work.brick)
         earlier = [c for c in plan.choices if c.step < choice.step]
         placed = {
-            c.object: (self.world.step(c.step).cell, self.world.kind(
-                self.world.step(c.step).brick))
+            c.object: (
+                self.world.step(c.step).cell,
+                self.world.kind(self.world.step(c.step).brick),
+            )
             for c in earlier
         }
         standing = {k: v for k, v in self.world.stock_cells.items() if k not in placed}
@@ -192,7 +194,9 @@ class _Expander:
         build.transit(receiver, handover.pre_receive, "to the handover", None)
         ready = build.transit(receiver, handover.receive, "ready to receive", None)
         build.transit(giver, handover.rest, f"{self.brick} to the handover", self.brick)
-        self._transit(handover.give.lead, giver, f"{self.brick} to {receiver}", self.brick)
+        self._transit(
+            handover.give.lead, giver, f"{self.brick} to {receiver}", self.brick
+        )
         box = box_from_top(handover.top)
         in_hand = inverse(self._flange(receiver, handover.receive)) @ box
         given = build.skill(
@@ -223,7 +227,9 @@ class _Expander:
         self._transit(path.lead, robot, f"to {brick}", None)
         start = self.world.stock_at_rest[brick][1].pose
         flange = self._flange(robot, path.contact)
-        picked = build.skill(path, f"pick {brick}", brick, robot, inverse(flange) @ start)
+        picked = build.skill(
+            path, f"pick {brick}", brick, robot, inverse(flange) @ start
+        )
         build.allow(
             self._touching(robot, self.world.stock_cells[brick][0], start), picked
         )

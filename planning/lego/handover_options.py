@@ -58,9 +58,7 @@ class HandoverOptions:
     def __init__(self, world: BrickWorld, skills: SkillOptions) -> None:
         self.world = world
         self._skills = skills
-        self._known: dict[
-            tuple[str, str, int, int], HandoverOption | Obstruction
-        ] = {}
+        self._known: dict[tuple[str, str, int, int], HandoverOption | Obstruction] = {}
 
     def handover(
         self, giver: str, receiver: str, step: int, grasp: int
@@ -109,9 +107,7 @@ class HandoverOptions:
         kind = world.kind(world.step(step).brick)
         goal = world.goal_top(step)
         contact = place_up_contact(goal, kind, press)
-        top = received_top(
-            receiver.model.frames, place.receive.pose, goal, contact
-        )
+        top = received_top(receiver.model.frames, place.receive.pose, goal, contact)
         targets = handover_targets(
             giver.model.frames,
             kind,

@@ -284,7 +284,8 @@ class SkillOptions:
         removed: dict[int, list[str]] = {}
 
         def clear_but_loose(candidate: SkillPath) -> Obstruction | None:
-            rest, gone = scene, []
+            rest = scene
+            gone: list[str] = []
             while True:
                 found = find_obstruction(candidate, rest)
                 if found is None:

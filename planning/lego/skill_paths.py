@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
+from planning.geometry.kernel import robot_kernel
 from planning.geometry.scene import SceneChecker
+from planning.geometry.swept import sweep_segments
 from planning.kinematics import inverse_kinematics
 from planning.lego.skill_targets import SkillTargets
 from planning.lego.structure import Subgoal
@@ -112,6 +116,38 @@ class SkillScene:
         kept = {k: v for k, v in self.objects.items() if k != name}
         return replace(self, objects=kept)
 
+    def near(self, path: SkillPath) -> SkillScene:
+        """Return the scene with only the bricks that anything on a path may come near to.
+
+        Nothing that could touch is left out: what counts is the box around every capsule
+        swept along the path, grown by the brick's own size and that of the largest held one.
+        """
+        robot = self.cell.robot(path.robot)
+        every = np.vstack([path.lead, path.path])
+        start, end, radius = sweep_segments(robot_kernel(robot), every[:-1], every[1:])
+        carried = [item for item, at in self.objects.values() if at.holder is not None]
+        if self.handed is not None:
+            carried.append(self.objects[self.handed[0]][0])
+        room = radius + max((_diagonal(item) for item in carried), default=0.0) + MARGIN
+        low = np.minimum(start, end).min(axis=0) - room.max(axis=0)[:, None]
+        high = np.maximum(start, end).max(axis=0) + room.max(axis=0)[:, None]
+        names = list(self.objects)
+        items = [self.objects[name][0] for name in names]
+        centre = np.array([self.objects[name][1].pose[:3, 3] for name in names])
+        half = np.array([_diagonal(item) / 2 for item in items])[:, None, None]
+        close = (centre[:, None] >= low - half) & (centre[:, None] <= high + half)
+        keep = {
+            name
+            for item, name in zip(close, names, strict=True)
+            if item.all(axis=1).any()
+        }
+        keep |= {
+            name for name, (_, at) in self.objects.items() if at.holder is not None
+        }
+        if self.handed is not None:
+            keep.add(self.handed[0])
+        return replace(self, objects={k: self.objects[k] for k in names if k in keep})
+
     def checker(
         self, robot: str, allowed: Pairs, *, handed_over: bool = False
     ) -> SceneChecker:
@@ -132,6 +168,7 @@ def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:
     Checked are the goals of the transits before it, every stretch of its reference path, and
     its last configuration, from which the next transit starts.
     """
+    scene = scene.near(path)
     contacts = scene.contacts
     waypoints = path.waypoints
     change = len(waypoints) if path.change_at is None else path.change_at
@@ -196,6 +233,11 @@ def joint_distance(q_a: Array, q_b: Array) -> float:
     return float(np.abs(q_a - q_b).sum())
 
 
+def _diagonal(item: CellObject) -> float:
+    """Return the diagonal of an object's box [m]."""
+    return math.sqrt(sum(float(edge) ** 2 for edge in item.size))
+
+
 def _change_at(targets: SkillTargets) -> int | None:
     at = targets.attach_at if targets.attach_at is not None else targets.detach_at
     return None if at is None else at - targets.lead + 1
@@ -206,7 +248,7 @@ def _follow(
 ) -> Array | Obstruction:
     """Return the configurations of all subgoals in one posture, shape (s, n)."""
     chain = [start]
-    for before, subgoal in zip(subgoals, subgoals[1:], strict=False):
+    for before, subgoal in pairwise(subgoals):
         solutions = _solve(robot, subgoal, chain[-1], restarts=0)
         solutions = solutions or _solve(robot, subgoal, chain[-1], restarts=20)
         if not solutions:

@@ -30,7 +30,9 @@ class StepBuilder:
     def transit(self, robot: str, goal: Array, label: str, carries: str | None) -> int:
         """Append a transit and return its index."""
         path = readonly(np.atleast_2d(goal))
-        return self._append(Task(self._next, robot, TRANSIT, self.step, label, path, (), carries))
+        return self._append(
+            Task(self._next, robot, TRANSIT, self.step, label, path, (), carries)
+        )
 
     def skill(
         self,
