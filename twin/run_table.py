@@ -19,13 +19,20 @@ _STAGES = {
 }
 
 
-def print_summary(summary: Mapping[str, Any], folder: Path, *, recording: bool) -> None:
+def print_summary(
+    summary: Mapping[str, Any],
+    folder: Path,
+    *,
+    recording: bool,
+    compiled: bool = False,
+) -> None:
     """Print the summary of a run to standard output.
 
     Args:
         summary: the content of ``summary.json``.
         folder: of the run.
         recording: whether there is one to replay.
+        compiled: whether kernels were compiled in the planning stages.
     """
     console = Console(highlight=False)
     table = Table(
@@ -34,7 +41,7 @@ def print_summary(summary: Mapping[str, Any], folder: Path, *, recording: bool) 
     table.add_column(style="bold")
     table.add_column(justify="right")
     table.add_column(style="dim")
-    for row in summary_rows(summary):
+    for row in summary_rows(summary, compiled=compiled):
         table.add_row(*row)
     console.print(table)
     audit = summary["audit"]
@@ -49,7 +56,9 @@ def print_summary(summary: Mapping[str, Any], folder: Path, *, recording: bool) 
         console.print(f"replay:  twin replay {folder}", soft_wrap=True)
 
 
-def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+def summary_rows(
+    summary: Mapping[str, Any], *, compiled: bool = False
+) -> list[tuple[str, str, str]]:
     """Return the table's rows: what, how much, and a remark."""
     rows = [("outcome", str(summary["outcome"]), f"seed {summary['seed']}")]
     sequential = float(summary["makespan_sequential_s"])
@@ -68,7 +77,9 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     rows.append(("nodes", str(summary["nodes"]), ""))
     rows.append(("type-2 edges", str(summary["type2_edges"]), ""))
     for stage, seconds in summary["planning_s"].items():
-        rows.append((f"planning: {_STAGES.get(stage, stage)}", f"{seconds:.2f} s", ""))
+        label = f"planning: {_STAGES.get(stage, stage)}"
+        remark = "with compiling" if compiled else ""
+        rows.append((label, f"{seconds:.2f} s", remark))
     rows.append(_audit_row(summary["audit"]))
     return rows
 

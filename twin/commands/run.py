@@ -67,6 +67,7 @@ def run(
     quiet: Quiet = False,
 ) -> int:
     """Plan a scenario, execute it in the twin, check it, and show the figures."""
+    from twin.kernel_cache import kernels_are_cached
     from twin.progress import StageDisplay
     from twin.run_folder import prepare_run_folder
     from twin.scenario_file import load_scenario
@@ -78,8 +79,9 @@ def run(
         saved = None if plan is None else _saved_plan(plan, chosen, base)
         existed = out is not None and out.exists()
         folder = prepare_run_folder(out, chosen.name)
+        compiles = saved is None and not kernels_are_cached()
         if not silent:
-            _announce(chosen, folder, compiles=saved is None)
+            _announce(chosen, folder, compiles=compiles)
         try:
             tpg, planning_s = saved or _planned(chosen, base, progress)
         except BaseException:
@@ -102,7 +104,7 @@ def run(
     elif not quiet:
         from twin.run_table import print_summary
 
-        print_summary(trial.summary, folder, recording=recording)
+        print_summary(trial.summary, folder, recording=recording, compiled=compiles)
     if trial.run.outcome == "aborted":
         print_error(f"interrupted; what happened until then is in {folder}")
         return INTERRUPTED
@@ -173,12 +175,10 @@ def _remove_if_empty(folder: Path) -> None:
 def _announce(scenario: Scenario, folder: Path, *, compiles: bool) -> None:
     from rich.console import Console
 
-    from twin.kernel_cache import kernels_are_cached
-
     console = Console(stderr=True, highlight=False)
     console.print(
         f"{scenario.name}: {len(scenario.cell.robots)} robots, "
         f"{len(scenario.assembly.steps)} steps, seed {scenario.seed} -> {folder}"
     )
-    if compiles and not kernels_are_cached():
+    if compiles:
         console.print("compiling kernels, once ...")
