@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from planning.geometry.exact import come_close
 from scheduling.contacts import ContactTable
+from scheduling.hull_separation import make_scratch
 from scheduling.occupancy import Occupancy
 from scheduling.order import nodes_before
 from scheduling.reduction import NodeOrder
@@ -110,6 +111,7 @@ def search_conflicts(
     """
     stack = np.zeros((4096, 2), dtype=np.int64)
     pairs = np.empty((ROOM, 2), dtype=np.int64)
+    scratch = make_scratch(a.hulls, b.hulls)
     depth = 1
     # A checker that decides by hulls need not be asked about hulls proved to be apart.
     slack = checker.slack if isinstance(checker, HullChecker) else np.nan
@@ -126,6 +128,7 @@ def search_conflicts(
             stack,
             depth,
             pairs,
+            scratch,
         )
         if count == 0:
             return

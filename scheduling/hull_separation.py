@@ -21,6 +21,8 @@ from scheduling.temporal_plan_graph import Indices
 AT_REST = -2
 """Stands for the joint of a body that rests in the world."""
 
+FAR, BETWEEN, CLOSE = 1, 0, -1
+
 _STEPS = 24
 _FINEST = 2e-4
 _ROUNDING = 1e-9
@@ -55,52 +57,61 @@ class HullTable(NamedTuple):
 
 
 @njit(cache=True)
-def _pose(table: HullTable, q_a: Array, q_b: Array, poses: Array) -> None:
-    """Write the joint poses at the middle of a motion."""
+def _pose(table: HullTable, q: Array, poses: Array) -> None:
+    """Write the joint poses at a configuration."""
     kernel = table.kernel
-    joint_poses(
-        kernel.placement,
-        kernel.axis,
-        kernel.prismatic,
-        kernel.base,
-        0.5 * (q_a + q_b),
-        poses,
-    )
+    joint_poses(kernel.placement, kernel.axis, kernel.prismatic, kernel.base, q, poses)
 
 
 @njit(cache=True)
-def _place(
-    table: HullTable, solid: int, q_a: Array, q_b: Array, poses: Array, out: Array
-) -> tuple[int, float]:
-    """Write a body's corners at the middle of a motion; return their number and a bound.
-
-    The bound is of how far any point of the body strays from its place in the middle; the
-    argument is that of planning.geometry.swept.
-    """
+def _place(table: HullTable, solid: int, poses: Array, out: Array, offset: int) -> int:
+    """Write a body's corners from row ``offset`` on; return how many there are then."""
     first, last = table.corner_first[solid], table.corner_first[solid + 1]
     joint = table.joint[solid]
-    count = last - first
     if joint == AT_REST:
-        for v in range(count):
+        for v in range(first, last):
             for r in range(3):
-                out[v, r] = table.corners[first + v, r]
-        return count, 0.0
-    kernel = table.kernel
+                out[offset + v - first, r] = table.corners[v, r]
+        return int(offset + last - first)
     pose = poses[joint + 1]
-    for v in range(count):
+    for v in range(first, last):
         for r in range(3):
             total = pose[r, 3]
             for k in range(3):
-                total += pose[r, k] * table.corners[first + v, k]
-            out[v, r] = total
-    moved = 0.0
-    c_first, c_last = table.capsule_first[solid], table.capsule_first[solid + 1]
+                total += pose[r, k] * table.corners[v, k]
+            out[offset + v - first, r] = total
+    return int(offset + last - first)
+
+
+@njit(cache=True)
+def _stray(
+    table: HullTable, solid: int, q_a: Array, q_b: Array, poses: Array
+) -> tuple[float, float]:
+    """Return how far any point of a body strays on a motion, at most.
+
+    First from its place in the middle of the motion (``poses``): the argument of
+    planning.geometry.swept. Second from the straight line between its places at the ends: an
+    eighth of its largest second derivative, to which each pair of joints adds the product of
+    their travels times the point's distance from the axis of the one nearer to the tip.
+    """
+    joint = table.joint[solid]
+    if joint == AT_REST:
+        return 0.0, 0.0
+    kernel = table.kernel
+    pose = poses[joint + 1]
+    first, last = table.capsule_first[solid], table.capsule_first[solid + 1]
+    moved = bend = 0.0
     for j in range(joint, -1, -1):
-        half_travel = 0.5 * abs(q_b[j] - q_a[j])
-        if half_travel == 0.0:
+        travel = abs(q_b[j] - q_a[j])
+        if travel == 0.0:
             continue
+        turned = 0.0
+        for i in range(j):
+            if not kernel.prismatic[i]:
+                turned += abs(q_b[i] - q_a[i])
         if kernel.prismatic[j]:
-            moved += half_travel
+            moved += 0.5 * travel
+            bend += 2.0 * travel * turned
             continue
         frame = poses[j + 1]
         ax = ay = az = 0.0
@@ -109,12 +120,11 @@ def _place(
             ay += frame[1, k] * kernel.axis[j, k]
             az += frame[2, k] * kernel.axis[j, k]
         reach = 0.0
-        for c in range(c_first, c_last):
+        for c in range(first, last):
             for e in range(2):
-                x, y, z = -frame[0, 3], -frame[1, 3], -frame[2, 3]
-                x += pose[0, 3]
-                y += pose[1, 3]
-                z += pose[2, 3]
+                x = pose[0, 3] - frame[0, 3]
+                y = pose[1, 3] - frame[1, 3]
+                z = pose[2, 3] - frame[2, 3]
                 for k in range(3):
                     x += pose[0, k] * table.ends[c, e, k]
                     y += pose[1, k] * table.ends[c, e, k]
@@ -122,8 +132,10 @@ def _place(
                 cx, cy, cz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
                 far = np.sqrt(cx * cx + cy * cy + cz * cz) + table.radius[c]
                 reach = max(reach, far)
-        moved += half_travel * (reach + moved)
-    return count, moved
+        reach += moved
+        moved += 0.5 * travel * reach
+        bend += travel * (travel + 2.0 * turned) * reach
+    return moved, 0.125 * bend
 
 
 @njit(cache=True)
@@ -137,37 +149,56 @@ def _support(corners: Array, count: int, x: float, y: float, z: float) -> int:
 
 
 @njit(cache=True)
-def apart_by(a: Array, a_count: int, b: Array, b_count: int, enough: float) -> bool:
-    """Tell whether two hulls are proved to be at least ``enough`` apart [m].
+def gap_class(
+    a: Array, a_count: int, b: Array, b_count: int, clearance: float, enough: float
+) -> int:
+    """Tell how far apart two hulls are.
 
     Args:
         a, a_count: corners of the one hull, the first ``a_count`` rows of shape (.., 3).
         b, b_count: likewise for the other.
-        enough: the distance to prove; where it is not positive, disjoint hulls are.
+        clearance: below this they are too close [m]; where not positive, when they overlap.
+        enough: from this on they are far enough, at least ``clearance`` [m].
+
+    Returns:
+        FAR when they are proved to be at least ``enough`` apart, CLOSE when they are closer
+        than ``clearance`` or that cannot be ruled out, BETWEEN otherwise.
     """
-    target = max(enough, 0.0) + _ROUNDING
+    near = max(clearance, 0.0) + _ROUNDING
+    far = max(enough, 0.0) + _ROUNDING
     simplex = np.empty((4, 3))
     size = 0
+    lower = -1.0
     v = np.zeros(3)
     for k in range(3):
-        v[k] = a[0, k] - b[0, k]
+        for i in range(a_count):
+            v[k] += a[i, k] / a_count
+        for j in range(b_count):
+            v[k] -= b[j, k] / b_count
     for _ in range(_STEPS):
         norm = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-        if norm < target:
-            return False
+        # From the second round on v is a point of the difference: its length bounds the gap.
+        if norm < near:
+            break
+        if lower >= near and size > 0 and norm < far:
+            return BETWEEN
         i = _support(a, a_count, -v[0], -v[1], -v[2])
         j = _support(b, b_count, v[0], v[1], v[2])
         w0, w1, w2 = a[i, 0] - b[j, 0], a[i, 1] - b[j, 1], a[i, 2] - b[j, 2]
-        if (v[0] * w0 + v[1] * w1 + v[2] * w2) >= target * norm:
-            return True
+        lower = max(lower, (v[0] * w0 + v[1] * w1 + v[2] * w2) / norm)
+        if lower >= far:
+            return FAR
+        again = False
         for s in range(size):
             if simplex[s, 0] == w0 and simplex[s, 1] == w1 and simplex[s, 2] == w2:
-                return False
+                again = True
+        if again:
+            break
         simplex[size, 0], simplex[size, 1], simplex[size, 2] = w0, w1, w2
         size = _nearest(simplex, size + 1, v)
         if size == 4:
-            return False
-    return False
+            return CLOSE
+    return BETWEEN if lower >= near else CLOSE
 
 
 @njit(cache=True)
@@ -254,12 +285,13 @@ def _inside(simplex: Array) -> bool:
 
 
 class Scratch(NamedTuple):
-    """Room to work in: joint poses at the middle of whole segments, and of parts of them.
+    """Room to work in.
 
     Attributes:
-        whole_a, whole_b, part_a, part_b: shape (n + 1, 4, 4).
-        corners_a, corners_b: shape (most corners of a solid, 3).
-        stack: shape (64, 4).
+        whole_a, whole_b: joint poses at the middle of whole segments, shape (n + 1, 4, 4).
+        part_a, part_b: joint poses elsewhere.
+        corners_a, corners_b: shape (twice the most corners of a solid, 3).
+        stack: parts still to be looked at, shape (64, 4).
     """
 
     whole_a: Array
@@ -271,7 +303,6 @@ class Scratch(NamedTuple):
     stack: Array
 
 
-@njit(cache=True)
 def make_scratch(a: HullTable, b: HullTable) -> Scratch:
     """Return room for the bodies of two occupancies."""
     n, m = a.q_a.shape[1] + 1, b.q_a.shape[1] + 1
@@ -280,8 +311,8 @@ def make_scratch(a: HullTable, b: HullTable) -> Scratch:
         np.empty((m, 4, 4)),
         np.empty((n, 4, 4)),
         np.empty((m, 4, 4)),
-        np.empty((np.max(np.diff(a.corner_first)), 3)),
-        np.empty((np.max(np.diff(b.corner_first)), 3)),
+        np.empty((2 * int(np.max(np.diff(a.corner_first))), 3)),
+        np.empty((2 * int(np.max(np.diff(b.corner_first))), 3)),
         np.empty((64, 4)),
     )
 
@@ -289,8 +320,8 @@ def make_scratch(a: HullTable, b: HullTable) -> Scratch:
 @njit(cache=True)
 def pose_segments(a: HullTable, s: int, b: HullTable, t: int, scratch: Scratch) -> None:
     """Prepare two segments for ``hulls_stay_apart``."""
-    _pose(a, a.q_a[s], a.q_b[s], scratch.whole_a)
-    _pose(b, b.q_a[t], b.q_b[t], scratch.whole_b)
+    _pose(a, 0.5 * (a.q_a[s] + a.q_b[s]), scratch.whole_a)
+    _pose(b, 0.5 * (b.q_a[t] + b.q_b[t]), scratch.whole_b)
 
 
 @njit(cache=True)
@@ -321,26 +352,35 @@ def hulls_stay_apart(
     while depth > 0:
         depth -= 1
         a0, a1, b0, b1 = stack[depth]
-        poses_a, poses_b = scratch.part_a, scratch.part_b
         from_a, to_a = a.q_a[s] + a0 * step_a, a.q_a[s] + a1 * step_a
         from_b, to_b = b.q_a[t] + b0 * step_b, b.q_a[t] + b1 * step_b
-        if a1 - a0 == 1.0:
-            poses_a = scratch.whole_a
-        else:
-            _pose(a, from_a, to_a, poses_a)
-        if b1 - b0 == 1.0:
-            poses_b = scratch.whole_b
-        else:
-            _pose(b, from_b, to_b, poses_b)
-        a_count, a_moved = _place(a, x, from_a, to_a, poses_a, corners_a)
-        b_count, b_moved = _place(b, y, from_b, to_b, poses_b, corners_b)
-        enough = clearance + a_moved + b_moved
-        if apart_by(corners_a, a_count, corners_b, b_count, enough):
+        poses_a, poses_b = scratch.whole_a, scratch.whole_b
+        if a1 - a0 < 1.0:
+            poses_a = scratch.part_a
+            _pose(a, 0.5 * (from_a + to_a), poses_a)
+        if b1 - b0 < 1.0:
+            poses_b = scratch.part_b
+            _pose(b, 0.5 * (from_b + to_b), poses_b)
+        a_moved, a_bend = _stray(a, x, from_a, to_a, poses_a)
+        b_moved, b_bend = _stray(b, y, from_b, to_b, poses_b)
+        gap = gap_class(
+            corners_a,
+            _place(a, x, poses_a, corners_a, 0),
+            corners_b,
+            _place(b, y, poses_b, corners_b, 0),
+            clearance,
+            clearance + a_moved + b_moved,
+        )
+        if gap == FAR:
             continue
-        if a_moved + b_moved < _FINEST or depth + 2 > len(stack):
+        if gap == CLOSE or a_moved + b_moved < _FINEST or depth + 2 > len(stack):
             return False
-        if not apart_by(corners_a, a_count, corners_b, b_count, clearance):
-            return False
+        # The hull of a body's places at both ends holds all in between, but for the bend.
+        a_count = _place_ends(a, x, from_a, to_a, scratch.part_a, corners_a)
+        b_count = _place_ends(b, y, from_b, to_b, scratch.part_b, corners_b)
+        enough = clearance + a_bend + b_bend
+        if gap_class(corners_a, a_count, corners_b, b_count, enough, enough) == FAR:
+            continue
         for k in range(2):
             for c in range(4):
                 stack[depth + k, c] = (a0, a1, b0, b1)[c]
@@ -350,3 +390,16 @@ def hulls_stay_apart(
             stack[depth, 3] = stack[depth + 1, 2] = 0.5 * (b0 + b1)
         depth += 2
     return True
+
+
+@njit(cache=True)
+def _place_ends(
+    table: HullTable, solid: int, q_a: Array, q_b: Array, poses: Array, out: Array
+) -> int:
+    """Write a body's corners at both ends of a motion; return how many there are."""
+    if table.joint[solid] == AT_REST:
+        return _place(table, solid, poses, out, 0)
+    _pose(table, q_a, poses)
+    count = _place(table, solid, poses, out, 0)
+    _pose(table, q_b, poses)
+    return _place(table, solid, poses, out, count)

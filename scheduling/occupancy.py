@@ -65,12 +65,12 @@ def cut_nodes(
         Segment ends, shape (s, n) each; the node of each segment; and the waypoint within its
         node that each segment leads to, counted from 1, shape (s,).
     """
-    q_b = np.ascontiguousarray(chain.waypoints, dtype=np.float64)
+    q_b = np.array(chain.waypoints, dtype=np.float64)
     q_a = np.ascontiguousarray(np.vstack([chain.start[None], q_b[:-1]]))
     count = len(q_b)
     node = np.repeat(np.arange(len(chain)), np.diff(chain.first)).astype(np.int64)
     waypoint = np.arange(count) - chain.first[node] + 1
-    kernel = robot_kernel(robot, held)
+    kernel = _kernel(robot, held)
     pieces = np.ones(count, dtype=np.int64)
     todo = np.arange(count)
     # The bound grows faster than the motion, so what was cut is measured again.
@@ -174,7 +174,7 @@ def standing_occupancy(
     tpg: TemporalPlanGraph, robot: PlacedRobot, entities: EntityNumbers
 ) -> Occupancy:
     """Return what a robot without any node occupies: it stands at HOME, in one segment."""
-    q = np.ascontiguousarray(robot.home[None], dtype=np.float64)
+    q = np.array(robot.home[None], dtype=np.float64)
     none = np.full(1, ALWAYS, dtype=np.int64)
     nodes = np.zeros(1, dtype=np.int64)
     return _assemble(tpg, robot, q, q, nodes, (none, none), [], entities)
@@ -200,8 +200,8 @@ def rest_occupancy(
     )
     solids = (resting_solid(rest.object, body, rest.pose),)
     # No robot carries it; any one's kernel will do.
-    kernel = robot_kernel(tpg.cell.robots[0])
-    q = np.ascontiguousarray(tpg.cell.robots[0].home[None], dtype=np.float64)
+    kernel = _kernel(tpg.cell.robots[0])
+    q = np.array(tpg.cell.robots[0].home[None], dtype=np.float64)
     only = np.zeros((1, 1), dtype=np.int32)
     hulls = _hull_table(kernel, q, q, only, solids, (body,))
     return Occupancy(sequence, solids, hulls)
@@ -247,7 +247,18 @@ def _hull_table(
 def _placed(body: ConvexBody, pose: Transform) -> tuple[Array, Array, Array]:
     turn, shift = pose[:3, :3].T, pose[:3, 3]
     capsules = body.capsules
-    return capsules.start @ turn + shift, capsules.end @ turn + shift, capsules.radius
+    return (
+        capsules.start @ turn + shift,
+        capsules.end @ turn + shift,
+        np.array(capsules.radius),
+    )
+
+
+def _kernel(
+    robot: PlacedRobot, held: Sequence[tuple[ConvexBody, Transform]] = ()
+) -> RobotKernel:
+    """Return a robot's arrays, all writable: numba compiles read-only ones anew."""
+    return RobotKernel._make(np.array(v) for v in robot_kernel(robot, held))
 
 
 def _segments_of(
@@ -279,7 +290,7 @@ def _assemble(
     entities: EntityNumbers,
 ) -> Occupancy:
     """Sweep the robot and, in slots, the objects of each run of segments."""
-    kernel = robot_kernel(robot)
+    kernel = _kernel(robot)
     solids = robot_solids(robot, kernel)
     parts = robot.model.parts
     bodies = [part.body for part in parts]

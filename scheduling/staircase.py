@@ -19,7 +19,6 @@ from scheduling.hull_separation import (
     HullTable,
     Scratch,
     hulls_stay_apart,
-    make_scratch,
     pose_segments,
 )
 from scheduling.swept_sequence import SweptSequence
@@ -29,7 +28,7 @@ ROOM = 4096
 """Pairs of bodies that a proposal has room for; the rest is never needed to refuse it."""
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _boxes_apart(
     a_low: Array, a_high: Array, b_low: Array, b_high: Array, gap: float
 ) -> bool:
@@ -39,7 +38,7 @@ def _boxes_apart(
     return False
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _capsule_off_box(p: Array, q: Array, r: float, low: Array, high: Array) -> bool:
     for k in range(3):
         if min(p[k], q[k]) - r > high[k] or max(p[k], q[k]) + r < low[k]:
@@ -91,7 +90,7 @@ def _blocks_apart(
     return True
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _capsules_boxes_apart(
     a0: Array, a1: Array, b0: Array, b1: Array, near: float
 ) -> bool:
@@ -212,6 +211,7 @@ def next_proposal(
     stack: npt.NDArray[np.int64],
     depth: int,
     out: npt.NDArray[np.int64],
+    scratch: Scratch,
 ) -> tuple[int, int, int, int]:
     """Go on with a descent until two segments may conflict.
 
@@ -226,13 +226,13 @@ def next_proposal(
         stack: pairs still to be looked at: blocks, or segments when negative, shape (room, 2).
         depth: filled rows of ``stack``.
         out: room for the pairs of bodies.
+        scratch: room for the hulls.
 
     Returns:
         The new depth, the two segments, and the number of pairs of bodies; a number of 0 says
         that the descent is over.
     """
     gap = max(table.clearance[0], table.clearance[1])
-    scratch = make_scratch(a_hulls, b_hulls)
     leaf_a, leaf_b = len(a.block_first) // 2, len(b.block_first) // 2
     while depth > 0:
         depth -= 1
