@@ -175,7 +175,8 @@ def knob_points(upper: PlacedBrick, stud: tuple[int, int]) -> Array:
     """
     i, j = stud[0] - upper.cell.x, stud[1] - upper.cell.y
     offsets = _cavity(*footprint(upper.cell, upper.brick), i, j)
-    return offsets + np.array([stud[0] + 0.5, stud[1] + 0.5])
+    points: Array = offsets + np.array([stud[0] + 0.5, stud[1] + 0.5])
+    return points
 
 
 @lru_cache(maxsize=1024)

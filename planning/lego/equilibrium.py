@@ -7,7 +7,7 @@ at a known point between two bodies, or between a body and the ground.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,8 +92,12 @@ class Equilibrium:
         self._wrench[k, :3] += force
         self._wrench[k, 3:] += np.cross(point - self._centres[k], force)
 
-    def solve(self) -> EquilibriumResult:
+    def solve(self, *, blame: bool = True) -> EquilibriumResult:
         """Solve the program.
+
+        Args:
+            blame: find the body farthest from balance when there is none; it takes a second
+                linear program.
 
         Raises:
             RuntimeError: the solver failed, as it should never do.
@@ -108,7 +112,8 @@ class Equilibrium:
         cost[-1] = 1.0
         result = self._minimise(cost, matrix, [*self._bounds, (0.0, np.inf)])
         if result.status == _INFEASIBLE:
-            return EquilibriumResult(math.inf, self._farthest(matrix))
+            worst = self._farthest(matrix) if blame else None
+            return EquilibriumResult(math.inf, worst)
         if result.status != 0:
             raise RuntimeError(f"equilibrium not solved: {result.message}")
         score = max(0.0, float(result.fun))
@@ -142,14 +147,16 @@ class Equilibrium:
     def _minimise(
         self, cost: Array, matrix: csc_matrix, bounds: list[tuple[float, float]]
     ) -> OptimizeResult:
+        # Sparse matrices are accepted; scipy's type stubs do not know it.
+        solve: Callable[..., OptimizeResult] = linprog
         target = -self._wrench.ravel()
-        return linprog(cost, A_eq=matrix, b_eq=target, bounds=bounds, method="highs")
+        return solve(cost, A_eq=matrix, b_eq=target, bounds=bounds, method="highs")
 
     def _priciest(self, price: Array) -> str:
-        """Return the body whose lower contacts the score depends on most, first of equals."""
+        """Return the body whose contacts below the score depends on most, first of equals."""
         total = np.zeros(len(self._names))
-        for k, (_, second) in enumerate(self._on):
-            total[second] += price[k]
+        for k, (first, second) in enumerate(self._on):
+            total[second if second >= 0 else first] += price[k]
         return self._names[int(np.flatnonzero(total >= total.max() * (1 - 1e-6))[0])]
 
     def _farthest(self, matrix: csc_matrix) -> str:

@@ -6,10 +6,12 @@ and the tools must have room.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+
+import numpy as np
 
 from planning.lego.contacts import PlacedBrick
 from planning.lego.grid import footprint, occupied_studs
@@ -25,6 +27,7 @@ from planning.lego.structure import (
 )
 from planning.lego.support import ORIENTATIONS
 from planning.lego.tool_room import (
+    BrickBoxes,
     BrickTool,
     attack_side,
     brick_box,
@@ -33,7 +36,6 @@ from planning.lego.tool_room import (
     support_blocked,
     support_face,
 )
-from planning.transforms import Array
 
 PLAIN, SUPPORTED, FROM_BELOW = "plain", "supported", "from below"
 WAYS = (PLAIN, SUPPORTED, FROM_BELOW)
@@ -47,6 +49,7 @@ _BELOW = (-3, -2, -4)
 _ABOVE = (3, 4)
 _SHIFTS = (0, -1, 1)
 _LEAST_TOUCH = 0.002
+_CLEARANCE = 0.001
 
 
 @dataclass(frozen=True)
@@ -95,20 +98,43 @@ class InsertionRules:
             brick: the brick.
             way: one of ``WAYS``.
         """
-        if self.obstacle(names, brick, way) is not None:
-            return
+        if self.obstacle(names, brick, way) is None:
+            for press in self.roomy_presses(names, brick, up=way == FROM_BELOW):
+                yield from self.supported(names, brick, way, press)
+
+    def supported(
+        self, names: Names, brick: str, way: str, press: Press
+    ) -> Iterator[Insertion]:
+        """Yield the ways to insert a brick with one press: one for each support that does."""
         up = way == FROM_BELOW
-        for press in self.roomy_presses(names, brick, up=up):
-            loads = self._loads(brick, press, up=up)
-            if way == PLAIN:
-                report = self._structures.pressed(names, brick, loads)
-                if report.stable:
-                    yield Insertion(way, press, None, report.score)
-                continue
-            for support, holds in self.roomy_supports(names, brick, press, up=up):
-                report = self._structures.pressed(names, brick, loads, holds)
-                if report.stable:
-                    yield Insertion(way, press, support, report.score)
+        loads = self._loads(brick, press, up=up)
+        if way == PLAIN:
+            report = self._structures.pressed(names, brick, loads)
+            if report.stable:
+                yield Insertion(way, press, None, report.score)
+            return
+        for support, holds in self._roomy_supports(names, brick, press, up=up):
+            report = self._structures.pressed(names, brick, loads, holds)
+            if report.stable:
+                yield Insertion(way, press, support, report.score)
+
+    def presses_with(
+        self, names: Names, brick: str, insertion: Insertion
+    ) -> tuple[Press, ...]:
+        """Return the presses that do with the same support, the given one first."""
+        up = insertion.way == FROM_BELOW
+        holds: tuple[Hold, ...] = ()
+        if insertion.support is not None:
+            holds = self._holds(names, insertion.support, top=up)
+        others = [
+            press
+            for press in self.roomy_presses(names, brick, up=up)
+            if press != insertion.press
+            and self._structures.pressed(
+                names, brick, self._loads(brick, press, up=up), holds
+            ).stable
+        ]
+        return (insertion.press, *others)
 
     def obstacle(self, names: Names, brick: str, way: str) -> str | None:
         """Return why a brick can in no case be inserted this way, None if it may be."""
@@ -125,7 +151,7 @@ class InsertionRules:
     def roomy_presses(self, names: Names, brick: str, *, up: bool) -> tuple[Press, ...]:
         """Return the presses of a brick that leave the tool room, the central ones first."""
         item = self._structures.bricks[brick]
-        others = self._others(names, brick)
+        others = self._boxes_of(names - {brick})
         blocked = place_up_blocked if up else place_down_blocked
         return tuple(
             press
@@ -136,41 +162,46 @@ class InsertionRules:
     def blocker(self, names: Names, brick: str, *, up: bool) -> str:
         """Return what leaves no room for the first press of a brick."""
         item = self._structures.bricks[brick]
-        others = self._others(names, brick)
+        others = self._boxes_of(names - {brick})
         blocked = place_up_blocked if up else place_down_blocked
         found = (blocked(self._tool, item, p, others) for p in presses(item.brick))
         return next((name for name in found if name is not None), "nothing")
 
-    def roomy_supports(
+    def _roomy_supports(
         self, names: Names, brick: str, press: Press, *, up: bool
     ) -> Iterator[tuple[Support, tuple[Hold, ...]]]:
-        """Yield the supports that touch a brick and have room, nearest to the press first.
+        """Yield the supports that touch a brick and have room.
+
+        Those that keep clear of other bricks come first, then those nearest to the press.
 
         They are sought as the published code does: shifted by up to one stud along x and y, 2
         to 4 layers below the contact of the press for a support-bottom, 3 or 4 above it for a
-        support-top.
+        support-top. One that touches the inserted brick itself would only keep it from going
+        in.
         """
         item = self._structures.bricks[brick]
         contact = press_cell(item.cell, item.brick, press, up=up)
         x, y = self._press_point(item, press, up=up)
-        boxes = {n: self._boxes[n] for n in sorted(names)}
-        found = []
-        for dz, dx, dy, turn in product(
-            _ABOVE if up else _BELOW, _SHIFTS, _SHIFTS, ORIENTATIONS
-        ):
+        boxes = self._boxes_of(names)
+        layers = _ABOVE if up else _BELOW
+        found: list[tuple[bool, int, float, Support, tuple[Hold, ...]]] = []
+        for dz, dx, dy, turn in product(layers, _SHIFTS, _SHIFTS, ORIENTATIONS):
             support = Support(contact.x + dx, contact.y + dy, contact.z + dz, turn)
-            if support.z < 1:
-                continue
             holds = self._holds(names, support, top=up)
-            if not holds:
+            touched = {hold.brick for hold in holds}
+            if support.z < 1 or not touched or brick in touched:
                 continue
+            if support_blocked(self._tool, support, boxes, top=up) is not None:
+                continue
+            beside = boxes.without(touched)
+            tight = support_blocked(
+                self._tool, support, beside, top=up, clearance=_CLEARANCE
+            )
             mid = [sum(h.point[k] for h in holds) / len(holds) for k in (0, 1)]
             away = round(abs(mid[0] - x) + abs(mid[1] - y), 9)
-            found.append((abs(dz), away, len(found), support, holds))
-        found.sort(key=lambda f: ((_ABOVE if up else (3, 2, 4)).index(f[0]), *f[1:3]))
-        for *_, support, holds in found:
-            if support_blocked(self._tool, support, boxes, top=up) is None:
-                yield support, holds
+            found.append((tight is not None, layers.index(dz), away, support, holds))
+        for *_, support, holds in sorted(found, key=lambda f: f[:3]):
+            yield support, holds
 
     def step(self, names: Names, brick: str, insertion: Insertion) -> LegoStep:
         """Return an insertion as a step of an assembly."""
@@ -188,12 +219,18 @@ class InsertionRules:
             ),
             support=insertion.support,
             attack=attack_side(
-                self._tool, item, insertion.press, self._others(names, brick), up=up
+                self._tool,
+                item,
+                insertion.press,
+                self._boxes_of(names - {brick}),
+                up=up,
             ),
         )
 
-    def _others(self, names: Names, brick: str) -> Mapping[str, Array]:
-        return {n: self._boxes[n] for n in sorted(names - {brick})}
+    def _boxes_of(self, names: Names) -> BrickBoxes:
+        some = tuple(sorted(names))
+        corners = [self._boxes[name] for name in some]
+        return BrickBoxes(some, np.array(corners).reshape(-1, 2, 3))
 
     def _ordered_presses(
         self, names: Names, item: PlacedBrick, *, up: bool

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import groupby, product
 
 from planning.assembly_sequence import Removal, find_assembly_sequence
 from planning.errors import InfeasibleStepError
@@ -110,8 +111,9 @@ def sequence_structure(
         rules: what is allowed.
 
     Returns:
-        The first sequence found depth first; place-downs without support are preferred, then
-        those with support, then place-ups, and the bricks of the top layer are removed first.
+        The first sequence found depth first. Bricks of the top layer are removed first; within
+        a layer place-downs without support are preferred, then those with support, then
+        place-ups.
 
     Raises:
         InfeasibleStepError: the finished structure does not stand, or no order leads to it;
@@ -178,8 +180,11 @@ class _Sequencer:
     def removals(self, parts: Names) -> Iterator[Removal[str, Insertion]]:
         """Yield the bricks that may be removed, and how they would be put back."""
         names = parts | self.fixed
-        for way in self._ways:
-            for brick in self._candidates(parts):
+        layers = groupby(
+            self._candidates(parts), key=lambda n: self._structures.bricks[n].cell.z
+        )
+        for _, bricks in layers:
+            for way, brick in product(self._ways, tuple(bricks)):
                 if self._insertion.obstacle(names, brick, way) is not None:
                     continue
                 if not self._structures.standing(names - {brick}).stable:
@@ -190,20 +195,14 @@ class _Sequencer:
 
     def describe(self, names: Names, brick: str, chosen: Insertion) -> SequencedStep:
         """Return a step of the sequence with all its alternatives."""
-        every = list(self._insertion.insertions(names, brick, chosen.way))
-        presses = [i.press for i in every if i.support == chosen.support]
-        supports = [
-            i.support
-            for i in every
-            if i.press == chosen.press and i.support is not None
-        ]
+        with_press = self._insertion.supported(names, brick, chosen.way, chosen.press)
         return SequencedStep(
             name=brick,
             step=self._insertion.step(names, brick, chosen),
             reason=self._reason(names, brick, chosen.way),
             score=chosen.score,
-            presses=tuple(presses),
-            supports=tuple(supports),
+            presses=self._insertion.presses_with(names, brick, chosen),
+            supports=tuple(i.support for i in with_press if i.support is not None),
         )
 
     def explain(self, parts: Names, *, complete: bool) -> str:
@@ -235,8 +234,6 @@ class _Sequencer:
         if way == PLAIN:
             return "the structure bears the press from above"
         if way == SUPPORTED:
-            presses = self._insertion.roomy_presses(names, brick, up=False)
-            del presses
             return "pressed from above alone, the structure would give way"
         above = self._structures.above(names, brick)
         return f"it hangs below {self._place(above[0])}, with nothing under it"

@@ -14,7 +14,7 @@ A structure whose score is 0 stands without any friction, up to 1 it stands, abo
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -150,48 +150,81 @@ def stability(
         return StabilityReport(True, 0.0, None)
     if not holds and (loose_end := _floating(bricks, knobs)) is not None:
         return StabilityReport(False, math.inf, loose_end)
-    program = Equilibrium(
-        {name: centre(item) for name, item in bricks.items()},
-        {n: item.brick.mass * STANDARD_GRAVITY for n, item in bricks.items()},
-    )
+    program = bodies(bricks.values())
     for joint in knobs:
-        upper = bricks[joint.upper]
         free = joint.upper in loose or joint.lower in loose
-        pull = 0.0 if free else strength.pull(upper)
-        _add_joint(program, joint, upper, pull, strength.sideways)
+        pull = 0.0 if free else strength.pull(bricks[joint.upper])
+        add_joint(program, joint, bricks[joint.upper], pull, strength.sideways)
     for side in side_contacts(bricks, filled):
-        _add_side(program, side)
+        add_side(program, side)
+    add_loads(program, loads, holds)
+    result = program.solve()
+    return StabilityReport(result.score <= limit + 1e-9, result.score, result.brick)
+
+
+def bodies(bricks: Iterable[PlacedBrick]) -> Equilibrium:
+    """Return a linear program with these bricks as rigid bodies and no contacts yet."""
+    items = tuple(bricks)
+    return Equilibrium(
+        {item.name: centre(item) for item in items},
+        {item.name: item.brick.mass * STANDARD_GRAVITY for item in items},
+    )
+
+
+def add_joint(
+    program: Equilibrium,
+    joint: Joint,
+    upper: PlacedBrick,
+    pull: float,
+    sideways: float,
+    *,
+    fixed: Container[str] = (),
+) -> None:
+    """Add the contacts of a joint to a linear program.
+
+    Args:
+        program: the program.
+        joint: the joint.
+        upper: its upper brick.
+        pull: friction of each contact [N].
+        sideways: force that each knob bears along x and y [N].
+        fixed: bricks that do not move, like the plate.
+    """
+    first, second = (
+        None if n is None or n in fixed else n for n in (joint.lower, joint.upper)
+    )
+    height = (joint.layer - 1) * LAYER
+    for stud in joint.studs:
+        for x, y in knob_points(upper, stud):
+            point = np.array([x, y, height])
+            program.add_contact(first, second, point, _UP, pull=pull)
+        axis = np.array([stud[0] + 0.5, stud[1] + 0.5, height])
+        for direction in _LEVEL:
+            program.add_contact(first, second, axis, direction, within=sideways)
+
+
+def add_side(
+    program: Equilibrium, side: SideContact, *, fixed: Container[str] = ()
+) -> None:
+    """Add the contacts of two bricks side by side, the corners of their common face."""
+    first, second = (None if n in fixed else n for n in (side.first, side.second))
+    for along in side.span:
+        flat = (side.at, along) if side.axis == 0 else (along, side.at)
+        for height in ((side.layer - 1) * LAYER, side.layer * LAYER):
+            point = np.array([*flat, height], dtype=np.float64)
+            program.add_contact(first, second, point, _LEVEL[side.axis])
+
+
+def add_loads(
+    program: Equilibrium, loads: Iterable[Load], holds: Iterable[Hold]
+) -> None:
+    """Add forces and supporting tools to a linear program."""
     for hold in holds:
         up = np.array([0.0, 0.0, float(hold.direction)])
         program.add_contact(None, hold.brick, np.array(hold.point) / STUD_PITCH, up)
     for load in loads:
         point = np.array(load.point) / STUD_PITCH
         program.add_load(load.brick, np.array(load.force), point)
-    result = program.solve()
-    return StabilityReport(result.score <= limit + 1e-9, result.score, result.brick)
-
-
-def _add_joint(
-    program: Equilibrium, joint: Joint, upper: PlacedBrick, pull: float, sideways: float
-) -> None:
-    height = (joint.layer - 1) * LAYER
-    for stud in joint.studs:
-        for x, y in knob_points(upper, stud):
-            point = np.array([x, y, height])
-            program.add_contact(joint.lower, joint.upper, point, _UP, pull=pull)
-        axis = np.array([stud[0] + 0.5, stud[1] + 0.5, height])
-        for direction in _LEVEL:
-            program.add_contact(
-                joint.lower, joint.upper, axis, direction, within=sideways
-            )
-
-
-def _add_side(program: Equilibrium, side: SideContact) -> None:
-    for along in side.span:
-        flat = (side.at, along) if side.axis == 0 else (along, side.at)
-        for height in ((side.layer - 1) * LAYER, side.layer * LAYER):
-            point = np.array([*flat, height], dtype=np.float64)
-            program.add_contact(side.first, side.second, point, _LEVEL[side.axis])
 
 
 def _floating(bricks: Mapping[str, PlacedBrick], knobs: Sequence[Joint]) -> str | None:

@@ -7,7 +7,7 @@ the corners of the round parts. Arms are left to motion planning.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -86,6 +86,24 @@ class BrickTool:
         return np.concatenate(out)
 
 
+@dataclass(frozen=True)
+class BrickBoxes:
+    """The boxes of some bricks in the plate's frame.
+
+    Attributes:
+        names: the bricks.
+        corners: least and greatest corner of each, shape (n, 2, 3) [m].
+    """
+
+    names: tuple[str, ...]
+    corners: Array
+
+    def without(self, some: Collection[str]) -> BrickBoxes:
+        """Return the boxes of all bricks but some."""
+        kept = [k for k, name in enumerate(self.names) if name not in some]
+        return BrickBoxes(tuple(self.names[k] for k in kept), self.corners[kept])
+
+
 def brick_box(item: PlacedBrick) -> Array:
     """Return the least and greatest corner of a brick in the plate's frame, (2, 3) [m]."""
     pose = top_pose(GRID, item.cell, item.brick)
@@ -95,29 +113,29 @@ def brick_box(item: PlacedBrick) -> Array:
     return np.stack([top - half - [0.0, 0.0, LAYER_HEIGHT], top + half])
 
 
-def blocking(boxes: Array, bricks: Mapping[str, Array]) -> str | None:
+def blocking(boxes: Array, bricks: BrickBoxes, *, clearance: float = 0.0) -> str | None:
     """Return the first brick that any of the boxes meets, ``PLATE`` for the plate.
 
     Args:
         boxes: shape (k, 2, 3) in the plate's frame [m].
-        bricks: box of each brick, shape (2, 3).
+        bricks: the bricks.
+        clearance: distance that must be left [m]; by default touching is not meeting.
 
     Returns:
         A name, or None when there is room.
     """
-    low, high = boxes[:, 0] + TOUCH, boxes[:, 1] - TOUCH
+    shrink = -clearance if clearance > 0.0 else TOUCH
+    low, high = boxes[:, 0] + shrink, boxes[:, 1] - shrink
     if float(low[:, 2].min()) < 0.0:
         return PLATE
-    if not bricks:
-        return None
-    them = np.array(list(bricks.values()))
+    them = bricks.corners
     apart = (low[:, None] >= them[None, :, 1]) | (high[:, None] <= them[None, :, 0])
     hit = np.flatnonzero(~apart.any(axis=2).all(axis=0))
-    return list(bricks)[int(hit[0])] if hit.size else None
+    return bricks.names[int(hit[0])] if hit.size else None
 
 
 def place_down_blocked(
-    tool: BrickTool, item: PlacedBrick, press: Press, others: Mapping[str, Array]
+    tool: BrickTool, item: PlacedBrick, press: Press, others: BrickBoxes
 ) -> str | None:
     """Return what leaves no room to put a brick down, None when there is room.
 
@@ -133,7 +151,7 @@ def place_down_blocked(
 
 
 def place_up_blocked(
-    tool: BrickTool, item: PlacedBrick, press: Press, others: Mapping[str, Array]
+    tool: BrickTool, item: PlacedBrick, press: Press, others: BrickBoxes
 ) -> str | None:
     """Return what leaves no room to bring a brick in from below, None when there is room."""
     contact = place_up_contact(_top(item), item.brick, press)
@@ -143,18 +161,25 @@ def place_up_blocked(
 
 
 def support_blocked(
-    tool: BrickTool, support: Support, others: Mapping[str, Array], *, top: bool
+    tool: BrickTool,
+    support: Support,
+    others: BrickBoxes,
+    *,
+    top: bool,
+    clearance: float = 0.0,
 ) -> str | None:
     """Return what leaves no room for a supporting tool, None when there is room.
 
     Args:
         tool: the tool.
         support: cell and orientation.
-        others: boxes of all bricks.
+        others: boxes of bricks.
         top: True for a support-top, False for a support-bottom.
+        clearance: distance to keep from those bricks [m].
     """
     targets = (support_top_targets if top else support_bottom_targets)(GRID, support)
-    return blocking(tool.boxes(tool.poses((targets.pre[0], targets.support))), others)
+    boxes = tool.boxes(tool.poses((targets.pre[0], targets.support)))
+    return blocking(boxes, others, clearance=clearance)
 
 
 def support_face(tool: BrickTool, support: Support, *, top: bool) -> Array:
@@ -175,7 +200,7 @@ def attack_side(
     tool: BrickTool,
     item: PlacedBrick,
     press: Press,
-    others: Mapping[str, Array],
+    others: BrickBoxes,
     *,
     up: bool,
 ) -> int:
