@@ -73,17 +73,19 @@ class _Program:
         self.problem = problem
         self.model = pulp.LpProblem("assignment", pulp.LpMinimize)
         self.x = {
-            index: pulp.LpVariable(f"x{index}", cat="Binary")
+            index: self.model.add_variable(f"x{index}", cat="Binary")
             for index in _undominated(problem)
         }
         self.y = {
-            index: pulp.LpVariable(f"y{index}", cat="Binary")
+            index: self.model.add_variable(f"y{index}", cat="Binary")
             for index in range(len(problem.supports))
         }
         self.left_out: dict[int, Any] = {}
         steps = range(1, len(problem.steps) + 1)
         if elastic:
-            self.left_out = {s: pulp.LpVariable(f"u{s}", cat="Binary") for s in steps}
+            self.left_out = {
+                s: self.model.add_variable(f"u{s}", cat="Binary") for s in steps
+            }
             self.model += pulp.lpSum(self.left_out.values())
         else:
             self.model += self._motion() + problem.balance_weight * self._imbalance()
@@ -109,8 +111,8 @@ class _Program:
             work[problem.supports[s].robot, problem.supports[s].step].append(var)
         spread = []
         for window in problem.windows():
-            most = pulp.LpVariable(f"most{window.start}", 0, len(window))
-            least = pulp.LpVariable(f"least{window.start}", 0, len(window))
+            most = self.model.add_variable(f"most{window.start}", 0, len(window))
+            least = self.model.add_variable(f"least{window.start}", 0, len(window))
             spread.append(most - least)
             for robot in problem.robots:
                 load = pulp.lpSum(v for step in window for v in work[robot, step])
