@@ -2,7 +2,7 @@
 
 import sys
 
-FOUND = "Python %d.%d" % sys.version_info[:2]  # noqa: UP031 - must parse on any Python 3
+FOUND = "Python %d.%d" % sys.version_info[:2]
 
 if sys.version_info < (3, 11):
     sys.stderr.write(
