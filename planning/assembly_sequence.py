@@ -69,7 +69,9 @@ def find_assembly_sequence(
     dead_end: frozenset[Part] | None = None
     states = [whole]
     done: list[Removal[Part, How]] = []
-    pending: list[Iterator[Removal[Part, How]]] = [iter(removals(whole))]
+    pending: list[Iterator[Removal[Part, How]]] = [
+        iter(removals(whole) if whole else ())
+    ]
     visited = 1
     while states[-1]:
         step = next(

@@ -17,7 +17,7 @@ from planning.lego.contacts import PlacedBrick
 from planning.lego.grid import footprint, occupied_studs
 from planning.lego.grips import press_cell, presses
 from planning.lego.partial_structures import Names, PartialStructures
-from planning.lego.stability import Hold, Load
+from planning.lego.stability import Hold, Load, StabilityReport
 from planning.lego.structure import (
     LAYER_HEIGHT,
     STUD_PITCH,
@@ -118,21 +118,38 @@ class InsertionRules:
             if report.stable:
                 yield Insertion(way, press, support, report.score)
 
+    def bears(
+        self,
+        names: Names,
+        brick: str,
+        press: Press,
+        support: Support | None = None,
+        *,
+        up: bool = False,
+    ) -> StabilityReport:
+        """Return whether a structure bears a press, room for the tools set aside.
+
+        Args:
+            names: the partial structure with the brick in place.
+            brick: the brick that is pressed.
+            press: the grip.
+            support: the supporting tool; one that touches no brick is as good as none.
+            up: True for a place-up.
+        """
+        holds = () if support is None else self._holds(names, support, top=up)
+        loads = self._loads(brick, press, up=up)
+        return self._structures.pressed(names, brick, loads, holds)
+
     def presses_with(
         self, names: Names, brick: str, insertion: Insertion
     ) -> tuple[Press, ...]:
         """Return the presses that do with the same support, the given one first."""
         up = insertion.way == FROM_BELOW
-        holds: tuple[Hold, ...] = ()
-        if insertion.support is not None:
-            holds = self._holds(names, insertion.support, top=up)
         others = [
             press
             for press in self.roomy_presses(names, brick, up=up)
             if press != insertion.press
-            and self._structures.pressed(
-                names, brick, self._loads(brick, press, up=up), holds
-            ).stable
+            and self.bears(names, brick, press, insertion.support, up=up).stable
         ]
         return (insertion.press, *others)
 

@@ -1,0 +1,322 @@
+"""Assembly sequences of small structures, replayed step by step with the plain program."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.errors import InfeasibleStepError
+from planning.lego.bricks import BRICKS
+from planning.lego.contacts import PlacedBrick
+from planning.lego.grid import occupied_studs
+from planning.lego.grips import press_cell, presses
+from planning.lego.importer import import_apex_mr
+from planning.lego.insertion import InsertionRules
+from planning.lego.partial_structures import PartialStructures
+from planning.lego.sequencing import (
+    SequencedStructure,
+    SequencingRules,
+    sequence_structure,
+)
+from planning.lego.stability import Hold, Load, stability
+from planning.lego.structure import (
+    LAYER_HEIGHT,
+    STUD_PITCH,
+    BrickType,
+    Cell,
+    Press,
+    Support,
+)
+from planning.lego.tool_room import BrickTool, support_face
+
+_DATA = Path(
+    os.environ.get(
+        "ASSEMBLY_TWIN_APEX_DATA",
+        Path(__file__).parents[3] / "../shared/data/apex-mr",
+    )
+)
+
+
+def _brick(name: str, kind: str, x: int, y: int, z: int, turned: bool = False):
+    return PlacedBrick(name, BRICKS[kind], Cell(x, y, z, turned))
+
+
+def _tower(height: int, x: int = 20, y: int = 20) -> list[PlacedBrick]:
+    return [_brick(f"tower{z}", "2x4", x, y, z) for z in range(1, height + 1)]
+
+
+def _replay(structure, found: SequencedStructure, scaffold=(), force=15.0) -> None:
+    """Check every step of a sequence from scratch."""
+    goal = {i.name: i for i in structure}
+    assert sorted(q.name for q in found.sequence) == sorted(goal)
+    there = list(scaffold)
+    assert stability(there).stable
+    for item in found.sequence:
+        step, brick = item.step, goal[item.name]
+        assert (step.brick, step.cell) == (brick.brick.name, brick.cell)
+        filled = {p: i for i in there for p in occupied_studs(i.cell, i.brick)}
+        own = occupied_studs(brick.cell, brick.brick)
+        above = {filled.get((x, y, z + 1)) for x, y, z in own} - {None}
+        below = {filled.get((x, y, z - 1)) for x, y, z in own} - {None}
+        if step.up:
+            assert above
+            assert not below
+            assert step.cell.z > 1
+            assert step.press_cell == press_cell(
+                brick.cell, brick.brick, step.press, up=True
+            )
+        else:
+            assert not above
+            assert below or step.cell.z == 1
+        there.append(brick)
+        assert item.presses[0] == step.press
+        assert set(item.presses) <= set(presses(brick.brick))
+        for press in item.presses:
+            loads = _loads(brick, press, force, up=step.up)
+            holds = [] if step.support is None else _holds(there, step)
+            assert (step.support is None) == (not holds)
+            report = stability(
+                there, loads=loads, holds=holds, loose=frozenset((brick.name,))
+            )
+            assert report.stable, (item.name, press, report)
+        assert stability(there).stable
+
+
+def _loads(brick, press, force, *, up):
+    contact = press_cell(brick.cell, brick.brick, press, up=up)
+    pair = PlacedBrick("tool", BRICKS["1x2"], contact)
+    own = {p[:2] for p in occupied_studs(brick.cell, brick.brick)}
+    studs = [s for s in occupied_studs(pair.cell, pair.brick) if s[:2] in own]
+    height = (brick.cell.z - (1 if up else 0)) * LAYER_HEIGHT
+    each = (force if up else -force) / len(studs)
+    return [
+        Load(
+            brick.name,
+            (0.0, 0.0, each),
+            ((x + 0.5) * STUD_PITCH, (y + 0.5) * STUD_PITCH, height),
+        )
+        for x, y, _ in studs
+    ]
+
+
+def _holds(there, step):
+    """Return where the support touches, found by sampling its face."""
+    (x0, y0, _), (x1, y1, _) = support_face(BrickTool(), step.support, top=step.up)
+    layer = step.support.z - 1 if step.up else step.support.z + 1
+    filled = {p: i.name for i in there for p in occupied_studs(i.cell, i.brick)}
+    n = 9
+    out = []
+    for i in range(n):
+        for j in range(n):
+            x = x0 + (x1 - x0) * (0.001 + 0.998 * i / (n - 1))
+            y = y0 + (y1 - y0) * (0.001 + 0.998 * j / (n - 1))
+            name = filled.get((int(x // STUD_PITCH), int(y // STUD_PITCH), layer))
+            if name is not None:
+                out.append(Hold(name, -1 if step.up else 1, (x, y, 0.0)))
+    return out
+
+
+def test_a_tower_is_built_from_the_bottom():
+    tower = _tower(6)
+    found = sequence_structure(tower[::-1])
+    assert [q.name for q in found.sequence] == [b.name for b in tower]
+    assert all(not s.up and s.support is None for s in found.steps)
+    assert found.programs == 0
+    _replay(tower, found)
+
+
+def test_an_overhang_is_supported_from_below():
+    structure = [
+        *_tower(9),
+        _brick("arm", "2x4", 20, 18, 10),
+        _brick("hand", "2x4", 20, 15, 11),
+    ]
+    found = sequence_structure(structure)
+    _replay(structure, found)
+    by_name = {q.name: q for q in found.sequence}
+    assert by_name["arm"].step.support is None
+    hand = by_name["hand"]
+    assert hand.step.support is not None
+    assert "give way" in hand.reason
+    assert hand.supports[0] == hand.step.support
+    assert hand.step.support.z == 9  # under the arm, which the hand is pressed onto
+    with pytest.raises(InfeasibleStepError, match=r"'hand'.*support is not allowed"):
+        sequence_structure(structure, rules=SequencingRules(support=False))
+    gentle = sequence_structure(structure, rules=SequencingRules(force=0.5))
+    assert all(s.support is None for s in gentle.steps)
+
+
+def test_a_hanging_brick_is_placed_from_below():
+    structure = [
+        *_tower(15),
+        _brick("beam", "2x6", 20, 18, 16),
+        _brick("lamp", "2x2", 20, 18, 15),
+    ]
+    found = sequence_structure(structure)
+    _replay(structure, found)
+    lamp = found.sequence[-1]
+    assert lamp.name == "lamp"
+    assert lamp.step.up
+    assert lamp.step.press_cell is not None
+    assert lamp.step.support is not None
+    assert lamp.step.support.z > 16
+    assert "hangs below 'beam'" in lamp.reason
+    with pytest.raises(InfeasibleStepError, match="from below is not allowed"):
+        sequence_structure(structure, rules=SequencingRules(place_up=False))
+
+
+def test_scaffold_stays():
+    scaffold = _tower(4)
+    structure = [_brick("top", "2x2", 20, 20, 5), _brick("tip", "2x2", 20, 20, 6)]
+    found = sequence_structure(structure, scaffold=scaffold)
+    assert [q.name for q in found.sequence] == ["top", "tip"]
+    _replay(structure, found, scaffold)
+    with pytest.raises(InfeasibleStepError, match="nothing holds 'top'"):
+        sequence_structure(structure)
+
+
+def test_a_structure_that_collapses_is_refused():
+    heavy = BrickType("2x4", (2, 4), 0.5)
+    structure = [
+        *_tower(2),
+        PlacedBrick("slab", heavy, Cell(20, 17, 3)),
+    ]
+    with pytest.raises(
+        InfeasibleStepError, match=r"'slab' \(2x4 .* times the friction"
+    ):
+        sequence_structure(structure)
+
+
+def test_a_slab_on_one_stud_tips_when_pressed():
+    structure = [_brick("foot", "1x1", 20, 20, 1), _brick("roof", "2x4", 20, 20, 2)]
+    assert stability(structure).stable
+    with pytest.raises(InfeasibleStepError, match=r"'roof'.*gives way.*'foot'"):
+        sequence_structure(structure)
+    wider = [_brick("foot", "2x2", 20, 20, 1), structure[1]]
+    found = sequence_structure(wider)
+    assert [q.name for q in found.sequence] == ["foot", "roof"]
+    _replay(wider, found)
+
+
+def test_a_brick_in_a_pit_has_no_room_for_the_tool():
+    walls = [
+        _brick(f"{side}{z}", kind, x, y, z, turned)
+        for z in (1, 2, 3)
+        for side, kind, x, y, turned in (
+            ("west", "1x6", 18, 17, False),
+            ("east", "1x6", 22, 17, False),
+            ("south", "1x2", 19, 17, True),
+            ("north", "1x2", 19, 22, True),
+        )
+    ]
+    pit = _brick("pit", "1x1", 20, 20, 1)
+    with pytest.raises(InfeasibleStepError, match=r"'pit'.*no room"):
+        sequence_structure([pit], scaffold=walls)
+
+
+def test_limit_of_the_search_is_told():
+    structure = [_brick(f"b{k}", "2x2", 4 * k, 4, 1) for k in range(4)]
+    with pytest.raises(InfeasibleStepError, match="cut short"):
+        sequence_structure(structure, rules=SequencingRules(search_limit=3))
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.data())
+def test_random_towers_are_built_or_refused_with_a_reason(data):
+    structure: list[PlacedBrick] = []
+    filled: set[tuple[int, int, int]] = set()
+    for k in range(data.draw(st.integers(3, 8))):
+        kind = data.draw(st.sampled_from(["2x2", "2x4", "1x4", "2x6"]))
+        x, y = data.draw(st.integers(20, 24)), data.draw(st.integers(20, 24))
+        flat = _brick("", kind, x, y, 1, data.draw(st.booleans()))
+        columns = {p[:2] for p in occupied_studs(flat.cell, flat.brick)}
+        z = 1 + max((p[2] for p in filled if p[:2] in columns), default=0)
+        item = _brick(f"b{k}", kind, x, y, z, flat.cell.turned)
+        filled |= occupied_studs(item.cell, item.brick)
+        structure.append(item)
+    try:
+        found = sequence_structure(structure)
+    except InfeasibleStepError as error:
+        reason = str(error)
+    else:
+        _replay(structure, found)
+        return
+    assert any(f"'{item.name}'" in reason for item in structure)
+
+
+@pytest.mark.expensive
+def test_a_wall_of_258_bricks():
+    structure = []
+    layer = 1
+    while len(structure) < 258:
+        shift = 0 if layer % 2 else 2
+        for y in range(0, 12, 2):
+            for x in range(shift, 16 - shift, 4):
+                name = f"b{len(structure)}"
+                structure.append(_brick(name, "2x4", x, y, layer, True))
+        layer += 1
+    structure = structure[:258]
+    found = sequence_structure(structure)
+    assert len(found.steps) == 258
+    assert found.visited == 259
+    assert all(not s.up and s.support is None for s in found.steps)
+
+
+def _published(task):
+    """Return the steps of a published task by name, its structure and its scaffold."""
+    assembly = import_apex_mr(_DATA, task)["assembly"]
+    types = {
+        name: BrickType(name, tuple(b["studs"]), b["mass_kg"])
+        for name, b in assembly["bricks"].items()
+    }
+
+    def placed(name, entry):
+        cell = Cell(*entry["at"], entry.get("turned", False))
+        return PlacedBrick(name, types[entry["brick"]], cell)
+
+    steps = {f"s{k}": entry for k, entry in enumerate(assembly["steps"])}
+    structure = [placed(name, entry) for name, entry in steps.items()]
+    scaffold = [placed(e["name"], e) for e in assembly["stock"] if e.get("fixed")]
+    return steps, structure, scaffold
+
+
+@pytest.mark.skipif(not _DATA.exists(), reason="published task files not found")
+@pytest.mark.parametrize("task", ["cliff", "faucet"])
+def test_published_structures_get_the_published_ways(task):
+    steps, structure, scaffold = _published(task)
+    found = sequence_structure(structure, scaffold=scaffold)
+    _replay(structure, found, scaffold)
+    for item in found.sequence:
+        published = steps[item.name]
+        assert item.step.up == (published.get("place") == "up")
+        assert (item.step.support is not None) == ("support" in published)
+        side, offset = published["press"]["side"], published["press"]["offset"]
+        assert Press(side, offset) in item.presses
+
+
+@pytest.mark.skipif(not _DATA.exists(), reason="published task files not found")
+@pytest.mark.parametrize("task", ["cliff", "faucet", "bridge"])
+@pytest.mark.parametrize("force", [8.0, 15.0, 18.0])
+def test_published_sequences_have_support_exactly_where_it_is_needed(task, force):
+    """In the published order, with the published presses and supports."""
+    steps, structure, scaffold = _published(task)
+    rules = InsertionRules(
+        PartialStructures([*structure, *scaffold]), tool=BrickTool(), force=force
+    )
+    names = frozenset(item.name for item in scaffold)
+    for item in structure:
+        names |= {item.name}
+        step = steps[item.name]
+        press = Press(**step["press"])
+        up = step.get("place") == "up"
+        assert press in rules.roomy_presses(names, item.name, up=up)
+        alone = rules.bears(names, item.name, press, up=up).stable
+        assert alone == ("support" not in step), item
+        if "support" in step:
+            entry = step["support"]
+            support = Support(*entry["at"], entry["orientation"])
+            assert rules.bears(names, item.name, press, support, up=up).stable
