@@ -52,14 +52,16 @@ def _require_candidates(problem: AssignmentProblem) -> None:
     for step, words in enumerate(problem.steps, start=1):
         primaries = problem.primaries_of.get(step, [])
         lacking = None
-        if not primaries:
+        supports = problem.supports_of.get(step, [])
+        needs = problem.needs_support[step - 1]
+        if needs and not supports:
+            lacking = "no robot can support it"
+        elif not primaries:
             lacking = "no robot, object and grasp can do it"
-        elif problem.needs_support[step - 1]:
-            supports = problem.supports_of.get(step, [])
-            if not supports:
-                lacking = "no robot can support it"
-            elif not any(problem.compatible(p, s) for p in primaries for s in supports):
-                lacking = "no primary robot and support robot can do it together"
+        elif needs and not any(
+            problem.compatible(p, s) for p in primaries for s in supports
+        ):
+            lacking = "no primary robot and support robot can do it together"
         if lacking:
             raise InfeasibleStepError(
                 f"step {step} ({words}): {lacking}\n{explain_rejections(problem, step)}"

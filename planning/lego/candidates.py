@@ -186,19 +186,25 @@ class _Collector:
         self, robot: str, step: int, grasp: int, supports: dict[int, SkillPath]
     ) -> SkillOption | None:
         """Return the cheapest place, alone or beside any of the supports."""
-        beside: list[SkillPath | None] = [
-            path for path in supports.values() if path.robot != robot
-        ]
+        words = f"{robot} places, {_grip(grasp)}"
+        work = self.world.step(step)
+        beside: list[SkillPath | None] = [None]
+        if work.up or work.support is not None:
+            beside = [path for path in supports.values() if path.robot != robot]
+            if not beside:
+                alone = Obstruction("no other robot can support it")
+                self._reject(step, words, alone)
+                return None
         best: SkillOption | None = None
         reason: Obstruction | None = None
-        for support in beside or [None]:
+        for support in beside:
             option = self.skills.place(robot, step, grasp, support)
             if isinstance(option, Obstruction):
                 reason = reason or option
             elif best is None or self._cost(option.path) < self._cost(best.path):
                 best = option
         if best is None and reason is not None:
-            self._reject(step, f"{robot} places, {_grip(grasp)}", reason)
+            self._reject(step, words, reason)
         return best
 
     def _add_primary(

@@ -1,0 +1,71 @@
+"""A small case with everything in it: two GP4 on scaffolding that leans out over nothing.
+
+Layers 1 to 8 are fixed. Three bricks go on: two held from below, by the left and then by the
+right robot, and one pushed up from below under the edge of the second.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planning.lego.bricks import BRICKS
+from planning.lego.objects import plate_fixture, stock_objects
+from planning.lego.skill_targets import DEFAULT_TWIST
+from planning.lego.structure import (
+    Cell,
+    LegoAssembly,
+    LegoStep,
+    Plate,
+    Press,
+    StockBrick,
+    Support,
+)
+from planning.robots.registry import robot_model
+from planning.transforms import from_rpy, translation
+from planning.workcell import PlacedRobot, Workcell
+
+TOWER = (
+    StockBrick("f1", "2x6", Cell(23, 14, 1), fixed=True),
+    *(StockBrick(f"f{z}", "2x4", Cell(23, 15, z), fixed=True) for z in range(2, 7)),
+    StockBrick("f7", "2x4", Cell(23, 16, 7), fixed=True),
+    StockBrick("f8", "2x4", Cell(23, 18, 8), fixed=True),
+)
+STOCK = (
+    StockBrick("near_left", "2x4", Cell(6, 30, 1)),
+    StockBrick("near_right", "2x4", Cell(40, 30, 1)),
+    StockBrick("upper", "2x4", Cell(40, 36, 2)),
+    StockBrick("lower", "2x4", Cell(40, 36, 1)),
+    StockBrick("small", "2x2", Cell(10, 34, 1)),
+)
+STEPS = (
+    LegoStep("2x4", Cell(23, 20, 9), press=Press(1, 0), support=Support(23, 21, 7, 0)),
+    LegoStep("2x4", Cell(23, 22, 10), press=Press(4, 0), support=Support(24, 23, 8, 3)),
+    LegoStep(
+        "2x2",
+        Cell(23, 24, 9),
+        up=True,
+        press=Press(4, 0),
+        press_cell=Cell(24, 24, 8),
+        support=Support(23, 25, 11, 2),
+    ),
+)
+
+
+def overhang(
+    *, stock: tuple[StockBrick, ...] = STOCK, steps: tuple[LegoStep, ...] = STEPS
+) -> tuple[Workcell, LegoAssembly]:
+    """Return the cell and the assembly."""
+    plate = Plate(translation(0.44, 0.0, 1.1145))
+    assembly = LegoAssembly(plate, BRICKS, TOWER + stock, steps, DEFAULT_TWIST)
+    gp4 = robot_model("gp4")
+    cell = Workcell(
+        (
+            PlacedRobot("left", gp4, translation(0, 0, 0.9246), gp4.home),
+            PlacedRobot(
+                "right", gp4, from_rpy((0.88, 0, 0.9246), (0, 0, np.pi)), gp4.home
+            ),
+        ),
+        (plate_fixture(plate),),
+        stock_objects(assembly),
+    )
+    return cell, assembly

@@ -1,0 +1,184 @@
+"""Which robot can do what, with which brick, and why not."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planning.assignment import HighsAssignmentSolver
+from planning.errors import InfeasibleStepError
+from planning.kinematics import frame_pose
+from planning.lego.brick_world import grasp_number, press_of
+from planning.lego.candidates import LegoCandidates, find_candidates
+from planning.lego.grips import grip_pose, presses
+from planning.lego.skill_options import SkillOption
+from planning.lego.skill_paths import Obstruction, SkillPath
+from planning.lego.structure import Cell, LegoStep, Press, StockBrick
+from planning.task_plan import plan_violations
+from tests.planning.lego.overhang import STEPS, STOCK, overhang
+
+DATA = Path(
+    os.environ.get("ASSEMBLY_TWIN_APEX_DATA")
+    or Path(__file__).parents[3] / "../shared/data/apex-mr"
+)
+
+
+@pytest.fixture(scope="module")
+def found() -> LegoCandidates:
+    return find_candidates(*overhang())
+
+
+def robots_of(found: LegoCandidates, step: int) -> set[tuple[str, str, str | None]]:
+    chosen = [found.problem.primaries[p] for p in found.problem.primaries_of[step]]
+    return {(c.robot, c.object, c.partner) for c in chosen}
+
+
+def test_each_robot_takes_the_bricks_that_it_reaches(found: LegoCandidates) -> None:
+    # Step 1 is held by the left robot, step 2 by the right one: the other one places.
+    reached = {name for _, name, _ in robots_of(found, 1)}
+    assert reached == {"near_right", "upper", "lower"}
+    assert robots_of(found, 1) == {("right", name, None) for name in reached}
+    assert robots_of(found, 2) == {("left", "near_left", None)}
+    supports = {(s.step, s.robot) for s in found.problem.supports}
+    assert {(1, "left"), (2, "right")} <= supports
+
+
+def test_only_bricks_of_the_right_type_and_prescription_are_candidates() -> None:
+    steps = (replace(STEPS[0], stock="near_right"), *STEPS[1:])
+    cell, assembly = overhang(steps=steps)
+    found = find_candidates(cell, assembly)
+    assert robots_of(found, 1) == {("right", "near_right", None)}
+    assert {name for _, name, _ in robots_of(found, 3)} == {"small"}
+
+
+def test_place_up_pairs_a_receiver_with_a_giver(found: LegoCandidates) -> None:
+    assert robots_of(found, 3) == {("right", "small", "left")}
+
+
+def test_a_brick_under_another_waits_for_it(found: LegoCandidates) -> None:
+    for item in found.problem.primaries:
+        assert ("upper" in item.after) == (item.object == "lower")
+
+
+def test_costs_are_joint_distances_from_home(found: LegoCandidates) -> None:
+    home = {robot.name: robot.home for robot in found.world.cell.robots}
+    other = {"left": "right", "right": "left"}
+    for item in found.problem.primaries:
+        if item.partner is not None:
+            continue
+        support = found.skills.support(other[item.robot], item.step)
+        assert isinstance(support, SkillOption)
+        place = found.skills.place(item.robot, item.step, item.grasp, support.path)
+        assert isinstance(place, SkillOption)
+        pick = found.skills.pick(item.robot, item.object, item.grasp)
+        assert isinstance(pick, SkillOption)
+        attach = pick.path.waypoints[2]
+        top = found.world.start_top(item.object)
+        kind = found.world.stock_cells[item.object][1]
+        tool = frame_pose(found.world.cell.robot(item.robot), attach, "tool")
+        assert tool == pytest.approx(
+            grip_pose(top, kind, press_of(item.grasp)), abs=1e-6
+        )
+        posts = (attach, place.path.waypoints[2])
+        way = sum(float(np.abs(q - home[item.robot]).sum()) for q in posts)
+        assert item.cost == pytest.approx(way)
+
+
+def test_postures_stay_within_limits_and_do_not_flip(found: LegoCandidates) -> None:
+    paths: list[SkillPath] = []
+    for step in (1, 2, 3):
+        for robot in ("left", "right"):
+            option = found.skills.support(robot, step)
+            if isinstance(option, SkillOption):
+                paths.append(option.path)
+    for item in found.problem.primaries:
+        picker = item.partner or item.robot
+        pick = found.skills.pick(picker, item.object, item.grasp)
+        assert isinstance(pick, SkillOption)
+        paths.append(pick.path)
+    for path in paths:
+        model = found.world.cell.robot(path.robot).model
+        every = np.vstack([path.lead, path.path])
+        assert (every >= model.lower).all()
+        assert (every <= model.upper).all()
+        assert np.abs(np.diff(every, axis=0)).max() < 1.3
+
+
+def test_all_grips_are_tried_where_none_is_prescribed() -> None:
+    steps = (replace(STEPS[0], press=None), *STEPS[1:])
+    found = find_candidates(*overhang(steps=steps))
+    tried = {c.grasp for c in found.problem.primaries if c.step == 1}
+    assert len(tried) > 2
+    assert tried <= {grasp_number(p) for p in presses(found.world.kind(STEPS[0].brick))}
+    assert {press_of(grasp_number(p)) for p in (Press(1, 0), Press(4, 6))} == {
+        Press(1, 0),
+        Press(4, 6),
+    }
+
+
+def test_a_brick_out_of_reach_is_explained() -> None:
+    far = (StockBrick("far", "1x8", Cell(0, 0, 1)),)
+    step = LegoStep("1x8", Cell(40, 0, 1), press=Press(1, 3))
+    found = find_candidates(*overhang(stock=STOCK + far, steps=(step,)))
+    with pytest.raises(InfeasibleStepError) as caught:
+        HighsAssignmentSolver().assign(found.problem)
+    text = str(caught.value)
+    assert "step 1 (place-down of 1x8 at [40, 0, 1])" in text
+    assert "out of reach" in text
+
+
+def test_a_blocked_goal_waits_until_the_brick_in_the_way_is_used() -> None:
+    """Step 2's goal is where the brick of step 1 stands at the start."""
+    start = STOCK[0].cell
+    first = LegoStep("2x4", Cell(16, 24, 1), press=Press(1, 1))
+    second = LegoStep("2x4", start, press=Press(1, 1))
+    found = find_candidates(*overhang(steps=(first, second)))
+    onto = [c for c in found.problem.primaries if c.step == 2 and c.robot == "left"]
+    for item in onto:
+        assert item.object == "near_left" or "near_left" in item.after
+    plan = HighsAssignmentSolver().assign(found.problem)
+    assert plan_violations(found.problem, plan) == []
+    assert plan[1].object == "near_left" or plan[2].object == "near_left"
+
+
+def test_an_arm_that_stands_in_the_way_is_an_obstruction() -> None:
+    """The same place with the other arm at its support, and with that arm right there."""
+    cell, assembly = overhang()
+    found = find_candidates(cell, assembly)
+    support = found.skills.support("left", 1)
+    assert isinstance(support, SkillOption)
+    grasp = grasp_number(Press(1, 0))
+    beside = found.skills.place("right", 1, grasp, support.path)
+    assert isinstance(beside, SkillOption)
+    own = found.skills.place("left", 1, grasp)
+    assert isinstance(own, SkillOption)
+    stuck = replace(support.path, path=own.path.path[1:2], support=99)
+    blocked = found.skills.place("right", 1, grasp, stuck)
+    assert isinstance(blocked, Obstruction)
+    assert blocked.by is not None
+    assert blocked.by.startswith("left/")
+
+
+@pytest.mark.skipif(
+    not (DATA / "steps").is_dir(), reason="the published APEX-MR data are not there"
+)
+def test_the_published_cliff_gets_the_published_robots() -> None:
+    from planning.lego.importer import import_apex_mr
+    from twin.cell import build_assembly, build_workcell
+    from twin.scenario import Scenario
+
+    content = import_apex_mr(DATA, "cliff")
+    scenario = Scenario.model_validate_json(json.dumps(content))
+    found = find_candidates(build_workcell(scenario), build_assembly(scenario))
+    plan = HighsAssignmentSolver().assign(found.problem)
+    published = json.loads((DATA / "steps/cliff_seq.json").read_text())
+    names = {0: None, 1: "left", 2: "right"}
+    assert [(c.robot, c.support_robot) for c in plan.choices] == [
+        (names[step["robot_id"]], names[step["sup_robot_id"]])
+        for step in published.values()
+    ]
