@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks import BRICKS
 from planning.lego.contacts import PlacedBrick
+from planning.lego.finished_structure import resequence
 from planning.lego.grid import occupied_studs
 from planning.lego.grips import press_cell, presses
 from planning.lego.importer import import_apex_mr
@@ -28,10 +29,13 @@ from planning.lego.structure import (
     STUD_PITCH,
     BrickType,
     Cell,
+    LegoAssembly,
+    LegoStep,
     Press,
+    StockBrick,
     Support,
 )
-from planning.lego.tool_room import BrickTool, support_face
+from planning.lego.tool_room import GRID, BrickTool, support_face
 
 _DATA = Path(
     os.environ.get(
@@ -41,7 +45,9 @@ _DATA = Path(
 )
 
 
-def _brick(name: str, kind: str, x: int, y: int, z: int, turned: bool = False):
+def _brick(
+    name: str, kind: str, x: int, y: int, z: int, turned: bool = False
+) -> PlacedBrick:
     return PlacedBrick(name, BRICKS[kind], Cell(x, y, z, turned))
 
 
@@ -320,3 +326,17 @@ def test_published_sequences_have_support_exactly_where_it_is_needed(task, force
             entry = step["support"]
             support = Support(*entry["at"], entry["orientation"])
             assert rules.bears(names, item.name, press, support, up=up).stable
+
+
+def test_an_assembly_is_planned_anew_from_its_goal():
+    steps = [
+        LegoStep("2x4", Cell(20, 20, 3)),
+        LegoStep("2x4", Cell(20, 20, 2), stock="b"),
+    ]
+    stock = (StockBrick("base", "2x4", Cell(20, 20, 1), fixed=True),)
+    assembly = LegoAssembly(GRID, BRICKS, stock, tuple(steps), {})
+    planned, found = resequence(assembly)
+    assert [s.cell.z for s in planned.steps] == [2, 3]
+    assert [q.name for q in found.sequence] == ["step 2", "step 1"]
+    assert all(s.press is not None and s.stock is None for s in planned.steps)
+    assert (planned.stock, planned.plate) == (stock, GRID)

@@ -23,7 +23,9 @@ from planning.lego.stability import (
 from planning.lego.structure import STUD_PITCH, BrickType, Cell
 
 
-def _brick(name: str, kind: str, x: int, y: int, z: int, turned: bool = False):
+def _brick(
+    name: str, kind: str, x: int, y: int, z: int, turned: bool = False
+) -> PlacedBrick:
     return PlacedBrick(name, BRICKS[kind], Cell(x, y, z, turned))
 
 
