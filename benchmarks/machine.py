@@ -1,0 +1,29 @@
+"""What a result was measured on, for the heads of result files."""
+
+from __future__ import annotations
+
+import os
+import platform
+from datetime import UTC, datetime
+from pathlib import Path
+
+
+def machine_line() -> str:
+    """Return the processor, its cores, the memory and the Python version in one line."""
+    name = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        for line in info.read_text().splitlines():
+            if line.startswith("model name"):
+                name = line.split(":", 1)[1].strip()
+                break
+    pages = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return (
+        f"{name}, {os.cpu_count()} cores, {pages / 2**30:.0f} GiB, "
+        f"Python {platform.python_version()}"
+    )
+
+
+def date_line() -> str:
+    """Return today's date (UTC)."""
+    return f"{datetime.now(UTC):%Y-%m-%d}"
