@@ -9,6 +9,7 @@ ordered, (b) so are a node and a robot that stands, (c) and a node and an object
 
 from __future__ import annotations
 
+import heapq
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -23,8 +24,11 @@ from scheduling.verification_geometry import TOLERANCE, Part, measure, resting_p
 from scheduling.verification_objects import Resting, object_histories, planned_key
 from scheduling.verification_order import Precedence, find_precedence
 
+_Key = tuple[int, int, bool, bool]
+"""Nodes of both sides, and whether each robot stands before its node."""
+
 _BLOCK = 48
-_FINEST = 1e-6
+_FINEST = 1e-5
 
 Progress = Callable[[int, int], None]
 """Called with the pairs of robots (or robots and resting things) done so far, and their number."""
@@ -66,7 +70,7 @@ class Problem:
             ``"dependency"``, ``"handling"``, ``"nodes"``, ``"hold"`` or ``"rest"``.
         message: one sentence.
         first, second: the two sides, None for a cycle.
-        distance_m: least distance measured, NaN where none was [m].
+        distance_m: distance measured where it was first seen, NaN where none was [m].
     """
 
     kind: str
@@ -235,33 +239,36 @@ class _Verification:
         low = np.searchsorted(b.pieces.end, past_b)
         high = np.searchsorted(past_a, a.pieces.end, side="right")
         self.pairs += int(np.maximum(high - low, 0).sum())
-        worst: dict[tuple[int, int, bool, bool], Problem] = {}
+        seen: dict[_Key, Problem] = {}
+        clearances = self.tpg.cell.clearances
         for x in a.bodies:
             for y in b.bodies:
-                if len(self.problems) + len(worst) >= self.limit:
+                if len(self.problems) + len(seen) >= self.limit:
                     break
-                clearances = self.tpg.cell.clearances
                 both = x.robot and y.robot
                 limit = clearances.robot_robot if both else clearances.robot_object
-                for i, j in _close_pairs(
+                for close in _close_pairs(
                     a.pieces, x, b.pieces, y, past_a, past_b, limit
                 ):
-                    if self._may_touch(
-                        x.part.entity,
-                        y.part.entity,
-                        a.pieces.tasks[i],
-                        b.pieces.tasks[j],
-                    ):
-                        continue
-                    found = self._closer(
-                        (a, x.part, i), (b, y.part, j), limit, between_robots=both
-                    )
-                    if found is not None:
-                        first = _moment(a, x.part, i)
-                        second = _moment(b, y.part, j)
-                        key = (first.node, second.node, first.standing, second.standing)
-                        _keep_worst(worst, key, _conflict(first, second, found))
-        self.problems += _without_repeats(worst)
+                    if len(self.problems) + len(seen) >= self.limit:
+                        break
+                    for i, j in _unsettled(a, x, b, y, close, limit):
+                        key = _key(a.pieces, i, b.pieces, j)
+                        if key in seen or self._may_touch(
+                            x.part.entity,
+                            y.part.entity,
+                            a.pieces.tasks[i],
+                            b.pieces.tasks[j],
+                        ):
+                            continue
+                        found = self._closer(
+                            (a, x.part, i), (b, y.part, j), limit, between_robots=both
+                        )
+                        if found is not None:
+                            first = _moment(a, x.part, i)
+                            second = _moment(b, y.part, j)
+                            seen[key] = _conflict(first, second, found)
+        self.problems += _without_repeats(seen)
 
     def _rest(self, robot: RobotBodies, rest: Resting, precedence: Precedence) -> None:
         part = resting_part(rest.object, rest.size, rest.pose)
@@ -271,7 +278,7 @@ class _Verification:
         limit = self.tpg.cell.clearances.robot_object
         world = np.eye(4)
         inverse = rest.pose[:3, :3]
-        worst: dict[tuple[int, int, bool, bool], Problem] = {}
+        seen: dict[_Key, Problem] = {}
         for x in robot.bodies:
             if x.part.entity == rest.object or (fixture and x.part.joint < 0):
                 continue
@@ -282,16 +289,22 @@ class _Verification:
             close = (out < x.radius + limit) & there[x.pieces]
             for i in x.pieces[close].tolist():
                 tasks = robot.pieces.tasks[i]
-                if self._may_touch(x.part.entity, rest.object, tasks, None):
+                key = (
+                    int(robot.pieces.node[i]),
+                    -1,
+                    bool(robot.pieces.standing[i]),
+                    True,
+                )
+                if key in seen or self._may_touch(
+                    x.part.entity, rest.object, tasks, None
+                ):
                     continue
                 found = self._closer((robot, x.part, i), (None, part, world), limit)
                 if found is not None:
                     first = _moment(robot, x.part, i)
                     second = Moment(None, -1, -1, True, rest.object)
-                    key = (first.node, -1, first.standing, True)
-                    problem = _conflict(first, second, found, kind="rest")
-                    _keep_worst(worst, key, problem)
-        self.problems += worst.values()
+                    seen[key] = _conflict(first, second, found, kind="rest")
+        self.problems += seen.values()
 
     def _may_touch(
         self, x: str, y: str, x_tasks: Indices, y_tasks: Indices | None
@@ -326,9 +339,10 @@ class _Verification:
             frame_b = b.frames[j, part_b.joint + 1]
         else:
             _, part_b, frame_b = second
-        todo = [(spans, a.frames[i, part_a.joint + 1], frame_b)]
-        while todo:
-            spans, frame_a, frame_b = todo.pop()
+        count = 0
+        todo = [(0.0, count, spans, a.frames[i, part_a.joint + 1], frame_b)]
+        while todo:  # what may be closest first
+            _, _, spans, frame_a, frame_b = heapq.heappop(todo)
             gap = measure(part_a, frame_a, part_b, frame_b)
             self.least[between_robots] = min(self.least[between_robots], gap)
             if gap < limit - TOLERANCE:
@@ -344,13 +358,15 @@ class _Verification:
             middle = 0.5 * (start + end)
             for half in ((start, middle), (middle, end)):
                 q = 0.5 * (half[0] + half[1])
+                count += 1
                 if cut == 0:
                     frame = a.robot.joint_frames(q)[part_a.joint + 1]
-                    todo.append(([half, *spans[1:]], frame, frame_b))
+                    entry = ([half, *spans[1:]], frame, frame_b)
                 else:
                     assert second[0] is not None
                     frame = second[0].robot.joint_frames(q)[part_b.joint + 1]
-                    todo.append(([spans[0], half], frame_a, frame))
+                    entry = ([spans[0], half], frame_a, frame)
+                heapq.heappush(todo, (gap - sum(moved), count, *entry))
         return None
 
 
@@ -371,8 +387,11 @@ def _close_pairs(
     past_a: Indices,
     past_b: Indices,
     limit: float,
-) -> Iterator[tuple[int, int]]:
-    """Yield pairs of pieces that may happen at once and in which two spheres come close."""
+) -> Iterator[tuple[Indices, Indices]]:
+    """Yield pairs of pieces that may happen at once and in which two spheres come close.
+
+    They come in groups, as positions in ``x.pieces`` and in ``y.pieces``.
+    """
     end_a, end_b = pieces_a.end[x.pieces], pieces_b.end[y.pieces]
     past_a, past_b = past_a[y.pieces], past_b[x.pieces]
     for k in range(0, len(x.pieces), _BLOCK):
@@ -396,11 +415,52 @@ def _close_pairs(
         hit &= end_a[block][:, None] >= past_a[j0:j1][near][None]
         hit &= end_b[j0:j1][near][None] >= past_b[block][:, None]
         rows, columns = np.nonzero(hit)
-        yield from zip(
-            x.pieces[k + rows].tolist(),
-            y.pieces[j0 + near[columns]].tolist(),
-            strict=True,
+        if len(rows):
+            yield k + rows, j0 + near[columns]
+
+
+def _unsettled(
+    a: RobotBodies,
+    x: Body,
+    b: RobotBodies,
+    y: Body,
+    close: tuple[Indices, Indices],
+    limit: float,
+) -> Iterator[tuple[int, int]]:
+    """Yield the pairs of pieces that one measurement for many of them does not settle.
+
+    What is measured in the middle of two pieces holds for others as well, less what both parts
+    are displaced from there to the middle of the others, and move within them.
+    """
+    rows, columns = close
+    while len(rows):
+        k = len(rows) // 2
+        row, column = rows[k], columns[k]
+        i, j = int(x.pieces[row]), int(y.pieces[column])
+        gap = measure(
+            x.part,
+            a.frames[i, x.part.joint + 1],
+            y.part,
+            b.frames[j, y.part.joint + 1],
         )
+        left = gap - _displaced(a, x, row, rows) - _displaced(b, y, column, columns)
+        unsettled = left < limit - TOLERANCE
+        if unsettled[k]:
+            unsettled[k] = False
+            yield i, j
+        rows, columns = rows[unsettled], columns[unsettled]
+
+
+def _displaced(robot: RobotBodies, body: Body, start: int, others: Indices) -> Array:
+    """Return how far any point of a body gets from one piece's middle in other pieces [m]."""
+    low, high = int(others.min()), int(others.max()) + 1
+    low, high = min(low, int(start)), max(high, int(start) + 1)
+    frames = robot.frames[body.pieces[low:high], body.part.joint + 1, :3, :3]
+    turned = (frames - frames[start - low]).reshape(-1, 9)
+    angle = np.sqrt(np.einsum("ij,ij->i", turned, turned) / 2.0)
+    moved = np.linalg.norm(body.centre[low:high] - body.centre[start], axis=1)
+    within = body.radius[low:high] - body.part.radius
+    return np.asarray((moved + body.part.radius * angle + within)[others - low])
 
 
 def _while_there(
@@ -458,25 +518,16 @@ def _conflict(
     )
 
 
-def _keep_worst(
-    worst: dict[tuple[int, int, bool, bool], Problem],
-    key: tuple[int, int, bool, bool],
-    problem: Problem,
-) -> None:
-    if key not in worst or problem.distance_m < worst[key].distance_m:
-        worst[key] = problem
+def _key(a: Pieces, i: int, b: Pieces, j: int) -> _Key:
+    return int(a.node[i]), int(b.node[j]), bool(a.standing[i]), bool(b.standing[j])
 
 
-def _without_repeats(
-    worst: dict[tuple[int, int, bool, bool], Problem],
-) -> list[Problem]:
-    """Leave out stands next to a node that is named already: its motion ends where they are."""
-    nodes = {key[:2] for key in worst if not key[2] and not key[3]}
+def _without_repeats(seen: dict[_Key, Problem]) -> list[Problem]:
+    """Leave out stands next to a motion that is named already: it starts or ends with them."""
     out = []
-    for (u, v, u_stands, v_stands), problem in sorted(worst.items()):
-        ends_u = (u - 1, u) if u_stands else (u,)
-        ends_v = (v - 1, v) if v_stands else (v,)
-        named = any((i, j) in nodes for i in ends_u for j in ends_v)
-        if not (named and (u_stands or v_stands)):
+    for (u, v, u_stands, v_stands), problem in sorted(seen.items(), key=lambda p: p[0]):
+        moving = [(n, v, False, v_stands) for n in (u - 1, u) if u_stands]
+        moving += [(u, n, u_stands, False) for n in (v - 1, v) if v_stands]
+        if not any(key in seen for key in moving):
             out.append(problem)
     return out

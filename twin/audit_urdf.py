@@ -17,7 +17,6 @@ from pathlib import Path
 
 from planning.errors import RobotModelError
 
-
 MARGIN = 0.001
 """Bullet's margin of the shapes of a URDF [m]."""
 

@@ -1,0 +1,138 @@
+"""Motion plans of two GP4 arms that take turns around one spot between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from planning.geometry.cover import box_body
+from planning.geometry.scene import SceneChecker
+from planning.motion_plan import MotionPlan, TaskMotion
+from planning.robots.registry import robot_model
+from planning.task_graph import AllowedContact, Handling, Task
+from planning.transforms import Array, Transform, from_rpy, translation
+from planning.workcell import (
+    Attachment,
+    CellObject,
+    Fixture,
+    PlacedRobot,
+    Workcell,
+    WorldState,
+    start_state,
+)
+
+STEP = 0.05
+"""L1 distance of two nodes [rad], at 1 rad/s."""
+
+
+def block(name: str, size: tuple[float, float, float], pose: Transform) -> CellObject:
+    return CellObject(name, "block", np.array(size), pose, box_body(name, size))
+
+
+def two_arms(objects: tuple[CellObject, ...] = (), gap: float = 0.88) -> Workcell:
+    model = robot_model("gp4")
+    table = np.array([0.4, 1.0, 0.02])
+    return Workcell(
+        (
+            PlacedRobot("left", model, np.eye(4), model.home),
+            PlacedRobot(
+                "right", model, from_rpy([gap, 0.0, 0.0], [0, 0, np.pi]), model.home
+            ),
+        ),
+        (
+            Fixture(
+                "table",
+                table,
+                translation(gap / 2, 0.0, 0.17),
+                box_body("table", table),
+            ),
+        ),
+        objects,
+    )
+
+
+@dataclass
+class Writer:
+    """Writes a sequential plan: one robot moves while the other one stands."""
+
+    cell: Workcell
+    q: dict[str, Array] = field(default_factory=dict)
+    tasks: list[Task] = field(default_factory=list)
+    motions: list[TaskMotion] = field(default_factory=list)
+    dependencies: list[tuple[int, int]] = field(default_factory=list)
+    allowed: list[AllowedContact] = field(default_factory=list)
+    time: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.q = {robot.name: robot.home for robot in self.cell.robots}
+
+    def free(self, robot: str, goal: Array) -> bool:
+        """Tell whether the straight line to a goal is free of the other arm and the table."""
+        placed = {
+            o.name: Attachment(None, translation(0.0, 0.0, -5.0 - k))
+            for k, o in enumerate(self.cell.objects)
+        }
+        state = WorldState(self.q, {**start_state(self.cell).attachments, **placed})
+        checker = SceneChecker(self.cell, robot, state, margin=0.002)
+        return checker.motion_free(self.q[robot], goal)
+
+    def move(
+        self, robot: str, goal: Array, *handlings: Handling, step: float = STEP
+    ) -> int:
+        """Append a transit of nodes ``step`` apart; return its task."""
+        start = self.q[robot]
+        count = max(1, int(np.ceil(np.abs(goal - start).sum() / step)))
+        path = start + np.linspace(0.0, 1.0, count + 1)[:, None] * (goal - start)
+        time = self.time + STEP * np.arange(count + 1)
+        index = len(self.tasks)
+        self.tasks.append(
+            Task(
+                index,
+                robot,
+                "transit",
+                1,
+                f"move {index}",
+                path[-1:],
+                tuple(
+                    Handling(
+                        h.object,
+                        count if h.waypoint < 0 else h.waypoint,
+                        h.holder,
+                        h.pose,
+                    )
+                    for h in handlings
+                ),
+            )
+        )
+        self.motions.append(TaskMotion(path, time))
+        self.q[robot] = path[-1]
+        self.time = float(time[-1])
+        return index
+
+    def plan(self) -> MotionPlan:
+        return MotionPlan(
+            self.cell,
+            tuple(self.tasks),
+            tuple(self.motions),
+            np.array(self.dependencies, dtype=np.int64).reshape(-1, 2),
+            tuple(self.allowed),
+        )
+
+
+def random_turns(seed: int, turns: int, gap: float = 0.88) -> MotionPlan:
+    """Arms reach for the middle in turns and go home; some turns take two goals."""
+    rng = np.random.default_rng(seed)
+    writer = Writer(two_arms(gap=gap))
+    for turn in range(turns):
+        robot = writer.cell.robots[turn % 2]
+        for _ in range(int(rng.integers(1, 3))):
+            for _ in range(50):
+                goal = robot.home + rng.uniform(-1, 1, 6) * [0.4, 0.6, 0.4, 0.5, 0.4, 1]
+                goal[1] += 0.5
+                if writer.free(robot.name, goal):
+                    writer.move(robot.name, goal)
+                    break
+        if writer.free(robot.name, robot.home):
+            writer.move(robot.name, robot.home)
+    return writer.plan()
