@@ -13,8 +13,8 @@ from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform
 from planning.workcell import PlacedRobot
 
-TOLERANCE = 2e-4
-"""Distances are decided to this: the planner's own exact decision has the same one [m]."""
+TOLERANCE = 2e-5
+"""Distances may fall short of the clearance by this much: coal's are that exact [m]."""
 
 _REQUEST = coal.DistanceRequest()
 _RESULT = coal.DistanceResult()
