@@ -1,12 +1,12 @@
 """Errors of the package, one subclass a cause.
 
-    TwinError
-    +-- ScenarioError          the scenario file cannot be used as written
-    +-- RobotModelError        a robot description cannot be used
-    +-- InfeasibleStepError    no robot, object and pose can do an assembly step
-    +-- TransitError           no collision-free path was found
-    +-- PlanInvariantError     a plan breaks a guarantee it must keep
-    +-- OutputError            a file or folder cannot be written or read
+TwinError
++-- ScenarioError          the scenario file cannot be used as written
++-- RobotModelError        a robot description cannot be used
++-- InfeasibleStepError    no robot, object and pose can do an assembly step
++-- TransitError           no collision-free path was found
++-- PlanInvariantError     a plan breaks a guarantee it must keep
++-- OutputError            a file or folder cannot be written or read
 """
 
 from __future__ import annotations
