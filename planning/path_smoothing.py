@@ -77,7 +77,7 @@ def _merge(path: Array) -> Array:
         [[True], np.any(np.abs(np.diff(path, axis=0)) > 1e-9, axis=1)]
     )
     keep[-1] = True
-    return path[keep]
+    return np.asarray(path[keep])
 
 
 def _drop_corners(checker: MotionChecker, path: Array, speed: SpeedModel) -> Array:

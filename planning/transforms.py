@@ -92,7 +92,7 @@ def quat_wxyz(pose: Transform) -> Array:
             [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], squares[3]]
         )
     quat = quat * d
-    return quat if quat[0] >= 0 else -quat
+    return np.asarray(quat if quat[0] >= 0 else -quat)
 
 
 def inverse(pose: Transform) -> Transform:

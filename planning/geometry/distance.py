@@ -42,7 +42,7 @@ def segment_segment(a0: Array, a1: Array, b0: Array, b1: Array) -> float:
     dx = wx + s * ux - t * vx
     dy = wy + s * uy - t * vy
     dz = wz + s * uz - t * vz
-    return dx * dx + dy * dy + dz * dz
+    return float(dx * dx + dy * dy + dz * dz)
 
 
 @njit(cache=True)

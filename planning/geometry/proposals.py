@@ -76,7 +76,7 @@ def _bound_bodies(
 
 @njit(cache=True, inline="always")
 def _apart(a: Array, i: int, b: Array, j: int, limit: float) -> bool:
-    return (
+    return bool(
         a[i, 0] - b[j, 3] > limit
         or b[j, 0] - a[i, 3] > limit
         or a[i, 1] - b[j, 4] > limit

@@ -274,7 +274,7 @@ class SceneChecker:
                 worst = Contact(mine.name, second.name, gap, limit)
         return worst
 
-    def _propose(self, q_a: Array, q_b: Array) -> tuple[Array, Array, int]:
+    def _propose(self, q_a: Array, q_b: Array) -> tuple[Array, Integers, int]:
         room = 512
         while True:
             when, what, count = propose(

@@ -30,7 +30,12 @@ def make_arm() -> ArmMaker:
             ]
         )
         axis = np.array([[0.0, 1, 0], [0, 0, 1], [0, 1, 0], [1, 0, 0]])
-        sizes = [(0.1, 0.1, 0.1), (0.25, 0.05, 0.05), (0.2, 0.04, 0.04), (0.1, 0.03, 0.02)]
+        sizes = [
+            (0.1, 0.1, 0.1),
+            (0.25, 0.05, 0.05),
+            (0.2, 0.04, 0.04),
+            (0.1, 0.03, 0.02),
+        ]
         parts = []
         for joint, size in enumerate(sizes):
             body = box_body(f"link{joint}", np.array(size))
@@ -51,7 +56,9 @@ def make_arm() -> ArmMaker:
             lower=np.array([-0.3, -3.0, -2.5, -3.0]),
             upper=np.array([0.3, 3.0, 2.5, 3.0]),
             velocity=np.ones(4),
-            chain=KinematicChain(placement, axis, np.array([True, False, False, False])),
+            chain=KinematicChain(
+                placement, axis, np.array([True, False, False, False])
+            ),
             flange=translation(0.1, 0.0, 0.0),
             frames={},
             parts=tuple(parts),

@@ -65,9 +65,7 @@ def _least_gap(cell: Workcell, state: WorldState, q: np.ndarray) -> float:
     gaps = []
     for a in mine:
         for b in other:
-            gaps.append(
-                distance_at(a, q, b, q_two) - cell.clearances.robot_robot
-            )
+            gaps.append(distance_at(a, q, b, q_two) - cell.clearances.robot_robot)
     for i in range(len(mine)):
         for j in range(i + 1, len(mine)):
             if (i, j) not in one.model.never_collide:

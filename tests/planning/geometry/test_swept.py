@@ -16,11 +16,11 @@ from planning.workcell import PlacedRobot
 
 def _capsules_at(kernel: RobotKernel, q: Array) -> tuple[Array, Array]:
     poses = np.empty((len(q) + 1, 4, 4))
-    joint_poses(
-        kernel.placement, kernel.axis, kernel.prismatic, kernel.base, q, poses
-    )
+    joint_poses(kernel.placement, kernel.axis, kernel.prismatic, kernel.base, q, poses)
     carried = poses[kernel.joint + 1]
-    start = np.einsum("cij,cj->ci", carried[:, :3, :3], kernel.start) + carried[:, :3, 3]
+    start = (
+        np.einsum("cij,cj->ci", carried[:, :3, :3], kernel.start) + carried[:, :3, 3]
+    )
     end = np.einsum("cij,cj->ci", carried[:, :3, :3], kernel.end) + carried[:, :3, 3]
     return start, end
 
@@ -61,7 +61,9 @@ def test_a_motion_of_nothing_grows_nothing(
     assert np.array_equal(radius[0], kernel.radius)
 
 
-def test_small_motions_are_bounded_tightly(make_arm: Callable[..., PlacedRobot]) -> None:
+def test_small_motions_are_bounded_tightly(
+    make_arm: Callable[..., PlacedRobot],
+) -> None:
     arm = make_arm()
     kernel = robot_kernel(arm)
     q_a = np.array([0.0, 0.3, -0.4, 0.2])
