@@ -15,7 +15,8 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from planning.geometry.exact import come_close
+from planning.geometry.exact import come_close, distance_at
+from planning.transforms import Array
 from scheduling.contacts import ContactTable
 from scheduling.hull_separation import make_scratch
 from scheduling.occupancy import Occupancy
@@ -29,7 +30,13 @@ class ConflictChecker(Protocol):
     """Decides whether what capsules propose is a conflict."""
 
     def conflict(
-        self, a: Occupancy, s: int, b: Occupancy, t: int, pairs: npt.NDArray[np.int64]
+        self,
+        a: Occupancy,
+        s: int,
+        b: Occupancy,
+        t: int,
+        pairs: npt.NDArray[np.int64],
+        where: Array,
     ) -> bool:
         """Tell whether two segments conflict.
 
@@ -37,6 +44,8 @@ class ConflictChecker(Protocol):
             a, s: an occupancy and a segment of it.
             b, t: another robot's occupancy and a segment of it.
             pairs: bodies (of a, of b) that are proposed, shape (p, 2).
+            where: shares of both motions at which each pair may be too close, NaN where
+                that is not known, shape (p, 2).
         """
         ...
 
@@ -57,24 +66,33 @@ class HullChecker:
         self.decisions = 0
 
     def conflict(
-        self, a: Occupancy, s: int, b: Occupancy, t: int, pairs: npt.NDArray[np.int64]
+        self,
+        a: Occupancy,
+        s: int,
+        b: Occupancy,
+        t: int,
+        pairs: npt.NDArray[np.int64],
+        where: Array,
     ) -> bool:
         """Tell whether two segments conflict; see ConflictChecker."""
-        for i, j in pairs.tolist():
+        for (i, j), (x, y) in zip(pairs.tolist(), where.tolist(), strict=True):
             self.decisions += 1
             both_robots = (
                 a.sequence.entity[s, i] < self._robots
                 and b.sequence.entity[t, j] < self._robots
             )
-            if come_close(
+            limit = self._between_robots if both_robots else self._to_objects
+            solid_a, solid_b = (
                 a.solids[a.hulls.solid[s, i]],
-                a.hulls.q_a[s],
-                a.hulls.q_b[s],
                 b.solids[b.hulls.solid[t, j]],
-                b.hulls.q_a[t],
-                b.hulls.q_b[t],
-                self._between_robots if both_robots else self._to_objects,
-            ):
+            )
+            a_from, a_to = a.hulls.q_a[s], a.hulls.q_b[s]
+            b_from, b_to = b.hulls.q_a[t], b.hulls.q_b[t]
+            if not np.isnan(x):
+                q_a, q_b = a_from + x * (a_to - a_from), b_from + y * (b_to - b_from)
+                if distance_at(solid_a, q_a, solid_b, q_b) < limit:
+                    return True
+            if come_close(solid_a, a_from, a_to, solid_b, b_from, b_to, limit):
                 return True
         return False
 
@@ -83,7 +101,13 @@ class CapsuleChecker:
     """Takes the swept capsules at their word: quicker, and safe, but with conflicts too many."""
 
     def conflict(
-        self, a: Occupancy, s: int, b: Occupancy, t: int, pairs: npt.NDArray[np.int64]
+        self,
+        a: Occupancy,
+        s: int,
+        b: Occupancy,
+        t: int,
+        pairs: npt.NDArray[np.int64],
+        where: Array,
     ) -> bool:
         """Tell whether two segments conflict; see ConflictChecker."""
         return True
@@ -111,6 +135,7 @@ def search_conflicts(
     """
     stack = np.zeros((4096, 2), dtype=np.int64)
     pairs = np.empty((ROOM, 2), dtype=np.int64)
+    where = np.full((ROOM, 2), np.nan)
     scratch = make_scratch(a.hulls, b.hulls)
     depth = 1
     # A checker that decides by hulls need not be asked about hulls proved to be apart.
@@ -128,11 +153,12 @@ def search_conflicts(
             stack,
             depth,
             pairs,
+            where,
             scratch,
         )
         if count == 0:
             return
-        if checker.conflict(a, s, b, t, pairs[:count]):
+        if checker.conflict(a, s, b, t, pairs[:count], where[:count]):
             v, u = int(a.sequence.node[s]), int(b.sequence.node[t])
             raise_floor(floor, v, u)
             yield v, u

@@ -292,6 +292,8 @@ class Scratch(NamedTuple):
         part_a, part_b: joint poses elsewhere.
         corners_a, corners_b: shape (twice the most corners of a solid, 3).
         stack: parts still to be looked at, shape (64, 4).
+        posed: the segments that ``whole_a`` and ``whole_b`` belong to, shape (2,).
+        where: shares of both motions at which two bodies were not proved apart, shape (2,).
     """
 
     whole_a: Array
@@ -301,6 +303,8 @@ class Scratch(NamedTuple):
     corners_a: Array
     corners_b: Array
     stack: Array
+    posed: Indices
+    where: Array
 
 
 def make_scratch(a: HullTable, b: HullTable) -> Scratch:
@@ -314,14 +318,20 @@ def make_scratch(a: HullTable, b: HullTable) -> Scratch:
         np.empty((2 * int(np.max(np.diff(a.corner_first))), 3)),
         np.empty((2 * int(np.max(np.diff(b.corner_first))), 3)),
         np.empty((64, 4)),
+        np.full(2, -1, dtype=np.int64),
+        np.empty(2),
     )
 
 
 @njit(cache=True)
 def pose_segments(a: HullTable, s: int, b: HullTable, t: int, scratch: Scratch) -> None:
     """Prepare two segments for ``hulls_stay_apart``."""
-    _pose(a, 0.5 * (a.q_a[s] + a.q_b[s]), scratch.whole_a)
-    _pose(b, 0.5 * (b.q_a[t] + b.q_b[t]), scratch.whole_b)
+    if scratch.posed[0] != s:
+        _pose(a, 0.5 * (a.q_a[s] + a.q_b[s]), scratch.whole_a)
+        scratch.posed[0] = s
+    if scratch.posed[1] != t:
+        _pose(b, 0.5 * (b.q_a[t] + b.q_b[t]), scratch.whole_b)
+        scratch.posed[1] = t
 
 
 @njit(cache=True)
@@ -341,7 +351,8 @@ def hulls_stay_apart(
         a, s, i: an occupancy, a segment of it and a body.
         b, t, j: likewise for the other.
         clearance: least distance [m]; where negative, 0 is proved or nothing.
-        scratch: after ``pose_segments`` for s and t.
+        scratch: after ``pose_segments`` for s and t; where the answer is False, ``where``
+            says where they come close.
     """
     x, y = a.solid[s, i], b.solid[t, j]
     corners_a, corners_b, stack = scratch.corners_a, scratch.corners_b, scratch.stack
@@ -374,6 +385,7 @@ def hulls_stay_apart(
         if gap == FAR:
             continue
         if gap == CLOSE or a_moved + b_moved < _FINEST or depth + 2 > len(stack):
+            scratch.where[0], scratch.where[1] = 0.5 * (a0 + a1), 0.5 * (b0 + b1)
             return False
         # The hull of a body's places at both ends holds all in between, but for the bend.
         a_count = _place_ends(a, x, from_a, to_a, scratch.part_a, corners_a)

@@ -181,6 +181,7 @@ def _keep_close_hulls(
     table: ContactTable,
     slack: float,
     out: npt.NDArray[np.int64],
+    where: Array,
     count: int,
     scratch: Scratch,
 ) -> int:
@@ -194,6 +195,7 @@ def _keep_close_hulls(
         limit = table.clearance[0] if robots else table.clearance[1]
         if not hulls_stay_apart(a_hulls, s, i, b_hulls, t, j, limit - slack, scratch):
             out[left, 0], out[left, 1] = i, j
+            where[left, 0], where[left, 1] = scratch.where[0], scratch.where[1]
             left += 1
     return left
 
@@ -211,6 +213,7 @@ def next_proposal(
     stack: npt.NDArray[np.int64],
     depth: int,
     out: npt.NDArray[np.int64],
+    where: Array,
     scratch: Scratch,
 ) -> tuple[int, int, int, int]:
     """Go on with a descent until two segments may conflict.
@@ -226,6 +229,8 @@ def next_proposal(
         stack: pairs still to be looked at: blocks, or segments when negative, shape (room, 2).
         depth: filled rows of ``stack``.
         out: room for the pairs of bodies.
+        where: room for the shares of both motions at which each pair comes close; written
+            unless ``slack`` is NaN, shape (room, 2).
         scratch: room for the hulls.
 
     Returns:
@@ -247,7 +252,18 @@ def next_proposal(
             count = close_bodies(a, s, b, t, table, out)
             if not np.isnan(slack):
                 count = _keep_close_hulls(
-                    a, a_hulls, s, b, b_hulls, t, table, slack, out, count, scratch
+                    a,
+                    a_hulls,
+                    s,
+                    b,
+                    b_hulls,
+                    t,
+                    table,
+                    slack,
+                    out,
+                    where,
+                    count,
+                    scratch,
                 )
             if count > 0:
                 return depth, s, t, count
