@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from planning.assembly_work import StepExpansions
 from planning.assignment import HighsAssignmentSolver
-from planning.lego.candidates import find_candidates
-from planning.lego.expansion import StepExpansions
+from planning.lego.assembly_work import prepare_lego
 from planning.lego.structure import LegoAssembly
 from planning.motion_plan import MotionPlan
 from planning.sequential import MotionSettings, plan_sequential
@@ -85,16 +85,16 @@ def plan_scenario(
     cell, assembly = build_workcell(scenario, folder), build_assembly(scenario)
     with watch.stage("assignment"):
         progress(ASSIGNMENT, 0, 1)
-        candidates = find_candidates(cell, assembly)
-        task_plan = HighsAssignmentSolver().assign(candidates.problem)
+        work = prepare_lego(cell, assembly)
+        task_plan = HighsAssignmentSolver().assign(work.problem)
         progress(ASSIGNMENT, 1, 1)
     with watch.stage("motion"):
-        steps = StepExpansions(candidates, task_plan)
+        steps = StepExpansions(work, task_plan)
         progress(MOTION, 0, len(assembly.steps))
         motion_plan = plan_sequential(
             cell,
             steps.callables(),
-            steps.link,
+            work.link,
             motion_settings(scenario, cell, folder),
             lambda done, total: progress(MOTION, done, total),
         )

@@ -10,9 +10,9 @@ from collections.abc import Iterable, Mapping
 
 from planning.geometry.scene import entity
 from planning.lego.grid import occupied_studs
-from planning.lego.skill_paths import Pairs
 from planning.lego.structure import LAYER_HEIGHT, BrickType, Cell, Support
 from planning.lego.support import supported_cell
+from planning.skill_paths import Pairs
 from planning.transforms import Transform, inverse
 from planning.workcell import Fixture
 

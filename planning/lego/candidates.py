@@ -14,8 +14,8 @@ from planning.assignment_problem import (
 from planning.lego.brick_world import BrickWorld, press_of
 from planning.lego.handover_options import HandoverOption, HandoverOptions
 from planning.lego.skill_options import SkillOption, SkillOptions
-from planning.lego.skill_paths import Obstruction, SkillPath, joint_distance
 from planning.lego.structure import LegoAssembly
+from planning.skill_paths import Obstruction, SkillPath, joint_distance
 from planning.task_plan import StepChoice
 from planning.workcell import Workcell
 

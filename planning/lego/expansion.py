@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from itertools import islice
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -20,12 +18,12 @@ from planning.lego.allowed_contacts import (
 from planning.lego.brick_world import BrickWorld
 from planning.lego.candidates import LegoCandidates
 from planning.lego.grid import box_from_top
-from planning.lego.skill_paths import Pairs, SkillPath
-from planning.lego.step_builder import StepBuilder
 from planning.lego.structure import BrickType, Cell
+from planning.skill_paths import Pairs, SkillPath
+from planning.step_builder import StepBuilder
 from planning.step_tasks import StepTasks
 from planning.task_graph import Task
-from planning.task_plan import StepChoice, TaskPlan, alternatives
+from planning.task_plan import StepChoice, TaskPlan
 from planning.transforms import Array, Transform, inverse
 
 PLACES = ("place-down", "place-up")
@@ -97,42 +95,6 @@ def link_steps(
             }
         last_place = place or last_place
     return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
-
-
-@dataclass
-class StepExpansions:
-    """Expands steps in order, and offers other ways when motion planning fails.
-
-    Attributes:
-        candidates: joint paths of all skills.
-        plan: the choices; steps that were done another way are updated.
-        most: how many ways to try for one step.
-    """
-
-    candidates: LegoCandidates
-    plan: TaskPlan
-    most: int = field(default=12)
-
-    def callables(self) -> list[Callable[[int], Iterator[StepTasks]]]:
-        """Return one generator function per step, as sequential planning takes them."""
-
-        def of_step(step: int) -> Callable[[int], Iterator[StepTasks]]:
-            return lambda first_index: self.ways(step, first_index)
-
-        return [of_step(choice.step) for choice in self.plan.choices]
-
-    def ways(self, step: int, first_index: int) -> Iterator[StepTasks]:
-        """Yield a step as planned, then in other ways; the last one taken is remembered."""
-        chosen = self.plan
-        yield expand_step(self.candidates, chosen, step, first_index)
-        others = alternatives(self.candidates.problem, chosen, step)
-        for choice in islice(others, self.most - 1):
-            self.plan = chosen.with_choice(choice)
-            yield expand_step(self.candidates, self.plan, step, first_index)
-
-    def link(self, steps: Sequence[StepTasks]) -> npt.NDArray[np.int64]:
-        """Return all dependencies, see ``link_steps``."""
-        return link_steps(self.candidates, steps)
 
 
 class _Expander:

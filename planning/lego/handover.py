@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from planning.lego.structure import Subgoal
+from planning.skill_targets import Subgoal
 from planning.transforms import Transform, rotation, translation
 
 REACH = 0.45

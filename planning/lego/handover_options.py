@@ -12,7 +12,13 @@ from planning.lego.brick_world import BrickWorld, Placed, goal_name, press_of
 from planning.lego.grips import grip_pose
 from planning.lego.handover import ReceivePose, giver_rest, receive_poses
 from planning.lego.skill_options import NOTHING, SkillOptions
-from planning.lego.skill_paths import (
+from planning.lego.skill_targets import (
+    handover_targets,
+    held_box,
+    place_up_contact,
+    received_top,
+)
+from planning.skill_paths import (
     LARGEST_TURN,
     Obstruction,
     SkillContacts,
@@ -20,12 +26,6 @@ from planning.lego.skill_paths import (
     SkillScene,
     find_obstruction,
     resolve_skill,
-)
-from planning.lego.skill_targets import (
-    handover_targets,
-    held_box,
-    place_up_contact,
-    received_top,
 )
 from planning.transforms import Array, Transform
 from planning.workcell import Attachment, PlacedRobot, Workcell

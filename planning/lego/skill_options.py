@@ -25,16 +25,7 @@ from planning.lego.brick_world import (
     press_of,
 )
 from planning.lego.grips import grip_pose
-from planning.lego.skill_paths import (
-    Obstruction,
-    SkillContacts,
-    SkillPath,
-    SkillScene,
-    find_obstruction,
-    resolve_skill,
-)
 from planning.lego.skill_targets import (
-    SkillTargets,
     held_box,
     pick_targets,
     place_down_targets,
@@ -42,8 +33,16 @@ from planning.lego.skill_targets import (
     place_up_targets,
     support_skill,
 )
-from planning.lego.structure import Subgoal
 from planning.lego.support import support_bottom_targets, support_top_targets
+from planning.skill_paths import (
+    Obstruction,
+    SkillContacts,
+    SkillPath,
+    SkillScene,
+    find_obstruction,
+    resolve_skill,
+)
+from planning.skill_targets import SkillTargets, Subgoal
 from planning.transforms import Array, translation
 from planning.workcell import Attachment, PlacedRobot
 

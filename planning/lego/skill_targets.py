@@ -8,15 +8,15 @@ and angles are those of the published demonstrations, checked against its shippe
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from planning.errors import RobotModelError
 from planning.lego.grid import box_from_top
 from planning.lego.grips import grip_pose, side_contact_pose
-from planning.lego.structure import BrickType, Press, Subgoal
+from planning.lego.structure import BrickType, Press
 from planning.lego.support import SupportTargets
+from planning.skill_targets import SkillTargets, Subgoal
 from planning.transforms import Transform, inverse, rotation, translation
 
 FRAMES = ("tool", "disassemble", "assemble", "handover_assemble", "alt", "alt_assemble")
@@ -33,27 +33,6 @@ DEFAULT_TWIST: Mapping[str, float] = {
 
 _LIFT = 0.015
 """Way straight up after a twist [m]."""
-
-
-@dataclass(frozen=True)
-class SkillTargets:
-    """One execution of a skill as poses to reach, in order.
-
-    Attributes:
-        skill: a name from ``task_graph.SKILLS``.
-        subgoals: poses in order; the robot comes to each in turn.
-        attach_at: index of the subgoal at which the robot takes the brick, None if it does not.
-        detach_at: index of the subgoal at which the robot lets go of the brick, None if it does
-            not. In a handover it passes to the receiver there.
-        lead: how many subgoals at the front are goals of transits; the skill's own reference
-            path is ``subgoals[lead:]``.
-    """
-
-    skill: str
-    subgoals: tuple[Subgoal, ...]
-    attach_at: int | None = None
-    detach_at: int | None = None
-    lead: int = 1
 
 
 def pick_targets(

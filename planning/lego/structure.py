@@ -152,18 +152,3 @@ class LegoAssembly:
     stock: tuple[StockBrick, ...]
     steps: tuple[LegoStep, ...]
     twist: Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class Subgoal:
-    """A pose that a tool frame must reach.
-
-    Attributes:
-        name: "approach", "attach", "twist", "leave" and the like.
-        frame: name of the tool frame, a key of RobotModel.frames.
-        pose: of that frame in the world.
-    """
-
-    name: str
-    frame: str
-    pose: Transform

@@ -21,9 +21,9 @@ from planning.lego.structure import (
     Cell,
     Plate,
     Press,
-    Subgoal,
     Support,
 )
+from planning.skill_targets import Subgoal
 from planning.transforms import Transform, rotation, translation
 
 LEVER_WALL = 0.0032

@@ -25,10 +25,10 @@ from planning.lego.structure import (
     STUD_PITCH,
     Plate,
     Press,
-    Subgoal,
     Support,
 )
 from planning.lego.support import support_bottom_targets, support_top_targets
+from planning.skill_targets import Subgoal
 from planning.transforms import Array, Transform, inverse, translation
 
 PLATE = "the plate"

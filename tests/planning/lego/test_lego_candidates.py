@@ -17,8 +17,8 @@ from planning.lego.brick_world import grasp_number, press_of
 from planning.lego.candidates import LegoCandidates, find_candidates
 from planning.lego.grips import grip_pose, presses
 from planning.lego.skill_options import SkillOption
-from planning.lego.skill_paths import Obstruction, SkillPath
 from planning.lego.structure import Cell, LegoStep, Press, StockBrick
+from planning.skill_paths import Obstruction, SkillPath
 from planning.task_plan import plan_violations
 from tests.planning.lego.overhang import STEPS, STOCK, overhang
 

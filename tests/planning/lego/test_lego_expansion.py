@@ -6,10 +6,12 @@ import networkx as nx
 import numpy as np
 import pytest
 
+from planning.assembly_work import StepExpansions
 from planning.assignment import HighsAssignmentSolver
 from planning.kinematics import frame_pose
+from planning.lego.assembly_work import lego_work
 from planning.lego.candidates import LegoCandidates, find_candidates
-from planning.lego.expansion import StepExpansions, expand_plan, link_steps
+from planning.lego.expansion import expand_plan, link_steps
 from planning.lego.grid import box_pose
 from planning.lego.grips import grip_pose
 from planning.lego.structure import Cell, LegoStep, Press, StockBrick
@@ -237,7 +239,7 @@ def test_a_tool_touches_its_brick_from_pick_to_place(
 def test_other_ways_of_a_step_differ_and_are_remembered(
     found: LegoCandidates, plan: TaskPlan
 ) -> None:
-    expansions = StepExpansions(found, plan)
+    expansions = StepExpansions(lego_work(found), plan)
     ways = expansions.callables()[0](0)
     first = next(ways)
     assert expansions.plan == plan
@@ -258,11 +260,12 @@ def test_everything_can_be_planned_in_sequence(
 
     robots = found.world.cell.robots
     speeds = {robot.name: L1Speed(1.0) for robot in robots}
-    expansions = StepExpansions(found, plan)
+    work = lego_work(found)
+    expansions = StepExpansions(work, plan)
     motion = plan_sequential(
         found.world.cell,
         expansions.callables(),
-        expansions.link,
+        work.link,
         MotionSettings(
             {
                 r.name: RrtConnect(r.model.lower, r.model.upper, speeds[r.name])

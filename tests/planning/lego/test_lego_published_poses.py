@@ -33,10 +33,10 @@ from planning.lego.structure import (
     Cell,
     Plate,
     Press,
-    Subgoal,
     Support,
 )
 from planning.lego.support import support_bottom_targets, support_top_targets
+from planning.skill_targets import Subgoal
 from planning.transforms import Array, Transform, from_rpy, translation
 
 DATA = Path(

@@ -15,7 +15,6 @@ from planning.lego.grips import presses
 from planning.lego.handover import giver_rest, receive_poses
 from planning.lego.skill_targets import (
     DEFAULT_TWIST,
-    SkillTargets,
     handover_targets,
     held_box,
     pick_targets,
@@ -27,6 +26,7 @@ from planning.lego.skill_targets import (
 )
 from planning.lego.structure import BrickType, Plate, Press, Support
 from planning.lego.support import support_bottom_targets
+from planning.skill_targets import SkillTargets
 from planning.transforms import Transform, from_rpy, inverse, rotation, translation
 
 FRAMES = {

@@ -13,9 +13,8 @@ from planning.geometry.kernel import robot_kernel
 from planning.geometry.scene import SceneChecker
 from planning.geometry.swept import sweep_segments
 from planning.kinematics import inverse_kinematics
-from planning.lego.skill_targets import SkillTargets
-from planning.lego.structure import Subgoal
 from planning.sequential import MARGIN
+from planning.skill_targets import SkillTargets, Subgoal
 from planning.transforms import Array
 from planning.workcell import (
     Attachment,
@@ -41,7 +40,7 @@ class SkillPath:
         robot: who does it.
         lead: goals of the transits before it, shape (l, n); the skill starts from the last.
         path: its reference path after the start, shape (w, n).
-        change_at: waypoint of ``[lead[-1], *path]`` at which the brick changes hands, None if
+        change_at: waypoint of ``[lead[-1], *path]`` at which an object changes hands, None if
             none does.
         support: index of the pre-pose for supports, 0 otherwise.
     """
@@ -60,7 +59,7 @@ class SkillPath:
 
     @property
     def contact(self) -> Array:
-        """The configuration that costs are measured to: where the brick changes hands."""
+        """The configuration that costs are measured to: where the object changes hands."""
         at = len(self.path) if self.change_at is None else self.change_at
         return np.asarray(self.waypoints[at])
 
@@ -99,7 +98,7 @@ class SkillScene:
 
     Attributes:
         cell: robots and fixtures; its objects are not used.
-        objects: the bricks there, by name, each with where it is.
+        objects: the objects there, by name, each with where it is.
         configurations: of all robots.
         contacts: who may touch whom.
         handed: the object that changes hands in the skill and where it is then, or None.
@@ -117,10 +116,10 @@ class SkillScene:
         return replace(self, objects=kept)
 
     def near(self, path: SkillPath) -> SkillScene:
-        """Return the scene with only the bricks that anything on a path may come near to.
+        """Return the scene with only the objects that anything on a path may come near to.
 
         Nothing that could touch is left out: what counts is the box around every capsule
-        swept along the path, grown by the brick's own size and that of the largest held one.
+        swept along the path, grown by the object's own size and that of the largest held one.
         """
         robot = self.cell.robot(path.robot)
         every = np.vstack([path.lead, path.path])
@@ -151,7 +150,7 @@ class SkillScene:
     def checker(
         self, robot: str, allowed: Pairs, *, handed_over: bool = False
     ) -> SceneChecker:
-        """Return the collision checker of a robot before or after the brick changed hands."""
+        """Return the collision checker of a robot before or after the object changed hands."""
         attachments = {k: at for k, (_, at) in self.objects.items()}
         if handed_over and self.handed is not None:
             attachments[self.handed[0]] = self.handed[1]

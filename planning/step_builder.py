@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planning.lego.skill_paths import Pairs, SkillPath
+from planning.skill_paths import Pairs, SkillPath
 from planning.step_tasks import StepTasks
 from planning.task_graph import TRANSIT, AllowedContact, Handling, Task
 from planning.transforms import Array, Transform, readonly
@@ -38,7 +38,7 @@ class StepBuilder:
         self,
         path: SkillPath,
         label: str,
-        brick: str | None,
+        item: str | None,
         holder: str | None = None,
         pose: Transform | None = None,
     ) -> int:
@@ -47,13 +47,13 @@ class StepBuilder:
         Args:
             path: in joint space.
             label: for people.
-            brick: what it is about.
-            holder: who holds the brick once it has changed hands, None when it is put down.
-            pose: of the brick then; None for skills in which nothing changes hands.
+            item: the object it is about.
+            holder: who holds it once it has changed hands, None when it is put down.
+            pose: of the object then; None for skills in which nothing changes hands.
         """
         handlings: tuple[Handling, ...] = ()
-        if pose is not None and brick is not None and path.change_at is not None:
-            change = Handling(brick, path.change_at, holder, readonly(pose))
+        if pose is not None and item is not None and path.change_at is not None:
+            change = Handling(item, path.change_at, holder, readonly(pose))
             handlings = (change,)
         task = Task(
             self._next,
@@ -63,7 +63,7 @@ class StepBuilder:
             label,
             readonly(path.path),
             handlings,
-            brick,
+            item,
         )
         return self._append(task)
 

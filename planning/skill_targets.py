@@ -1,0 +1,43 @@
+"""A manipulation skill as the poses that a robot's tool comes to, in order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from planning.transforms import Transform
+
+
+@dataclass(frozen=True)
+class Subgoal:
+    """A pose that a tool frame must reach.
+
+    Attributes:
+        name: "approach", "attach", "twist", "leave" and the like.
+        frame: name of the tool frame, a key of RobotModel.frames.
+        pose: of that frame in the world.
+    """
+
+    name: str
+    frame: str
+    pose: Transform
+
+
+@dataclass(frozen=True)
+class SkillTargets:
+    """One execution of a skill as poses to reach, in order.
+
+    Attributes:
+        skill: a name from ``task_graph.SKILLS``.
+        subgoals: poses in order; the robot comes to each in turn.
+        attach_at: index of the subgoal at which the robot takes the object, None if it does not.
+        detach_at: index of the subgoal at which the robot lets go of the object, None if it does
+            not. In a handover it passes to the receiver there.
+        lead: how many subgoals at the front are goals of transits; the skill's own reference
+            path is ``subgoals[lead:]``.
+    """
+
+    skill: str
+    subgoals: tuple[Subgoal, ...]
+    attach_at: int | None = None
+    detach_at: int | None = None
+    lead: int = 1
