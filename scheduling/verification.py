@@ -11,17 +11,29 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
-from planning.transforms import Array
-from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
+from planning.transforms import Array, Transform
+from scheduling.temporal_plan_graph import Indices, NodeHandling, TemporalPlanGraph
 from scheduling.verification_bodies import Body, Pieces, RobotBodies
-from scheduling.verification_geometry import TOLERANCE, Part, measure, resting_part
-from scheduling.verification_objects import Resting, object_histories, planned_key
+from scheduling.verification_geometry import (
+    TOLERANCE,
+    Part,
+    ReferenceRobot,
+    measure,
+    resting_part,
+)
+from scheduling.verification_objects import (
+    Resting,
+    handled_objects,
+    object_histories,
+    planned_key,
+    stand_during,
+)
 from scheduling.verification_order import Precedence, find_precedence
 
 _Key = tuple[int, int, bool, bool]
@@ -165,14 +177,34 @@ class _Verification:
                 self._ordered(
                     "order", (a, u), (b, v), "an edge against the planned order"
                 )
-        for before, after in object_histories(tpg)[2]:
-            a, u, b, v = before.robot, before.node, after.robot, after.node
-            if a != b and not precedence.precedes(a, u, b, v):
-                text = f"both handle {before.object!r} and are not ordered"
-                self._ordered("handling", (a, u), (b, v), text)
+        for name, events in handled_objects(tpg).items():
+            for before, after in pairwise(events):
+                a, u, b, v = before.robot, before.node, after.robot, after.node
+                if a != b and not precedence.precedes(a, u, b, v):
+                    text = f"both handle {name!r} and are not ordered"
+                    self._ordered("handling", (a, u), (b, v), text)
+            self._passing(name, events, precedence)
         if dependencies is not None:
             self._dependencies(precedence, dependencies)
         return precedence
+
+    def _passing(
+        self, name: str, events: list[NodeHandling], precedence: Precedence
+    ) -> None:
+        """Check that a robot stands still while another one gives it something or takes it."""
+        index = {chain.robot: i for i, chain in enumerate(self.tpg.chains)}
+        holder: str | None = None
+        for event in events:
+            a, u = event.robot, event.node
+            for robot in {holder, event.holder} - {None, self.tpg.chains[a].robot}:
+                b = index[str(robot)]
+                v = stand_during(self.tpg, b, (a, u, event.waypoint))[1]
+                text = f"{name!r} is passed on and {robot!r} need not stand then"
+                if v > 0 and not precedence.precedes(b, v - 1, a, u):
+                    self._ordered("handling", (b, v - 1), (a, u), text)
+                if v < len(self.tpg.chains[b]) and not precedence.precedes(a, u, b, v):
+                    self._ordered("handling", (a, u), (b, v), text)
+            holder = event.holder
 
     def _dependencies(self, precedence: Precedence, dependencies: Indices) -> None:
         nodes: dict[int, tuple[int, int, int]] = {}
@@ -206,11 +238,19 @@ class _Verification:
     def geometry(self, precedence: Precedence) -> None:
         """Check that whatever may happen at once keeps apart."""
         tpg, cell = self.tpg, self.tpg.cell
-        carried, resting, _ = object_histories(tpg)
         index = {chain.robot: i for i, chain in enumerate(tpg.chains)}
+        geometry = {placed.name: ReferenceRobot(placed) for placed in cell.robots}
+
+        def flange(chain: int, node: int) -> Transform:
+            c = tpg.chains[chain]
+            q = c.start if node == 0 else c.waypoints[c.first[node] - 1]
+            return geometry[c.robot].flange_pose(q)
+
+        carried, resting = object_histories(tpg, flange)
         robots = [
             RobotBodies(
                 cell,
+                geometry[placed.name],
                 placed,
                 tpg.chains[index[placed.name]] if placed.name in index else None,
                 index.get(placed.name),
@@ -257,8 +297,8 @@ class _Verification:
                         if key in seen or self._may_touch(
                             x.part.entity,
                             y.part.entity,
-                            a.pieces.tasks[i],
-                            b.pieces.tasks[j],
+                            a.pieces.tasks[i].tolist(),
+                            b.pieces.tasks[j].tolist(),
                         ):
                             continue
                         found = self._closer(
@@ -288,7 +328,7 @@ class _Verification:
             )
             close = (out < x.radius + limit) & there[x.pieces]
             for i in x.pieces[close].tolist():
-                tasks = robot.pieces.tasks[i]
+                tasks = robot.pieces.tasks[i].tolist()
                 key = (
                     int(robot.pieces.node[i]),
                     -1,
@@ -296,7 +336,7 @@ class _Verification:
                     True,
                 )
                 if key in seen or self._may_touch(
-                    x.part.entity, rest.object, tasks, None
+                    x.part.entity, rest.object, tasks, rest.tasks
                 ):
                     continue
                 found = self._closer((robot, x.part, i), (None, part, world), limit)
@@ -304,17 +344,17 @@ class _Verification:
                     first = _moment(robot, x.part, i)
                     second = Moment(None, -1, -1, True, rest.object)
                     seen[key] = _conflict(first, second, found, kind="rest")
-        self.problems += seen.values()
+        self.problems += _without_repeats(seen)
 
     def _may_touch(
-        self, x: str, y: str, x_tasks: Indices, y_tasks: Indices | None
+        self, x: str, y: str, x_tasks: Iterable[int], y_tasks: Iterable[int] | None
     ) -> bool:
         if x == y:
             return True
         for tasks in self.allowed.get(frozenset((x, y)), ()):
-            if tasks.isdisjoint(x_tasks.tolist()):
+            if tasks.isdisjoint(x_tasks):
                 continue
-            if y_tasks is None or not tasks.isdisjoint(y_tasks.tolist()):
+            if y_tasks is None or not tasks.isdisjoint(y_tasks):
                 return True
         return False
 

@@ -94,13 +94,14 @@ class RobotBodies:
     def __init__(
         self,
         cell: Workcell,
+        robot: ReferenceRobot,
         placed: PlacedRobot,
         chain: NodeChain | None,
         index: int | None,
         carried: list[Carried],
     ) -> None:
         self.name, self.chain = placed.name, index
-        self.robot = ReferenceRobot(placed)
+        self.robot = robot
         loads = [
             (c, self.robot.load(c.object, cell.object(c.object).size, c.pose))
             for c in carried
@@ -121,6 +122,10 @@ class RobotBodies:
             since = self.pieces.moment(*c.start)
             until = self.pieces.moment(*c.end)
             inside = (self.pieces.since >= since) & (self.pieces.until <= until)
+            if c.given:
+                inside &= ~(self.pieces.standing & (self.pieces.since == since))
+            if c.fetched:
+                inside &= ~(self.pieces.standing & (self.pieces.until == until))
             if np.any(inside):
                 self.bodies.append(self._body(part, False, np.flatnonzero(inside)))
 

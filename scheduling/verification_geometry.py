@@ -86,6 +86,10 @@ class ReferenceRobot:
             frames[j + 1] = self.base @ self._data.oMi[j + 1].homogeneous
         return frames
 
+    def flange_pose(self, q: Array) -> Transform:
+        """Return the world pose of the flange at ``q``, shape (4, 4)."""
+        return np.asarray(self.joint_frames(q)[-1] @ self._flange)
+
     def _part(self, entity: str, joint: int, local: Transform, shape: Any) -> Part:
         shape.computeLocalAABB()
         middle, radius = np.array(shape.aabb_center), float(shape.aabb_radius)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 
-import numpy as np
-
-from planning.transforms import Transform
+from planning.transforms import Array, Transform
 from scheduling.temporal_plan_graph import NodeHandling, TemporalPlanGraph
 
 
@@ -22,6 +20,8 @@ class Carried:
         chain: the robot's chain.
         start, end: first and last moment.
         pose: of the object's centre in the flange frame.
+        given, fetched: True when another robot puts it into the hand at the start, or takes it
+            from there at the end, while this robot stands: the stand is not counted.
     """
 
     object: str
@@ -29,6 +29,8 @@ class Carried:
     start: tuple[int, int]
     end: tuple[int, int]
     pose: Transform
+    given: bool = False
+    fetched: bool = False
 
 
 @dataclass(frozen=True)
@@ -41,13 +43,15 @@ class Resting:
         size: edge lengths, shape (3,) [m].
         put: chain, node and waypoint that put it there, None from the start on.
         taken: chain, node and waypoint that take it away, None if it stays.
+        tasks: of the robot in whose hand it rests, None when it lies in the world.
     """
 
     object: str
     pose: Transform
-    size: np.ndarray
+    size: Array
     put: tuple[int, int, int] | None
     taken: tuple[int, int, int] | None
+    tasks: tuple[int, ...] | None = None
 
 
 def planned_key(
@@ -58,54 +62,92 @@ def planned_key(
     return float(c.planned_start[node]), int(c.task[node]), node
 
 
-def object_histories(
-    tpg: TemporalPlanGraph,
-) -> tuple[list[Carried], list[Resting], list[tuple[NodeHandling, NodeHandling]]]:
-    """Return who carries what when, what rests where, and consecutive handlings.
+def handled_objects(tpg: TemporalPlanGraph) -> dict[str, list[NodeHandling]]:
+    """Return what happens to every object, in planned order."""
+    found: dict[str, list[NodeHandling]] = {item.name: [] for item in tpg.cell.objects}
+    for handling in tpg.handlings:
+        found[handling.object].append(handling)
+    for events in found.values():
+        events.sort(key=lambda h: (*planned_key(tpg, h.robot, h.node), h.waypoint))
+    return found
 
-    Fixtures count as resting for ever.
+
+def object_histories(
+    tpg: TemporalPlanGraph, flange: Callable[[int, int], Transform]
+) -> tuple[list[Carried], list[Resting]]:
+    """Return who carries what when, and what rests where.
+
+    Fixtures count as resting for ever. An object that is passed from hand to hand rests, in the
+    hand of the robot that stands, until that robot moves (or from when it stood still).
+
+    Args:
+        tpg: the plan.
+        flange: returns the world pose of a chain's flange as it stands before a node.
     """
-    cell = tpg.cell
     carried: list[Carried] = []
-    resting = [Resting(f.name, f.pose, f.size, None, None) for f in cell.fixtures]
-    consecutive: list[tuple[NodeHandling, NodeHandling]] = []
+    resting = [Resting(f.name, f.pose, f.size, None, None) for f in tpg.cell.fixtures]
     index = {chain.robot: i for i, chain in enumerate(tpg.chains)}
-    for item in cell.objects:
-        events = sorted(
-            (h for h in tpg.handlings if h.object == item.name),
-            key=lambda h: (*planned_key(tpg, h.robot, h.node), h.waypoint),
-        )
-        consecutive += list(pairwise(events))
+    for name, events in handled_objects(tpg).items():
+        item = tpg.cell.object(name)
         holder: str | None = None
         pose = item.start
-        last: NodeHandling | None = None
+        put: tuple[int, int, int] | None = None
         for event in [*events, None]:
+            taken = None if event is None else (event.robot, event.node, event.waypoint)
             if holder is None:
-                put = None if last is None else (last.robot, last.node, last.waypoint)
-                taken = (
-                    None if event is None else (event.robot, event.node, event.waypoint)
-                )
-                resting.append(Resting(item.name, pose, item.size, put, taken))
+                # What comes up later is nowhere before its first handling.
+                if put is not None or not item.later:
+                    resting.append(Resting(name, pose, item.size, put, taken))
             else:
-                assert last is not None
+                assert put is not None
                 chain = index[holder]
-                start = _moment(tpg, chain, last)
-                if event is None:
-                    end = (len(tpg.chains[chain]), 0)
-                else:
-                    end = _moment(tpg, chain, event)
-                carried.append(Carried(item.name, chain, start, end, pose))
+                count = len(tpg.chains[chain])
+                given = put[0] != chain
+                start = stand_during(tpg, chain, put) if given else put
+                if given:
+                    leaves = start if start[1] < count else None
+                    hand = flange(chain, start[1]) @ pose
+                    tasks = _tasks(tpg, chain, start[1])
+                    resting.append(Resting(name, hand, item.size, put, leaves, tasks))
+                end, fetched = (chain, count, 0), False
+                if taken is not None:
+                    fetched = taken[0] != chain
+                    end = stand_during(tpg, chain, taken) if fetched else taken
+                if fetched:
+                    stood = None
+                    if end[1] > 0:
+                        first = tpg.chains[chain].first
+                        stood = (
+                            chain,
+                            end[1] - 1,
+                            int(first[end[1]] - first[end[1] - 1]),
+                        )
+                    hand = flange(chain, end[1]) @ pose
+                    tasks = _tasks(tpg, chain, end[1])
+                    resting.append(Resting(name, hand, item.size, stood, taken, tasks))
+                carried.append(
+                    Carried(name, chain, start[1:], end[1:], pose, given, fetched)
+                )
             if event is not None:
-                holder, pose, last = event.holder, event.pose, event
-    return carried, resting, consecutive
+                holder, pose, put = event.holder, event.pose, taken
+    return carried, resting
 
 
-def _moment(tpg: TemporalPlanGraph, chain: int, event: NodeHandling) -> tuple[int, int]:
-    """Return when an event happens on a chain: at its own moment, or while the robot stands."""
-    if event.robot == chain:
-        return event.node, event.waypoint
-    key = planned_key(tpg, event.robot, event.node)
+def stand_during(
+    tpg: TemporalPlanGraph, chain: int, moment: tuple[int, int, int]
+) -> tuple[int, int, int]:
+    """Return where a chain stands, by the planned order, when something happens on another one.
+
+    The result is a moment: the chain, the node before which it stands, and 0.
+    """
+    key = planned_key(tpg, moment[0], moment[1])
     node = 0
     while node < len(tpg.chains[chain]) and planned_key(tpg, chain, node) < key:
         node += 1
-    return node, 0
+    return chain, node, 0
+
+
+def _tasks(tpg: TemporalPlanGraph, chain: int, node: int) -> tuple[int, ...]:
+    """Return the tasks of a robot that stands before a node."""
+    task = tpg.chains[chain].task
+    return tuple(int(task[k]) for k in (node - 1, node) if 0 <= k < len(task))

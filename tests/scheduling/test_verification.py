@@ -240,6 +240,51 @@ def test_an_object_passed_on_without_an_edge_is_found() -> None:
     assert "handling" not in ordered
 
 
+def passing_on() -> Writer:
+    """Left brings a beam to right, which stands ready, and goes; then right goes with it."""
+    at_stock = translation(0.44, -0.2, 0.24)
+    beam = block("beam", (0.34, 0.03, 0.02), at_stock)
+    writer = Writer(two_arms((beam,)))
+    left, right = writer.cell.robots
+    ready = at(writer, "right", 0.59, 0.0, 0.25)
+    pick, give = (at(writer, "left", 0.29, y, 0.25) for y in (-0.2, 0.0))
+    held = inverse(frame_pose(left, pick)) @ at_stock
+    received = inverse(frame_pose(right, ready)) @ frame_pose(left, give) @ held
+    writer.move("right", ready, step=ONE_NODE)
+    writer.move("left", pick, Handling("beam", -1, "left", held), step=ONE_NODE)
+    writer.move("left", give, Handling("beam", -1, "right", received), step=ONE_NODE)
+    writer.move("left", left.home, step=ONE_NODE)
+    writer.move("right", right.home, step=ONE_NODE)
+    everything = frozenset(task.index for task in writer.tasks)
+    for robot in ("left", "right"):
+        writer.allowed.append(AllowedContact(f"{robot}/tool", "beam", everything))
+    return writer
+
+
+def test_an_object_is_passed_from_hand_to_hand() -> None:
+    ready, gone = (1, 0, 0, 1), (0, 2, 1, 1)
+    assert verify_plan(graph(passing_on(), ready, gone)).ok
+    report = verify_plan(graph(passing_on(), gone), limit=2)
+    assert named(report.problems[0])[:2] == ("handling", {("right", 0), ("left", 1)})
+    assert "need not stand" in report.problems[0].message
+    report = verify_plan(graph(passing_on(), ready), limit=2)
+    assert named(report.problems[0])[:2] == ("handling", {("left", 1), ("right", 1)})
+
+
+def test_what_a_standing_robot_was_handed_is_in_the_way() -> None:
+    """The giver may touch the beam with its tool only until it has let go."""
+    writer = passing_on()
+    writer.allowed[0] = AllowedContact("left/tool", "beam", frozenset([0, 1, 2, 4]))
+    report = verify_plan(graph(writer, (1, 0, 0, 1), (0, 2, 1, 1)))
+    assert len(report.problems) == 1
+    assert report.problems[0].kind == "rest"
+    assert report.problems[0].first is not None
+    assert (report.problems[0].first.robot, report.problems[0].first.node) == (
+        "left",
+        2,
+    )
+
+
 def test_dependencies_must_follow_from_the_edges() -> None:
     writer = taking_turns()
     needed = np.array([[1, 2]])
