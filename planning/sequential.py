@@ -11,7 +11,7 @@ from planning.errors import TransitError
 from planning.geometry.scene import SceneChecker
 from planning.motion_plan import MotionPlan, TaskMotion
 from planning.speed import SpeedModel, sample_path
-from planning.step_tasks import StepTasks
+from planning.step_tasks import StepTasks, cell_with_steps
 from planning.task_graph import TRANSIT, AllowedContact, Task
 from planning.transforms import Array
 from planning.transit import TransitPlanner
@@ -66,7 +66,7 @@ def plan_sequential(
     expansion (another grasp or support pose).
 
     Args:
-        cell: the static cell.
+        cell: the static cell; objects that come up in steps are added to it.
         expansions: one per step: given the index of its first task, yields the step's tasks in
             ever less preferred ways.
         link_steps: returns all task dependencies, shape (e, 2), once every step is settled.
@@ -84,10 +84,12 @@ def plan_sequential(
         first_failure: TransitError | None = None
         for expansion in expand(len(motions)):
             try:
-                done, after = _plan_step(cell, expansion, now, settings)
+                here = cell_with_steps(cell, [expansion])
+                done, after = _plan_step(here, expansion, now, settings)
             except TransitError as failure:
                 first_failure = first_failure or failure
                 continue
+            cell = here
             steps.append(expansion)
             motions.extend(done)
             now = after

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 from planning.task_graph import AllowedContact, Task
+from planning.workcell import CellObject, Workcell
 
 
 @dataclass(frozen=True)
@@ -16,9 +18,17 @@ class StepTasks:
         tasks: in sequential order; indices are consecutive.
         dependencies: pairs (a, b) of task indices within the step: a before b.
         allowed: contacts allowed during these tasks.
+        objects: what comes up in these tasks, such as the next brick of a feeding station.
     """
 
     step: int
     tasks: tuple[Task, ...]
     dependencies: tuple[tuple[int, int], ...]
     allowed: tuple[AllowedContact, ...]
+    objects: tuple[CellObject, ...] = ()
+
+
+def cell_with_steps(cell: Workcell, steps: Iterable[StepTasks]) -> Workcell:
+    """Return the cell with the objects that come up in some steps."""
+    coming = tuple(item for step in steps for item in step.objects)
+    return replace(cell, objects=(*cell.objects, *coming)) if coming else cell

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,7 +33,8 @@ class Handling:
         object: its name.
         waypoint: index into the task's path (0 = the configuration the task starts from) at
             which it happens.
-        holder: robot that holds it from then on, None when it is put down.
+        holder: robot that holds it from then on, None when it is put down, or comes up: the
+            next brick of a feeding station is there once the one before it has been picked.
         pose: of the object's centre in the holder's flange frame, or in the world.
     """
 
@@ -98,17 +99,20 @@ def object_node(name: str, occurrence: int) -> tuple[str, str, int]:
 def build_task_graph(
     tasks: Sequence[Task],
     dependencies: Iterable[tuple[int, int]] | npt.NDArray[np.int64],
+    *,
+    later: Collection[str] = (),
 ) -> nx.DiGraph[Any]:
     """Build the task graph of APEX-MR IV-A.
 
     Task nodes carry ``task``, object nodes ``pose`` (world, or in the flange of the robot it is
     handed to). Edges carry ``kind``: ``"order"`` between consecutive tasks of a robot,
     ``"dependency"`` between tasks, ``"attached"`` from an object to the task that begins with
-    it in hand, ``"detached"`` from a task to the object it leaves.
+    it in hand, ``"detached"`` from a task to the object it leaves or lets come up.
 
     Args:
         tasks: of the sequential plan, indices in rising order.
         dependencies: pairs (a, b) of task indices: a must be complete before b starts.
+        later: objects that are not there at the start, see ``CellObject.later``.
 
     Raises:
         PlanInvariantError: a dependency names no task, an object is handled by a robot that
@@ -131,7 +135,7 @@ def build_task_graph(
                     f"dependency ({first}, {second}) names task {index}, which is not there"
                 )
         graph.add_edge(task_node(int(first)), task_node(int(second)), kind="dependency")
-    _add_objects(graph, tasks, of_robot)
+    _add_objects(graph, tasks, of_robot, later)
     if not nx.is_directed_acyclic_graph(graph):
         cycle = " -> ".join(
             _label(graph, edge[0]) for edge in nx.find_cycle(graph, orientation=None)
@@ -141,7 +145,10 @@ def build_task_graph(
 
 
 def _add_objects(
-    graph: nx.DiGraph[Any], tasks: Sequence[Task], of_robot: dict[str, list[Task]]
+    graph: nx.DiGraph[Any],
+    tasks: Sequence[Task],
+    of_robot: dict[str, list[Task]],
+    later: Collection[str],
 ) -> None:
     """Add a node for every place where an object rests, with its edges."""
     occurrence: dict[str, int] = defaultdict(int)
@@ -155,7 +162,10 @@ def _add_objects(
                 raise PlanInvariantError(
                     f"task {task.index} ({task.label}) handles {name}, which {held_by} holds"
                 )
-            if held_by is None:
+            if held_by is None and name in later and name not in holder:
+                graph.add_node(node, pose=handling.pose)
+                graph.add_edge(task_node(task.index), node, kind="detached")
+            elif held_by is None:
                 if handling.holder is None:
                     raise PlanInvariantError(
                         f"task {task.index} ({task.label}) puts down {name}, which nobody holds"

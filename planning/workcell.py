@@ -52,11 +52,13 @@ class CellObject:
         name: unique among fixtures and objects.
         kind: its type, such as ``"2x4"``; objects of one kind are interchangeable.
         size: edge lengths, shape (3,) [m].
-        start: pose of the box centre in the world at the start.
+        start: pose of the box centre in the world where it first is.
         body: hull and capsules in the box frame.
         mass: [kg].
         fixed: True for scaffolding that no step may use.
         colour: (r, g, b), 0 to 255, for pictures.
+        later: True when it is not there at the start. It comes up, at rest at ``start``, by a
+            handling without a holder: the next brick of a feeding station.
     """
 
     name: str
@@ -67,6 +69,7 @@ class CellObject:
     mass: float = 0.0
     fixed: bool = False
     colour: tuple[int, int, int] = (200, 60, 50)
+    later: bool = False
 
 
 @dataclass(frozen=True)
@@ -120,7 +123,7 @@ class WorldState:
 
     Attributes:
         configurations: robot name to joint values, each of shape (n,).
-        attachments: object name to where it is.
+        attachments: object name to where it is; an object that is not there yet has none.
     """
 
     configurations: Mapping[str, Array]
@@ -128,8 +131,11 @@ class WorldState:
 
 
 def start_state(cell: Workcell) -> WorldState:
-    """Return the state in which every robot is at HOME and every object at its start."""
+    """Return the state in which every robot is at HOME and every object at its start.
+
+    Objects that come up later are not part of it.
+    """
     return WorldState(
         {r.name: r.home for r in cell.robots},
-        {o.name: Attachment(None, o.start) for o in cell.objects},
+        {o.name: Attachment(None, o.start) for o in cell.objects if not o.later},
     )

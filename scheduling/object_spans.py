@@ -1,6 +1,7 @@
 """Where every handled object is, node by node: carried, at rest within a node, at rest between.
 
-Objects follow their handlings in planned order. An object that a robot takes over from another
+Objects follow their handlings in planned order; one that comes up later is nowhere before its
+first, which lets it rest where it is. An object that a robot takes over from another
 waits in the standing receiver's hand until the receiver's next node, which then carries it.
 """
 
@@ -83,8 +84,9 @@ def trace_objects(tpg: TemporalPlanGraph, ranks: Sequence[Indices]) -> ObjectHis
         ranks: place of every node in the total order.
 
     Raises:
-        PlanInvariantError: an object is put down by a robot that does not hold it, or a
-            handling names something unknown.
+        PlanInvariantError: an object is put down by a robot that does not hold it, an object
+            that comes up later is handled before it is there, or a handling names something
+            unknown.
     """
     handled: dict[str, list[NodeHandling]] = {}
     for handling in tpg.handlings:
@@ -107,10 +109,20 @@ def _trace_object(
 ) -> None:
     index = {chain.robot: i for i, chain in enumerate(tpg.chains)}
     holder: int | None = None
-    pose = tpg.cell.object(name).start
+    item = tpg.cell.object(name)
+    pose = item.start
     after: Node | None = None  # node that left the object where it rests
     since: Moment = (0, 0)  # moment from which the holder carries it
     rest_from: Moment | None = None  # set while it rests within the node of ``after``
+    if item.later:
+        first, events = events[0], events[1:]
+        if first.holder is not None:
+            raise PlanInvariantError(
+                f"task {tpg.chains[first.robot].task[first.node]} handles {name!r}, which"
+                " is not there yet"
+            )
+        pose, after = first.pose, (first.robot, first.node)
+        rest_from = (first.node, first.waypoint)
     for event in events:
         chain = tpg.chains[event.robot]
         here: Moment = (event.node, event.waypoint)

@@ -3,7 +3,7 @@
 plan.json, version 1:
     format, version, arrays_sha256 (of plan.npz)
     cell       robots [{name, model, urdf, joints, frames}], fixtures [{name, body}],
-               objects [{name, kind, body, mass_kg, fixed, colour}],
+               objects [{name, kind, body, mass_kg, fixed, colour, later}],
                clearance {robot_robot_m, robot_object_m}
     tasks      [{index, robot, kind, step, label, object, handlings [{object, waypoint, holder}]}]
     chains     [robot]
@@ -185,6 +185,7 @@ def _cell_document(cell: Workcell, arrays: _Arrays) -> dict[str, Any]:
                 "mass_kg": o.mass,
                 "fixed": o.fixed,
                 "colour": list(o.colour),
+                "later": o.later,
             }
             for o in cell.objects
         ],
@@ -295,6 +296,7 @@ def _cell(
             o["mass_kg"],
             o["fixed"],
             (o["colour"][0], o["colour"][1], o["colour"][2]),
+            o.get("later", False),
         )
         for o, size, start in zip(
             document["objects"],

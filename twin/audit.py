@@ -206,17 +206,20 @@ class _Watch:
         )
 
     def _jumps(self, stretch: Stretch) -> None:
-        """Check that objects that change hands stay where they are."""
+        """Check that objects that change hands stay where they are.
+
+        What comes up must do so where the plan says.
+        """
         if self._before is None:
             return
         t = float(stretch.t[0])
-        for shape in self._world.objects:
-            name = shape.entity
-            if self._before.placements[name] is stretch.placements[name]:
+        for box in self._world.scene.objects:
+            name, size = box.name, box.size
+            before = self._before.placements.get(name)
+            if before is stretch.placements.get(name):
                 continue
-            old = self._pose(self._before, name, -1)
+            old = box.pose if before is None else self._pose(self._before, name, -1)
             new = self._pose(stretch, name, 0)
-            size = next(b.size for b in self._world.scene.objects if b.name == name)
             turned = math.sqrt(float(((old[:3, :3] - new[:3, :3]) ** 2).sum()) / 2.0)
             moved = math.dist(old[:3, 3], new[:3, 3])
             jump = moved + turned * 0.5 * math.hypot(*size)

@@ -93,7 +93,9 @@ def tracks_of(world: AuditWorld, stretch: Stretch) -> tuple[list[Track], list[Tr
     ]
     robots = {robot.name: i for i, robot in enumerate(world.scene.robots)}
     for shape, box in zip(world.objects, world.scene.objects, strict=True):
-        placement = stretch.placements[box.name]
+        placement = stretch.placements.get(box.name)
+        if placement is None:
+            continue
         if placement.holder is None:
             rotation, centre = placement.pose[None, :3, :3], placement.pose[None, :3, 3]
             resting.append(Track(shape, None, 0, rotation, centre, box.size))

@@ -54,7 +54,7 @@ class Stretch:
     Attributes:
         t: times of the samples, shape (m,), the ends included [s].
         robots: in the order of the scene.
-        placements: where every object is.
+        placements: where every object is that is there.
     """
 
     t: Array
@@ -65,7 +65,9 @@ class Stretch:
 def stretches(world: AuditWorld, recording: Recording) -> Iterator[Stretch]:
     """Yield the whole run in order; each stretch starts when the one before it ends."""
     scene = world.scene
-    placements = {box.name: Placement(None, box.pose) for box in scene.objects}
+    placements = {
+        box.name: Placement(None, box.pose) for box in scene.objects if not box.later
+    }
     rows = list(recording.objects)
     knots = np.unique(
         np.concatenate(
@@ -159,8 +161,8 @@ def _furthest(
             centre = rotation @ shape.centre + samples.position[:, shape.joint + 1]
             moved = np.maximum(moved, travel(rotation, centre, shape.radius))
     for shape in world.objects:
-        placement = placements[shape.entity]
-        if placement.holder == world.scene.robots[index].name:
+        placement = placements.get(shape.entity)
+        if placement and placement.holder == world.scene.robots[index].name:
             rotation, centre = load_frames(world, index, samples, placement.pose)
             moved = np.maximum(moved, travel(rotation, centre, shape.radius))
     return moved

@@ -48,11 +48,15 @@ class AuditRobot:
 
 @dataclass(frozen=True)
 class AuditBox:
-    """A box: a fixture or an object, by its edge lengths and (first) pose of its centre."""
+    """A box: a fixture or an object, by its edge lengths and (first) pose of its centre.
+
+    A box that comes ``later`` is not there before the recording has a row of it.
+    """
 
     name: str
     size: Array
     pose: Transform
+    later: bool = False
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,7 @@ def scene_of(tpg: TemporalPlanGraph) -> AuditScene:
     return AuditScene(
         tuple(_robot(placed) for placed in tpg.cell.robots),
         tuple(AuditBox(f.name, f.size, f.pose) for f in tpg.cell.fixtures),
-        tuple(AuditBox(o.name, o.size, o.start) for o in tpg.cell.objects),
+        tuple(AuditBox(o.name, o.size, o.start, o.later) for o in tpg.cell.objects),
         tpg.allowed,
         nodes,
     )

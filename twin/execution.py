@@ -141,7 +141,8 @@ class Execution:
     def _handle(self, chain: int, node: int, name: str, holder: str | None) -> None:
         giver = self.holder.pop(name, None)
         if holder is None:
-            self._emit("detached", chain, node, name, "put down")
+            detail = "comes up at its station" if giver is None else "put down"
+            self._emit("detached", chain, node, name, detail)
             return
         self.holder[name] = holder
         detail = f"to {holder}" if giver is None else f"from {giver} to {holder}"

@@ -116,8 +116,13 @@ def _until(motion: Trajectory, end_ns: int) -> Trajectory:
 
 
 def object_placements(tpg: TemporalPlanGraph, run: Run) -> tuple[Placement, ...]:
-    """Return where every object was: at the start, and from every change on, by time."""
-    placements = [Placement(0, o.name, None, o.start) for o in tpg.cell.objects]
+    """Return where every object was: at the start, and from every change on, by time.
+
+    An object that comes up later has no row before it does.
+    """
+    placements = [
+        Placement(0, o.name, None, o.start) for o in tpg.cell.objects if not o.later
+    ]
     offsets = [
         waypoint_offsets_ns(chain, duration)
         for chain, duration in zip(tpg.chains, run.duration_ns, strict=True)

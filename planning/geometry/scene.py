@@ -76,7 +76,7 @@ class SceneChecker:
         cell: the static cell.
         robot: name of the robot that is checked.
         state: configurations of the other robots, and where every object is; what the checked
-            robot holds moves with it.
+            robot holds moves with it, and what has no place is not there yet.
         allowed: unordered pairs of entities that may touch.
         margin: added to the cell's clearances [m].
     """
@@ -97,7 +97,8 @@ class SceneChecker:
         held = [
             (item, state.attachments[item.name].pose)
             for item in cell.objects
-            if state.attachments[item.name].holder == robot
+            if item.name in state.attachments
+            and state.attachments[item.name].holder == robot
         ]
         self.kernel = robot_kernel(
             self.robot, [(item.body, pose) for item, pose in held]
@@ -135,8 +136,8 @@ class SceneChecker:
             if other.name != self.robot.name
         }
         for item in cell.objects:
-            attachment = state.attachments[item.name]
-            if attachment.holder == self.robot.name:
+            attachment = state.attachments.get(item.name)
+            if attachment is None or attachment.holder == self.robot.name:
                 continue
             pose = attachment.pose
             if attachment.holder is not None:

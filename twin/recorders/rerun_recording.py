@@ -19,6 +19,7 @@ from twin.events import Event
 from twin.lanes import LANE_COLOURS, robot_lanes
 from twin.recorders import rerun_layout as layout
 from twin.recorders.rerun_robots import (
+    TIMELINE,
     WORLD_FRAME,
     entity_path,
     flange_frame,
@@ -97,12 +98,20 @@ def _log_fixtures(rec: rr.RecordingStream, cell: Workcell) -> None:
 def _log_objects(
     rec: rr.RecordingStream, cell: Workcell, placements: Sequence[Placement]
 ) -> None:
-    """Hang every object on what holds it: one row a change."""
+    """Hang every object on what holds it: one row a change.
+
+    What comes up later is drawn from then on.
+    """
     rows: dict[str, list[Placement]] = {}
     for placement in placements:
         rows.setdefault(placement.object, []).append(placement)
     for item in cell.objects:
+        own = rows.get(item.name)
+        if own is None:
+            continue  # it never came up
         entity, frame = entity_path(layout.OBJECTS, item.name), f"@{item.name}"
+        if item.later:
+            rec.set_time(TIMELINE, duration=np.timedelta64(own[0].t_ns, "ns"))
         rec.log(
             entity,
             rr.CoordinateFrame(frame),
@@ -111,7 +120,7 @@ def _log_objects(
                 colors=[item.colour],
                 fill_mode=rr.components.FillMode.Solid,
             ),
-            static=True,
+            static=not item.later,
         )
         # Edges tell neighbours of one colour apart.
         rec.log(
@@ -123,9 +132,8 @@ def _log_objects(
                 radii=rr.Radius.ui_points(0.6),
                 fill_mode=rr.components.FillMode.MajorWireframe,
             ),
-            static=True,
+            static=not item.later,
         )
-        own = rows[item.name]
         parents = [
             WORLD_FRAME if p.holder is None else flange_frame(p.holder) for p in own
         ]
@@ -140,6 +148,7 @@ def _log_objects(
                 child_frame=[frame] * len(own),
             ),
         )
+    rec.reset_time()
 
 
 def _log_lanes(rec: rr.RecordingStream, tpg: TemporalPlanGraph, run: Run) -> None:
