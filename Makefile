@@ -16,7 +16,7 @@ demo: $(VENV)/.installed ## plan, simulate and check the cliff; leaves logs/clif
 	$(BIN)/twin run scenarios/lego/cliff.yaml
 
 test: $(VENV)/.installed-dev ## run the tests
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses auto
 
 lint: $(VENV)/.installed-dev ## check style and types
 	$(BIN)/ruff check .
