@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.geometry.exact import come_close, distance_at
+from planning.geometry.separation import make_scratch
 from planning.transforms import Array
 from scheduling.contacts import ContactTable
-from scheduling.hull_separation import make_scratch
 from scheduling.occupancy import Occupancy
 from scheduling.order import nodes_before
 from scheduling.reduction import NodeOrder

@@ -21,11 +21,11 @@ from planning.geometry.exact import Solid, carried_solid, resting_solid
 from planning.geometry.kernel import RobotKernel, robot_kernel
 from planning.geometry.scene import entity as robot_entity
 from planning.geometry.scene import robot_solids
+from planning.geometry.separation import AT_REST, HullTable
 from planning.geometry.swept import sweep_segments
 from planning.transforms import Array, Transform
 from planning.workcell import PlacedRobot
 from scheduling.contacts import ALWAYS, EntityNumbers
-from scheduling.hull_separation import AT_REST, HullTable
 from scheduling.object_spans import ObjectSpan, Rest
 from scheduling.swept_sequence import INACTIVE, SweptSequence, swept_sequence
 from scheduling.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph

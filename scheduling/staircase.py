@@ -13,14 +13,14 @@ import numpy.typing as npt
 from numba import njit
 
 from planning.geometry.distance import segment_segment
-from planning.transforms import Array
-from scheduling.contacts import ContactTable, may_touch
-from scheduling.hull_separation import (
+from planning.geometry.separation import (
     HullTable,
     Scratch,
     hulls_stay_apart,
     pose_segments,
 )
+from planning.transforms import Array
+from scheduling.contacts import ContactTable, may_touch
 from scheduling.swept_sequence import SweptSequence
 from scheduling.temporal_plan_graph import Indices
 

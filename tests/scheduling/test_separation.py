@@ -8,9 +8,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from planning.geometry.exact import come_close, distance_at
-from planning.transforms import Array
-from scheduling.construction import build_chains, occupancies_of
-from scheduling.hull_separation import (
+from planning.geometry.separation import (
     CLOSE,
     FAR,
     gap_class,
@@ -18,6 +16,8 @@ from scheduling.hull_separation import (
     make_scratch,
     pose_segments,
 )
+from planning.transforms import Array
+from scheduling.construction import build_chains, occupancies_of
 from scheduling.occupancy import MOTION, Occupancy
 from scheduling.order import planned_ranks
 from scheduling.temporal_plan_graph import TemporalPlanGraph

@@ -16,7 +16,8 @@ from numba import njit
 from planning.geometry.chain import joint_poses
 from planning.geometry.kernel import RobotKernel
 from planning.transforms import Array
-from scheduling.temporal_plan_graph import Indices
+
+Indices = npt.NDArray[np.int64]
 
 AT_REST = -2
 """Stands for the joint of a body that rests in the world."""
