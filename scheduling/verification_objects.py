@@ -92,6 +92,11 @@ def object_histories(
         holder: str | None = None
         pose = item.start
         put: tuple[int, int, int] | None = None
+        if item.later:  # it is nowhere until its first handling
+            if not events:
+                continue
+            up, events = events[0], events[1:]
+            pose, put = up.pose, (up.robot, up.node, up.waypoint)
         for event in [*events, None]:
             taken = None if event is None else (event.robot, event.node, event.waypoint)
             if holder is None:

@@ -199,6 +199,34 @@ def test_an_object_at_rest_is_in_the_way_after_its_place() -> None:
     assert verify_plan(tpg).ok
 
 
+def test_an_object_that_comes_up_later_is_in_the_way_from_then_on() -> None:
+    """Right passes the place of a station; left lets the next block come up there."""
+    pose = translation(0.40, 0.10, 0.23)
+    later = replace(block("block", (0.05, 0.05, 0.04), pose), later=True)
+
+    def writer(*, right_first: bool) -> Writer:
+        out = Writer(two_arms((later,)))
+        aside = out.cell.robot("left").home + 0.2
+        through = at(out, "right", 0.40, 0.10, 0.23)
+        steps = [
+            ("right", through, ()),
+            ("right", out.cell.robot("right").home, ()),
+            ("left", aside, (Handling("block", -1, None, pose),)),
+        ]
+        for robot, goal, handlings in steps if right_first else [steps[2], *steps[:2]]:
+            out.move(robot, goal, *handlings, step=ONE_NODE)
+        return out
+
+    assert verify_plan(graph(writer(right_first=True), (1, 1, 0, 0))).ok
+    for tpg in (
+        graph(writer(right_first=True)),
+        graph(writer(right_first=False), (0, 0, 1, 0)),
+    ):
+        report = verify_plan(tpg)
+        assert {named(p)[0] for p in report.problems} == {"rest"}
+        assert {p.first.robot for p in report.problems if p.first} == {"right"}
+
+
 def test_nodes_must_be_ordered_with_place_and_pick_of_what_rests_there() -> None:
     unordered = verify_plan(graph(carrying(right_first=True), (1, 1, 0, 1)))
     assert unordered.ok  # left may already pick while right passes by: far enough apart

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,23 +14,38 @@ from twin.commands.guard import COMPLETED, FAILED, guarded
 
 if TYPE_CHECKING:
     from scheduling.verification import VerificationReport
+    from twin.adversary import AdversaryReport
 
 Folder = Annotated[
     Path,
     typer.Argument(help="Folder with plan.json and plan.npz, a run's.", metavar="PLAN"),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Adversary = Annotated[
+    bool,
+    typer.Option(
+        "--adversary/--no-adversary",
+        help="Also stop each robot wherever another waits for it, and audit what stands.",
+    ),
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing.")]
 
 
 @guarded
-def verify(folder: Folder, as_json: AsJson = False, quiet: Quiet = False) -> int:
+def verify(
+    folder: Folder,
+    adversary: Adversary = True,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> int:
     """Prove that a saved plan is safe for any delays.
 
-    The proof shares no code with the planner: it is slow and looks at everything anew.
+    The proof shares no code with the planner: it is slow and looks at everything anew. The
+    worst delays are then tried out in PyBullet: robots that stop for ever.
     """
     from scheduling.plan_files import load_plan
     from scheduling.verification import verify_plan
+    from twin.adversary import audit_standing_states
     from twin.progress import StageDisplay
 
     tpg = load_plan(folder)
@@ -37,30 +53,61 @@ def verify(folder: Folder, as_json: AsJson = False, quiet: Quiet = False) -> int
         report = verify_plan(
             tpg, progress=lambda done, total: display("verification", done, total)
         )
+        standing = None
+        if adversary:
+            standing = audit_standing_states(
+                tpg, lambda done, total: display("robots that stop", done, total)
+            )
+    ok = report.ok and not (standing and standing.violations)
     if as_json:
-        typer.echo(json.dumps(_content(report), indent=2))
+        typer.echo(json.dumps(_content(report, standing), indent=2))
     elif not quiet:
         for problem in report.problems:
             typer.echo(problem.message)
-        verdict = "safe for any delays" if report.ok else "not safe"
+        for state, violation in standing.violations if standing else ():
+            typer.echo(
+                f"if {state.robot} stops {'after' if state.at_end else 'before'} the motion of "
+                f"node {state.node}: {violation.first} and {violation.second} overlap by "
+                f"{1000 * violation.depth_m:.2f} mm"
+            )
+        verdict = "safe for any delays" if ok else "not safe"
+        stops = f", {standing.states} standing states audited" if standing else ""
         typer.echo(
             f"{folder}: {verdict} ({len(report.problems)} problems; {report.pairs_checked} "
-            f"pairs that may happen at once, robots {_millimetres(report)} apart)"
+            f"pairs that may happen at once, robots {_millimetres(report)}{stops})"
         )
-    return COMPLETED if report.ok else FAILED
+    return COMPLETED if ok else FAILED
 
 
 def _millimetres(report: VerificationReport) -> str:
     least = report.min_distance_robots_m
-    return f"at least {1000 * least:.2f} mm" if math.isfinite(least) else "always far"
+    near = math.isfinite(least)
+    return (
+        f"measured {1000 * least:.2f} mm apart at the closest" if near else "far apart"
+    )
 
 
-def _content(report: VerificationReport) -> dict[str, object]:
+def _content(
+    report: VerificationReport, standing: AdversaryReport | None
+) -> dict[str, object]:
     robots, objects = report.min_distance_robots_m, report.min_distance_objects_m
     return {
-        "ok": report.ok,
+        "ok": report.ok and not (standing and standing.violations),
         "pairs_checked": report.pairs_checked,
         "min_distance_robots_m": robots if math.isfinite(robots) else None,
         "min_distance_objects_m": objects if math.isfinite(objects) else None,
         "problems": [{"kind": p.kind, "message": p.message} for p in report.problems],
+        "adversary": None if standing is None else _standing_content(standing),
+    }
+
+
+def _standing_content(standing: AdversaryReport) -> dict[str, object]:
+    least = standing.min_distance_m
+    return {
+        "states": standing.states,
+        "min_distance_m": least if math.isfinite(least) else None,
+        "violations": [
+            {**asdict(state), **asdict(violation)}
+            for state, violation in standing.violations
+        ],
     }
