@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pybullet
 
 from planning.errors import RobotModelError
 from planning.transforms import Array, Transform, quat_wxyz
 from twin.audit_scene import AuditBox, AuditRobot, AuditScene
 from twin.audit_urdf import one_shape_a_link
+from twin.bullet import pybullet
 
 BASE = -1
 
