@@ -102,6 +102,8 @@ class SkillScene:
         configurations: of all robots.
         contacts: who may touch whom.
         handed: the object that changes hands in the skill and where it is then, or None.
+        refill: what stands there once the skill is complete, such as the next brick of a
+            feeding station, or None.
     """
 
     cell: Workcell
@@ -109,6 +111,7 @@ class SkillScene:
     configurations: Mapping[str, Array]
     contacts: SkillContacts
     handed: tuple[str, Attachment] | None = None
+    refill: tuple[CellObject, Attachment] | None = None
 
     def without(self, name: str) -> SkillScene:
         """Return the scene without one object."""
@@ -181,6 +184,9 @@ def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:
             checker = scene.checker(path.robot, contacts.during, handed_over=True)
         if not checker.motion_free(waypoints[k], waypoints[k + 1]):
             return _on_the_way(checker, waypoints[k], waypoints[k + 1])
+    if scene.refill is not None:
+        item = scene.refill[0]
+        scene = replace(scene, objects={**scene.objects, item.name: scene.refill})
     checker = scene.checker(path.robot, contacts.after, handed_over=True)
     return _at(checker, waypoints[-1], "after")
 

@@ -10,6 +10,7 @@ from planning.skill_paths import Pairs, SkillPath
 from planning.step_tasks import StepTasks
 from planning.task_graph import TRANSIT, AllowedContact, Handling, Task
 from planning.transforms import Array, Transform, readonly
+from planning.workcell import CellObject
 
 
 @dataclass
@@ -26,6 +27,7 @@ class StepBuilder:
     _tasks: list[Task] = field(default_factory=list)
     _dependencies: list[tuple[int, int]] = field(default_factory=list)
     _allowed: dict[frozenset[str], set[int]] = field(default_factory=dict)
+    _objects: list[CellObject] = field(default_factory=list)
 
     def transit(self, robot: str, goal: Array, label: str, carries: str | None) -> int:
         """Append a transit and return its index."""
@@ -41,6 +43,7 @@ class StepBuilder:
         item: str | None,
         holder: str | None = None,
         pose: Transform | None = None,
+        refill: CellObject | None = None,
     ) -> int:
         """Append a skill and return its index.
 
@@ -50,11 +53,17 @@ class StepBuilder:
             item: the object it is about.
             holder: who holds it once it has changed hands, None when it is put down.
             pose: of the object then; None for skills in which nothing changes hands.
+            refill: object that comes up where it first is, at the end of the skill.
         """
         handlings: tuple[Handling, ...] = ()
         if pose is not None and item is not None and path.change_at is not None:
             change = Handling(item, path.change_at, holder, readonly(pose))
             handlings = (change,)
+        if refill is not None:
+            # The path counts from its start, which the task's own leaves out.
+            coming = Handling(refill.name, len(path.path), None, refill.start)
+            handlings = (*handlings, coming)
+            self._objects.append(refill)
         task = Task(
             self._next,
             path.robot,
@@ -95,6 +104,7 @@ class StepBuilder:
             tuple(self._tasks),
             tuple(sorted(self._dependencies)),
             tuple(allowed),
+            tuple(self._objects),
         )
 
     @property

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from planning.lego.contacts import PlacedBrick
 from planning.lego.structure import (
     BrickType,
     Cell,
@@ -23,12 +24,16 @@ from planning.workcell import Clearances, Fixture, PlacedRobot, Workcell
 from twin.scenario import (
     FixtureSection,
     LegoSection,
+    PlateSection,
     PoseSection,
+    PressSection,
     RobotSection,
     Scenario,
     StepSection,
     StockSection,
+    SupportSection,
 )
+from twin.scenario_structure import read_structure
 
 
 def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
@@ -41,15 +46,18 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
     Raises:
         RobotModelError: a robot description cannot be used.
     """
-    from planning.lego.objects import plate_fixture, stock_objects
+    from planning.lego.objects import STORAGE, plate_fixture, stock_objects
 
     clearance = scenario.cell.clearance
     assembly = build_assembly(scenario)
+    plates = [plate_fixture(assembly.plate)]
+    if assembly.storage is not None:
+        plates.append(plate_fixture(assembly.storage, STORAGE))
     return Workcell(
         robots=tuple(_robot(r, folder) for r in scenario.cell.robots),
         fixtures=(
             *(_fixture(f) for f in scenario.cell.fixtures),
-            plate_fixture(assembly.plate),
+            *plates,
         ),
         objects=stock_objects(assembly),
         clearances=Clearances(clearance.robot_robot_m, clearance.robot_object_m),
@@ -57,19 +65,34 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
 
 
 def build_assembly(scenario: Scenario) -> LegoAssembly:
-    """Return the LEGO structure of a scenario, its stock and its steps."""
+    """Return the plate, the stock and the steps of a scenario.
+
+    There are no steps yet where the scenario gives a structure; see ``build_structure``.
+    """
     lego = scenario.assembly
     twist = lego.twist_deg.model_dump(by_alias=True)
     return LegoAssembly(
-        plate=Plate(
-            build_transform(lego.plate.pose),
-            (lego.plate.studs[0], lego.plate.studs[1]),
-        ),
+        plate=_plate(lego.plate),
         bricks=brick_types(lego),
         stock=tuple(_stock(s) for s in lego.stock),
         steps=tuple(_step(s) for s in lego.steps),
         twist={skill: float(np.deg2rad(angle)) for skill, angle in twist.items()},
+        storage=None if lego.storage_plate is None else _plate(lego.storage_plate),
     )
+
+
+def build_structure(scenario: Scenario) -> tuple[PlacedBrick, ...] | None:
+    """Return the bricks of the finished structure, None where the scenario gives steps."""
+    lego = scenario.assembly
+    if lego.structure is None:
+        return None
+    return read_structure(lego.structure, brick_types(lego)).bricks
+
+
+def brick_count(scenario: Scenario) -> int:
+    """Return how many bricks are placed, which is the number of steps."""
+    structure = build_structure(scenario)
+    return len(scenario.assembly.steps if structure is None else structure)
 
 
 def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
@@ -115,6 +138,10 @@ def _fixture(section: FixtureSection) -> Fixture:
     return Fixture(section.name, size, pose, box_body(section.name, size))
 
 
+def _plate(section: PlateSection) -> Plate:
+    return Plate(build_transform(section.pose), (section.studs[0], section.studs[1]))
+
+
 def _stock(section: StockSection) -> StockBrick:
     x, y, z = section.at
     cell = Cell(x, y, z, section.turned)
@@ -125,13 +152,12 @@ def _step(section: StepSection) -> LegoStep:
     x, y, z = section.at
     press = press_cell = support = None
     if section.press is not None:
-        press = Press(section.press.side, section.press.offset)
+        press = _press(section.press)
     if section.press_cell is not None:
         i, j, layer = section.press_cell.at
         press_cell = Cell(i, j, layer, section.press_cell.turned)
     if section.support is not None:
-        i, j, layer = section.support.at
-        support = Support(i, j, layer, section.support.orientation)
+        support = _support(section.support)
     return LegoStep(
         brick=section.brick,
         cell=Cell(x, y, z, section.turned),
@@ -141,4 +167,15 @@ def _step(section: StepSection) -> LegoStep:
         support=support,
         attack=section.attack,
         stock=section.stock,
+        presses=tuple(_press(item) for item in section.presses),
+        supports=tuple(_support(item) for item in section.supports),
     )
+
+
+def _press(section: PressSection) -> Press:
+    return Press(section.side, section.offset)
+
+
+def _support(section: SupportSection) -> Support:
+    x, y, z = section.at
+    return Support(x, y, z, section.orientation)

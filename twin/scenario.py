@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from twin.scenario_durations import DurationSection
+from twin.scenario_structure import StructureSection
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=64)]
 """Names become parts of file names and of paths in a recording."""
@@ -133,7 +134,7 @@ class BrickSection(Section):
 
 
 class StockSection(Section):
-    """A brick that stands on the plate at the start.
+    """A brick that stands on a plate at the start.
 
     Attributes:
         name: unique in the scenario.
@@ -141,7 +142,7 @@ class StockSection(Section):
         at: stud of its least x and y (from 0) and layer (1 = on the plate).
         turned: turned by +90 degrees about z.
         fixed: scaffolding, which no step may use.
-        station: a feeding station: there is always another one in the same place.
+        station: a feeding station: once a brick has been picked, the next one stands there.
     """
 
     name: Name
@@ -198,8 +199,10 @@ class StepSection(Section):
         at, turned: where it goes, as for the stock.
         place: from above, or from below with a handover and a support on top.
         press: the grip; the planner chooses where it is not given.
+        presses: the grips to choose from, ``press`` the first of them.
         press_cell: where a brick placed from below is held.
         support: where the other robot holds the structure; none where it need not.
+        supports: the supports to choose from, ``support`` the first of them.
         attack: sign of the sideways offset of the approach.
         stock: name of the stock brick to use; the planner chooses where it is not given.
     """
@@ -209,10 +212,20 @@ class StepSection(Section):
     turned: bool = False
     place: Literal["down", "up"] = "down"
     press: PressSection | None = None
+    presses: tuple[PressSection, ...] = ()
     press_cell: PressCellSection | None = None
     support: SupportSection | None = None
+    supports: tuple[SupportSection, ...] = ()
     attack: Literal[1, -1] = 1
     stock: Name | None = None
+
+    @model_validator(mode="after")
+    def _first_choice(self) -> StepSection:
+        if self.presses and self.press != self.presses[0]:
+            raise ValueError("'press' must be the first of 'presses'")
+        if self.supports and self.support != self.supports[0]:
+            raise ValueError("'support' must be the first of 'supports'")
+        return self
 
 
 TwistDeg = Annotated[float, Field(gt=0, lt=90)]
@@ -230,14 +243,34 @@ class TwistSection(Section):
 
 
 class LegoSection(Section):
-    """A LEGO structure, what it is built from, and in which order."""
+    """A LEGO structure, what it is built from, and in which order.
+
+    Attributes:
+        kind: ``lego``.
+        plate: the base plate of the structure.
+        storage_plate: the base plate of the stock, where that is another one; scaffolding
+            stands on ``plate`` all the same.
+        bricks: types of bricks, added to those of the library.
+        stock: bricks that are there at the start.
+        steps: the assembly sequence; or else
+        structure: the finished structure, whose sequence the planner finds.
+        twist_deg: by how much the tool twists.
+    """
 
     kind: Literal["lego"]
     plate: PlateSection
+    storage_plate: PlateSection | None = None
     bricks: dict[Name, BrickSection] = Field(default_factory=dict)
     stock: Annotated[tuple[StockSection, ...], Field(min_length=1)]
-    steps: Annotated[tuple[StepSection, ...], Field(min_length=1)]
+    steps: tuple[StepSection, ...] = ()
+    structure: StructureSection | None = None
     twist_deg: TwistSection = TwistSection()
+
+    @model_validator(mode="after")
+    def _steps_or_structure(self) -> LegoSection:
+        if (self.structure is None) == (not self.steps):
+            raise ValueError("give 'steps' or 'structure', one of them")
+        return self
 
 
 class PlanningSection(Section):

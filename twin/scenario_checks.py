@@ -8,6 +8,8 @@ from pathlib import Path
 
 from planning.errors import RobotModelError, ScenarioError
 from planning.lego.grid import occupied_studs
+from planning.lego.objects import STORAGE
+from planning.lego.stations import source_of
 from planning.lego.structure import BrickType, Cell, Support
 from planning.lego.support import supported_cell
 from twin.scenario import (
@@ -60,6 +62,7 @@ def _check_names(scenario: Scenario) -> Found:
         (("assembly", "stock", i, "name"), s.name)
         for i, s in enumerate(scenario.assembly.stock)
     ]
+    stations = {s.name for s in scenario.assembly.stock if s.station}
     for group in (robots, things):
         seen: set[str] = set()
         for path, name in group:
@@ -67,8 +70,10 @@ def _check_names(scenario: Scenario) -> Found:
                 yield path, f"the name {name!r} is already taken"
             seen.add(name)
     for path, name in things:
-        if name in {"plate", *(n for _, n in robots)}:
-            yield path, f"the name {name!r} is that of a robot or of the plate"
+        if name in {"plate", STORAGE, *(n for _, n in robots)}:
+            yield path, f"the name {name!r} is that of a robot or of a plate"
+        if source_of(name, stations) != name:
+            yield path, f"the name {name!r} is that of a brick of a feeding station"
 
 
 def _check_robots(robots: Sequence[RobotSection], folder: Path) -> Found:
@@ -142,17 +147,16 @@ def _unknown_bricks(assembly: LegoSection, types: Mapping[str, BrickType]) -> Fo
 def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Found:
     """No two bricks in one place, nothing off the plate, nothing in the air."""
     studs = assembly.plate.studs
-    taken: dict[Stud, str] = {}
     owner: dict[str, StockSection] = {s.name: s for s in assembly.stock}
-    for i, item in enumerate(assembly.stock):
-        at: KeyPath = ("assembly", "stock", i, "at")
-        cells = _studs_of(item, types)
-        if message := _off_plate(cells, studs):
-            yield at, message
-        if other := _first_taken(cells, taken):
-            yield at, f"{item.name} stands where {other} already stands"
-        taken.update(dict.fromkeys(cells, item.name))
-    yield from _check_stock_stands(assembly, types, taken)
+    stock = list(enumerate(assembly.stock))
+    taken: dict[Stud, str] = {}
+    if assembly.storage_plate is None:
+        yield from _check_stock(stock, types, studs, taken)
+    else:
+        scaffold = [(i, s) for i, s in stock if s.fixed]
+        yield from _check_stock(scaffold, types, studs, taken)
+        stored = [(i, s) for i, s in stock if not s.fixed]
+        yield from _check_stock(stored, types, assembly.storage_plate.studs, {})
 
     structure = {
         cell for cell, name in taken.items() if name in owner and owner[name].fixed
@@ -161,8 +165,8 @@ def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Foun
         at = ("assembly", "steps", k)
         label = f"step {k + 1}"
         cells = _studs_of(step, types)
-        if step.stock in owner and not owner[step.stock].station:
-            source = owner[step.stock]
+        source = owner.get(step.stock or "")
+        if source is not None and not source.station:
             for cell in _studs_of(source, types):
                 if taken.get(cell) == source.name:
                     del taken[cell]
@@ -200,9 +204,8 @@ def _check_step(
                 (*at, "press", "offset"),
                 f"the edge has {along} studs: an offset of at most {max(along - 2, 0)} fits",
             )
-    for key in ("press_cell", "support"):
-        if step.place == "up" and getattr(step, key) is None:
-            yield at, f"a brick placed from below needs {key!r}"
+    if step.place == "up" and step.support is None:
+        yield at, "a brick placed from below needs 'support'"
     if step.support is not None:
         x, y, z = step.support.at
         support = Support(x, y, z, step.support.orientation)
@@ -211,13 +214,39 @@ def _check_step(
             yield (*at, "support", "at"), f"the support goes where {other} is"
 
 
+def _check_stock(
+    stock: Sequence[tuple[int, StockSection]],
+    types: Mapping[str, BrickType],
+    studs: Sequence[int],
+    taken: dict[Stud, str],
+) -> Found:
+    """Check the stock of one plate, and note the studs it takes."""
+    for i, item in stock:
+        at: KeyPath = ("assembly", "stock", i, "at")
+        cells = _studs_of(item, types)
+        if message := _off_plate(cells, studs):
+            yield at, message
+        if other := _first_taken(cells, taken):
+            yield at, f"{item.name} stands where {other} already stands"
+        taken.update(dict.fromkeys(cells, item.name))
+    yield from _check_stock_stands(stock, types, taken)
+
+
 def _check_stock_stands(
-    assembly: LegoSection,
+    stock: Sequence[tuple[int, StockSection]],
     types: Mapping[str, BrickType],
     taken: Mapping[Stud, str],
 ) -> Found:
-    """Every stock brick must be joined to the plate through others."""
-    cells = {s.name: _studs_of(s, types) for s in assembly.stock}
+    """Every stock brick must be joined to the plate through others, never through a station."""
+    cells = {s.name: _studs_of(s, types) for _, s in stock}
+    for i, item in stock:
+        below = {taken.get((x, y, z - 1)) for x, y, z in cells[item.name]}
+        for _, other in stock:
+            if other.station and other.name in below:
+                yield (
+                    ("assembly", "stock", i, "at"),
+                    f"{item.name} stands on the feeding station {other.name}",
+                )
     held = {name for name, c in cells.items() if _on_plate(c)}
     frontier = list(held)
     while frontier:
@@ -227,7 +256,7 @@ def _check_stock_stands(
                 if name is not None and name not in held:
                     held.add(name)
                     frontier.append(name)
-    for i, item in enumerate(assembly.stock):
+    for i, item in stock:
         if item.name not in held and item.at[2] >= 1:
             yield (
                 ("assembly", "stock", i, "at"),

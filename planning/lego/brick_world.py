@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
-from planning.errors import ScenarioError
 from planning.geometry.cover import box_body
 from planning.lego.bricks import brick_type
 from planning.lego.grid import box_pose, box_size, neighbours, top_pose
 from planning.lego.grips import MOST_OFFSETS, check_press, presses
+from planning.lego.stations import source_of
 from planning.lego.structure import (
     BrickType,
     Cell,
     LegoAssembly,
     LegoStep,
+    Plate,
     Press,
     StockBrick,
 )
@@ -59,13 +60,37 @@ class BrickWorld:
 
     @cached_property
     def stock_at_rest(self) -> Mapping[str, Placed]:
-        """All stock bricks where they stand at the start."""
-        return {o.name: (o, Attachment(None, o.start)) for o in self.cell.objects}
+        """All stock bricks where they stand at the start, a station's under its name."""
+        out = {}
+        for item in self.cell.objects:
+            name = source_of(item.name, self.stations)
+            out[name] = (replace(item, name=name), Attachment(None, item.start))
+        return out
 
     @cached_property
-    def stock_cells(self) -> Mapping[str, tuple[Cell, BrickType]]:
-        """Cell and type of each stock brick."""
-        return {k: (s.cell, self.kind(s.brick)) for k, s in self.stock.items()}
+    def stations(self) -> frozenset[str]:
+        """Names of the feeding stations."""
+        return frozenset(k for k, item in self.stock.items() if item.station)
+
+    @cached_property
+    def loose_stock(self) -> frozenset[str]:
+        """Stock bricks that are gone once they have been used."""
+        return frozenset(
+            k for k, item in self.stock.items() if not item.fixed and not item.station
+        )
+
+    def stock_on(self, plate: Plate) -> dict[str, tuple[Cell, BrickType]]:
+        """Return cell and type of each stock brick on a plate."""
+        return {
+            k: (s.cell, self.kind(s.brick))
+            for k, s in self.stock.items()
+            if self.assembly.plate_of(s) is plate
+        }
+
+    def stock_beside(self, stock: str) -> dict[str, tuple[Cell, BrickType]]:
+        """Return cell and type of the other stock bricks on the plate of one."""
+        on_plate = self.stock_on(self.assembly.plate_of(self.stock[stock]))
+        return {k: v for k, v in on_plate.items() if k != stock}
 
     @cached_property
     def _goals(self) -> tuple[Placed, ...]:
@@ -105,13 +130,15 @@ class BrickWorld:
         }
 
     def cells_during(self, number: int) -> dict[str, tuple[Cell, BrickType]]:
-        """Return all bricks that may stand around while a step is done."""
-        return {**self.stock_cells, **self.goal_cells(range(1, number))}
+        """Return all bricks that may stand on the structure's plate while a step is done."""
+        stock = self.stock_on(self.assembly.plate)
+        return {**stock, **self.goal_cells(range(1, number))}
 
     def start_top(self, stock: str) -> Transform:
         """Return the pose of the top face of a stock brick at the start."""
         item = self.stock[stock]
-        return top_pose(self.assembly.plate, item.cell, self.kind(item.brick))
+        plate = self.assembly.plate_of(item)
+        return top_pose(plate, item.cell, self.kind(item.brick))
 
     def goal_top(self, number: int) -> Transform:
         """Return the pose of the top face of a step's brick in its place."""
@@ -124,33 +151,23 @@ class BrickWorld:
         todo = [stock]
         while todo:
             name = todo.pop()
-            others = {k: v for k, v in self.stock_cells.items() if k != name}
-            upper = neighbours(*self.stock_cells[name], others).above
+            item = self.stock[name]
+            others = self.stock_beside(name)
+            upper = neighbours(item.cell, self.kind(item.brick), others).above
             todo += [k for k in upper if k not in out]
             out.update(upper)
         return frozenset(out)
 
     def usable_stock(self, number: int) -> list[str]:
-        """Return the stock bricks of the right type for a step (delta^t of Appendix B).
-
-        Raises:
-            ScenarioError: a brick comes from a feeding station.
-        """
+        """Return the stock bricks and stations of the right type for a step (delta^t, App. B)."""
         step = self.step(number)
-        names = [
+        return [
             item.name
             for item in self.assembly.stock
             if item.brick == step.brick
             and not item.fixed
             and step.stock in (None, item.name)
         ]
-        for name in names:
-            if self.stock[name].station:
-                raise ScenarioError(
-                    f"stock brick {name!r} is a feeding station; steps cannot draw on "
-                    "stations yet, list the bricks one by one"
-                )
-        return names
 
     def grasps(self, number: int) -> list[int]:
         """Return the grips of a step: the prescribed one, or all there are."""

@@ -100,6 +100,7 @@ def find_candidates(
         primaries=tuple(collector.primaries),
         supports=tuple(collector.supports),
         incompatible=frozenset(collector.incompatible),
+        unlimited=world.stations,
         balance=balance,
         rejections=tuple(collector.rejections),
     )

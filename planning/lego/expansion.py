@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -18,13 +19,15 @@ from planning.lego.allowed_contacts import (
 from planning.lego.brick_world import BrickWorld
 from planning.lego.candidates import LegoCandidates
 from planning.lego.grid import box_from_top
-from planning.lego.structure import BrickType, Cell
+from planning.lego.stations import copy_name, next_copy, object_names, source_of
+from planning.lego.structure import BrickType, Cell, Plate
 from planning.skill_paths import Pairs, SkillPath
 from planning.step_builder import StepBuilder
 from planning.step_tasks import StepTasks
 from planning.task_graph import Task
 from planning.task_plan import StepChoice, TaskPlan
 from planning.transforms import Array, Transform, inverse
+from planning.workcell import CellObject
 
 PLACES = ("place-down", "place-up")
 SUPPORTS = ("support-bottom", "support-top")
@@ -68,7 +71,7 @@ def link_steps(
     """Return all dependencies of a plan: those within the steps, and those between them.
 
     Between steps, a place waits for the place before it, and so does a support; a brick of the
-    stock is picked after those that stood on it.
+    stock is picked after those that stood on it, a station's after the one before it.
 
     Returns:
         Pairs (a, b) of task indices, shape (e, 2), sorted: a must be complete before b starts.
@@ -85,9 +88,10 @@ def link_steps(
             if task.kind in (*PLACES, *SUPPORTS) and last_place is not None:
                 waits_for.append(last_place)
             if task.kind == "pick" and task.object is not None:
-                picked[task.object] = task
-                above = candidates.world.above(task.object)
-                waits_for += [picked[name] for name in sorted(above) if name in picked]
+                source = source_of(task.object, candidates.world.stations)
+                earlier = sorted({*candidates.world.above(source), source})
+                waits_for += [picked[name] for name in earlier if name in picked]
+                picked[source] = task
             pairs |= {
                 (before.index, task.index)
                 for before in waits_for
@@ -111,20 +115,42 @@ class _Expander:
         self.world: BrickWorld = candidates.world
         self.choice = choice
         self.builder = builder
-        self.brick = choice.object
         self.work = self.world.step(choice.step)
         self.kind = self.world.kind(self.work.brick)
-        earlier = [c for c in plan.choices if c.step < choice.step]
+        stock, assembly = self.world.stock, self.world.assembly
+        sources = [c.object for c in plan.choices if c.step <= choice.step]
+        *used, self.brick = object_names(sources, self.world.stations)
         placed = {
-            c.object: (
-                self.world.step(c.step).cell,
-                self.world.kind(self.world.step(c.step).brick),
-            )
-            for c in earlier
+            name: (self.world.step(k).cell, self.world.kind(self.world.step(k).brick))
+            for k, name in enumerate(used, start=1)
         }
-        standing = {k: v for k, v in self.world.stock_cells.items() if k not in placed}
-        self.before: dict[str, tuple[Cell, BrickType]] = {**standing, **placed}
-        self.others = {k: v for k, v in self.before.items() if k != self.brick}
+        picked = Counter(sources)
+        item = self.world.stock_at_rest[choice.object][0]
+        self.refill: CellObject | None = None
+        if choice.object in self.world.stations:
+            number = picked[choice.object] + 1
+            self.refill = next_copy(item, choice.object, number)
+
+        def standing(plate: Plate) -> dict[str, tuple[Cell, BrickType]]:
+            """Return the bricks of the stock on a plate when the brick has been picked."""
+            out = {}
+            for name, brick in self.world.stock_on(plate).items():
+                if name in self.world.stations:
+                    out[copy_name(name, picked[name] + 1)] = brick
+                elif name not in picked:
+                    out[name] = brick
+            return out
+
+        source_plate = assembly.plate_of(stock[choice.object])
+        self.others: dict[str, tuple[Cell, BrickType]] = {
+            **standing(assembly.plate),
+            **placed,
+        }
+        self.beside_source = standing(source_plate)
+        if source_plate is assembly.plate:
+            self.beside_source |= placed
+        if self.refill is not None:
+            self.beside_source.pop(self.refill.name)
 
     def place_down(self) -> None:
         """Write pick, the support if any, place, and the ways back."""
@@ -187,14 +213,19 @@ class _Expander:
         build, brick = self.builder, self.brick
         path = self.candidates.pick(self.choice)
         self._transit(path.lead, robot, f"to {brick}", None)
-        start = self.world.stock_at_rest[brick][1].pose
+        start = self.world.stock_at_rest[self.choice.object][1].pose
         flange = self._flange(robot, path.contact)
         picked = build.skill(
-            path, f"pick {brick}", brick, robot, inverse(flange) @ start
+            path,
+            f"pick {brick}",
+            brick,
+            robot,
+            inverse(flange) @ start,
+            self.refill,
         )
-        build.allow(
-            self._touching(robot, self.world.stock_cells[brick][0], start), picked
-        )
+        cell = self.world.stock[self.choice.object].cell
+        touching = self._touching(robot, cell, start, self.beside_source)
+        build.allow(touching, picked)
         self._home(robot, brick)
         return picked
 
@@ -202,7 +233,7 @@ class _Expander:
         """Write the place itself; return it."""
         goal = self.world.goal(self.choice.step)[1].pose
         placed = self.builder.skill(path, label, self.brick, None, goal)
-        touching = self._touching(path.robot, self.work.cell, goal)
+        touching = self._touching(path.robot, self.work.cell, goal, self.others)
         self.builder.allow(touching, placed)
         return placed
 
@@ -228,12 +259,18 @@ class _Expander:
         # What the placing robot brings touches the standing tool as well.
         build.allow(touched & gripped(robot, self.brick), placed)
 
-    def _touching(self, robot: str, cell: Cell, pose: Transform) -> Pairs:
+    def _touching(
+        self,
+        robot: str,
+        cell: Cell,
+        pose: Transform,
+        others: Mapping[str, tuple[Cell, BrickType]],
+    ) -> Pairs:
         """Return what a brick and the tool on it may touch where it sits."""
         fixtures = self.world.cell.fixtures
-        touching = seated(self.brick, cell, self.kind, self.others)
+        touching = seated(self.brick, cell, self.kind, others)
         touching |= grounded(self.brick, pose, fixtures)
-        return touching | beside_tool(robot, cell, self.kind, self.others)
+        return touching | beside_tool(robot, cell, self.kind, others)
 
     def _transit(
         self, goals: Array, robot: str, label: str, carries: str | None

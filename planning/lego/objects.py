@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+
 import numpy as np
 
 from planning.errors import ScenarioError
 from planning.geometry.cover import box_body
 from planning.lego.bricks import brick_type
 from planning.lego.grid import box_pose, box_size, on_plate, overlapping
+from planning.lego.stations import copy_name
 from planning.lego.structure import (
     STUD_PITCH,
     BrickType,
@@ -18,6 +21,9 @@ from planning.lego.structure import (
 )
 from planning.transforms import readonly, translation
 from planning.workcell import CellObject, Fixture
+
+STORAGE = "storage-plate"
+"""Name of the plate of the stock as a fixture, where it is another than ``"plate"``."""
 
 PLATE_THICKNESS = 0.005
 """Thickness of a base plate's box below the surface that bricks rest on [m]."""
@@ -45,17 +51,21 @@ def brick_colour(brick: BrickType) -> tuple[int, int, int]:
 def stock_objects(assembly: LegoAssembly) -> tuple[CellObject, ...]:
     """Return the bricks of the stock as objects of the cell, in the order of the stock.
 
+    Of a feeding station it is the first brick.
+
     Raises:
         ScenarioError: a type is unknown, a name is used twice, a brick lies off the plate, or
             two bricks overlap.
     """
-    placed: dict[str, tuple[Cell, BrickType]] = {}
+    on: dict[int, dict[str, tuple[Cell, BrickType]]] = defaultdict(dict)
     for item in assembly.stock:
         brick = brick_type(item.brick, assembly.bricks)
-        if item.name in placed:
+        plate = assembly.plate_of(item)
+        placed = on[id(plate)]
+        if any(item.name in bricks for bricks in on.values()):
             raise ScenarioError(f"two stock bricks are called {item.name!r}")
-        if not on_plate(assembly.plate, item.cell, brick):
-            nx, ny = assembly.plate.studs
+        if not on_plate(plate, item.cell, brick):
+            nx, ny = plate.studs
             raise ScenarioError(
                 f"stock brick {item.name!r} at {_place(item.cell)} is not on the plate of "
                 f"{nx} x {ny} studs"
@@ -73,10 +83,10 @@ def stock_object(assembly: LegoAssembly, item: StockBrick) -> CellObject:
     brick = brick_type(item.brick, assembly.bricks)
     size = box_size(brick)
     return CellObject(
-        name=item.name,
+        name=copy_name(item.name, 1) if item.station else item.name,
         kind=item.brick,
         size=readonly(size),
-        start=readonly(box_pose(assembly.plate, item.cell, brick)),
+        start=readonly(box_pose(assembly.plate_of(item), item.cell, brick)),
         body=box_body(item.name, size),
         mass=brick.mass,
         fixed=item.fixed,

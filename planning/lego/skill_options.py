@@ -118,13 +118,13 @@ class SkillOptions:
         self, robot: PlacedRobot, stock: str, grasp: int
     ) -> SkillOption | Obstruction:
         world = self.world
-        cell, kind = world.stock_cells[stock]
+        cell, kind = world.stock[stock].cell, world.kind(world.stock[stock].brick)
         press, top = press_of(grasp), world.start_top(stock)
         frames = robot.model.frames
         targets = pick_targets(
             frames, kind, top, press, twist=world.assembly.twist["pick"]
         )
-        others = {k: v for k, v in world.stock_cells.items() if k != stock}
+        others = world.stock_beside(stock)
         grip = gripped(robot.name, stock)
         touching = grip | seated(stock, cell, kind, others)
         touching |= beside_tool(robot.name, cell, kind, others)
@@ -140,12 +140,20 @@ class SkillOptions:
             self.home,
             SkillContacts(NOTHING, touching, grip),
             (stock, Attachment(robot.name, held)),
+            self._refill(stock),
         )
-        loose = {k for k in here if not world.stock[k].fixed} - {stock} | set(goals)
+        loose = (world.loose_stock & here.keys()) - {stock} | set(goals)
         option = self._resolve(robot, targets, scene, loose)
         if isinstance(option, Obstruction):
             return option
         return replace(option, after=option.after | above)
+
+    def _refill(self, stock: str) -> Placed | None:
+        """Return what stands where a stock brick was, once it has been picked."""
+        if stock not in self.world.stations:
+            return None
+        item, at = self.world.stock_at_rest[stock]
+        return replace(item, name=f"the next brick of {stock}"), at
 
     def place_targets(self, robot: str, step: int, grasp: int) -> SkillTargets:
         """Return the subgoals of placing the brick of a step."""
@@ -197,9 +205,6 @@ class SkillOptions:
             **self.world.goals(range(1, step)),
         }
 
-    def _loose(self) -> set[str]:
-        return {k for k, item in self.world.stock.items() if not item.fixed}
-
     def _place(
         self, robot: str, step: int, grasp: int, beside: SkillPath | None
     ) -> SkillOption | Obstruction:
@@ -228,7 +233,7 @@ class SkillOptions:
             (name, at_goal),
         )
         targets = self.place_targets(robot, step, grasp)
-        return self._resolve(world.cell.robot(robot), targets, scene, self._loose())
+        return self._resolve(world.cell.robot(robot), targets, scene, world.loose_stock)
 
     def supported(self, robot: str, step: int) -> frozenset[frozenset[str]]:
         """Return what a supporting tool may touch, the brick of the step included."""
@@ -256,7 +261,7 @@ class SkillOptions:
         reason: Obstruction | None = None
         for back, k in product(_DRAWN_BACK, range(len(targets.pre))):
             skill = _drawn_back(support_skill(targets, pre=k), back)
-            option = self._resolve(robot, skill, scene, self._loose(), support=k)
+            option = self._resolve(robot, skill, scene, world.loose_stock, support=k)
             if isinstance(option, SkillOption):
                 return option
             reason = reason or option

@@ -93,14 +93,15 @@ class Support:
 
 @dataclass(frozen=True)
 class StockBrick:
-    """A brick that stands on the plate at the start.
+    """A brick that stands on a plate at the start.
 
     Attributes:
         name: unique in the scenario.
         brick: name of its type.
         cell: where it stands.
         fixed: scaffolding that no step may use.
-        station: a feeding station: there is always another brick of this type at this cell.
+        station: a feeding station: once a brick has been picked there, the next one of this
+            type stands at this cell.
     """
 
     name: str
@@ -123,6 +124,10 @@ class LegoStep:
         support: the support pose, None where no support is needed.
         attack: +1 or -1, sign of the sideways offset of the place approach.
         stock: name of the prescribed stock brick, None when the planner may choose.
+        presses: grips that will do, ``press`` the first of them; empty when there is no other.
+            Each goes with ``support``.
+        supports: supports that will do, ``support`` the first of them; empty when there is no
+            other. Each goes with ``press``.
     """
 
     brick: str
@@ -133,6 +138,8 @@ class LegoStep:
     support: Support | None = None
     attack: int = 1
     stock: str | None = None
+    presses: tuple[Press, ...] = ()
+    supports: tuple[Support, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -140,11 +147,13 @@ class LegoAssembly:
     """A LEGO structure, what it is built from, and in which order.
 
     Attributes:
-        plate: where everything stands.
+        plate: where the structure is built.
         bricks: brick types by name.
-        stock: bricks on the plate at the start.
+        stock: bricks that are there at the start.
         steps: assembly sequence.
         twist: twist angles by skill ("pick", "place-down", "place-up", "handover") [rad].
+        storage: plate of the stock, None when it stands on ``plate``. Scaffolding is part of
+            the structure and always stands on ``plate``.
     """
 
     plate: Plate
@@ -152,3 +161,8 @@ class LegoAssembly:
     stock: tuple[StockBrick, ...]
     steps: tuple[LegoStep, ...]
     twist: Mapping[str, float]
+    storage: Plate | None = None
+
+    def plate_of(self, item: StockBrick) -> Plate:
+        """Return the plate that a stock brick stands on."""
+        return self.plate if item.fixed or self.storage is None else self.storage

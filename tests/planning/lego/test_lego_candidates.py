@@ -79,7 +79,7 @@ def test_costs_are_joint_distances_from_home(found: LegoCandidates) -> None:
         assert isinstance(pick, SkillOption)
         attach = pick.path.waypoints[2]
         top = found.world.start_top(item.object)
-        kind = found.world.stock_cells[item.object][1]
+        kind = found.world.kind(found.world.stock[item.object].brick)
         tool = frame_pose(found.world.cell.robot(item.robot), attach, "tool")
         assert tool == pytest.approx(
             grip_pose(top, kind, press_of(item.grasp)), abs=1e-6
