@@ -11,6 +11,7 @@ from pathlib import Path
 from planning.assembly_work import StepExpansions
 from planning.assignment import HighsAssignmentSolver
 from planning.lego.assembly_work import prepare_lego
+from planning.lego.finished_structure import sequenced
 from planning.lego.structure import LegoAssembly
 from planning.motion_plan import MotionPlan
 from planning.sequential import MotionSettings, plan_sequential
@@ -20,11 +21,12 @@ from planning.transit import RrtConnect
 from planning.workcell import PlacedRobot, Workcell
 from scheduling.construction import build_tpg
 from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.cell import build_assembly, build_workcell
+from twin.cell import build_assembly, build_structure, build_workcell
 from twin.duration_models import skill_models
 from twin.progress import Report, report_nothing
 from twin.scenario import PlanningSection, Scenario
 
+SEQUENCE = "which brick when"
 ASSIGNMENT, MOTION, ORDER = "who does what", "motions", "what waits for what"
 """Names of the stages for progress displays."""
 
@@ -39,7 +41,8 @@ class Planned:
         task_plan: who does what.
         motion_plan: how everyone moves, one task after another.
         tpg: what must wait for what.
-        planning_s: wall-clock seconds a stage: assignment, motion, tpg.
+        planning_s: wall-clock seconds a stage: sequence (where the scenario gives a structure),
+            assignment, motion, tpg.
     """
 
     cell: Workcell
@@ -83,6 +86,12 @@ def plan_scenario(
     """
     watch = _Watch()
     cell, assembly = build_workcell(scenario, folder), build_assembly(scenario)
+    structure = build_structure(scenario)
+    if structure is not None:
+        with watch.stage("sequence"):
+            progress(SEQUENCE, 0, 1)
+            assembly, _ = sequenced(assembly, structure)
+            progress(SEQUENCE, 1, 1)
     with watch.stage("assignment"):
         progress(ASSIGNMENT, 0, 1)
         work = prepare_lego(cell, assembly)

@@ -37,10 +37,11 @@ def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
     found += _check_names(scenario)
     found += _check_durations(scenario, folder)
     found += _check_lego(scenario.assembly)
-    return [
+    problems = [
         Problem(document.mark_of(path, key=path[-1:] == ("name",)), message)
         for path, message in found
     ]
+    return problems + _structure_problems(scenario.assembly, document)
 
 
 Found = Iterator[tuple[KeyPath, str]]
@@ -116,6 +117,16 @@ def _check_durations(scenario: Scenario, folder: Path) -> Found:
                 Empirical.from_csv(file, duration.column)
             except ScenarioError as error:
                 yield at, str(error)
+
+
+def _structure_problems(assembly: LegoSection, document: YamlDocument) -> list[Problem]:
+    from twin.cell import brick_types
+    from twin.structure_checks import find_structure_problems
+
+    types = brick_types(assembly)
+    if assembly.structure is None or any(_unknown_bricks(assembly, types)):
+        return []
+    return find_structure_problems(assembly, types, document)
 
 
 def _check_lego(assembly: LegoSection) -> Found:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from planning.lego.bricks import brick_type
@@ -35,6 +36,25 @@ def scaffold(assembly: LegoAssembly) -> tuple[PlacedBrick, ...]:
     )
 
 
+def sequenced(
+    assembly: LegoAssembly,
+    structure: Sequence[PlacedBrick],
+    rules: SequencingRules | None = None,
+) -> tuple[LegoAssembly, SequencedStructure]:
+    """Return an assembly with the steps that build a structure on its scaffold.
+
+    Args:
+        assembly: plate and stock; its steps, if any, are forgotten.
+        structure: the finished structure.
+        rules: what a sequence may do.
+
+    Raises:
+        InfeasibleStepError: see ``sequence_structure``.
+    """
+    found = sequence_structure(structure, scaffold=scaffold(assembly), rules=rules)
+    return replace(assembly, steps=found.steps), found
+
+
 def resequence(
     assembly: LegoAssembly, rules: SequencingRules | None = None
 ) -> tuple[LegoAssembly, SequencedStructure]:
@@ -49,7 +69,4 @@ def resequence(
     Raises:
         InfeasibleStepError: see ``sequence_structure``.
     """
-    found = sequence_structure(
-        finished_structure(assembly), scaffold=scaffold(assembly), rules=rules
-    )
-    return replace(assembly, steps=found.steps), found
+    return sequenced(assembly, finished_structure(assembly), rules)

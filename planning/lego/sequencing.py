@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import groupby, product
 
 from planning.assembly_sequence import Removal, find_assembly_sequence
@@ -93,8 +93,11 @@ class SequencedStructure:
 
     @property
     def steps(self) -> tuple[LegoStep, ...]:
-        """The steps as an assembly takes them."""
-        return tuple(item.step for item in self.sequence)
+        """The steps as an assembly takes them, with their alternatives."""
+        return tuple(
+            replace(item.step, presses=item.presses, supports=item.supports)
+            for item in self.sequence
+        )
 
 
 def sequence_structure(

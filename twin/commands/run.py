@@ -175,10 +175,12 @@ def _remove_if_empty(folder: Path) -> None:
 def _announce(scenario: Scenario, folder: Path, *, compiles: bool) -> None:
     from rich.console import Console
 
+    from twin.cell import brick_count
+
     console = Console(stderr=True, highlight=False)
     console.print(
         f"{scenario.name}: {len(scenario.cell.robots)} robots, "
-        f"{len(scenario.assembly.steps)} steps, seed {scenario.seed} -> {folder}"
+        f"{brick_count(scenario)} steps, seed {scenario.seed} -> {folder}"
     )
     if compiles:
         console.print("compiling kernels, once ...")

@@ -22,6 +22,7 @@ Resolved = Annotated[
 def validate(files: Files, resolved: Resolved = False) -> int:
     """Check scenario files and report every problem in them."""
     from twin import scenario as model
+    from twin.cell import brick_count
     from twin.scenario_file import load_scenario
 
     code = COMPLETED
@@ -35,9 +36,9 @@ def validate(files: Files, resolved: Resolved = False) -> int:
         if resolved:
             typer.echo(json.dumps(model.resolved(scenario), indent=2))
         else:
-            steps, stock = scenario.assembly.steps, scenario.assembly.stock
+            stock = scenario.assembly.stock
             typer.echo(
-                f"{file}: ok ({len(scenario.cell.robots)} robots, {len(steps)} steps, "
+                f"{file}: ok ({len(scenario.cell.robots)} robots, {brick_count(scenario)} steps, "
                 f"{len(stock)} bricks in stock)"
             )
     return code
