@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,15 +14,15 @@ import numpy as np
 from planning.errors import ScenarioError
 from planning.transforms import Array, Transform, inverse
 
-TOOL_FILES: Mapping[str, str] = {
-    "tool": "gp4_tool_DH.txt",
-    "assemble": "gp4_tool_assemble_DH.txt",
-    "disassemble": "gp4_tool_disassemble_DH.txt",
-    "handover_assemble": "gp4_tool_handover_assemble_DH.txt",
-    "alt": "gp4_tool_alt_DH.txt",
-    "alt_assemble": "gp4_tool_alt_assemble_DH.txt",
+TOOLS: Mapping[str, str] = {
+    "tool": "tool",
+    "assemble": "tool_assemble",
+    "disassemble": "tool_disassemble",
+    "handover_assemble": "tool_handover_assemble",
+    "alt": "tool_alt",
+    "alt_assemble": "tool_alt_assemble",
 }
-"""Published file of each tool frame."""
+"""What each tool frame is called in the name of its published file."""
 
 _PI = np.pi
 # Rows (theta offset, d, a, alpha) of the arm whose tasks are published, up to the flange.
@@ -63,14 +64,47 @@ class Record:
         return Record(self.path, ".".join(k for k in (self.key, key) if k), value)
 
 
+class Notes:
+    """Keys of published files that say nothing to us, counted."""
+
+    def __init__(self) -> None:
+        self._unused: Counter[tuple[Path, str]] = Counter()
+
+    def unused(self, record: Record, known: frozenset[str]) -> None:
+        """Note the keys of a record that are not among the known ones."""
+        self._unused.update((record.path, k) for k in record.content if k not in known)
+
+    def unused_key(self, record: Record, key: str) -> None:
+        """Note one key."""
+        self._unused[record.path, key] += 1
+
+    def lines(self) -> tuple[str, ...]:
+        """Return what was noted in words, in the order in which it was met."""
+        return tuple(
+            f"{path}: {key!r} is not used" + (f", {n} times" if n > 1 else "")
+            for (path, key), n in self._unused.items()
+        )
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    out = dict(pairs)
+    if len(out) < len(pairs):
+        twice = next(k for k, n in Counter(k for k, _ in pairs).items() if n > 1)
+        raise ValueError(f"the key {twice!r} is given twice")
+    return out
+
+
 def read_json(path: Path) -> Record:
     """Return the object that a JSON file holds.
 
     Raises:
-        ScenarioError: there is no such file, or it does not hold an object.
+        ScenarioError: there is no such file, it does not hold an object, or an object has a
+            key twice.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        # Some editors put a byte order mark in front.
+        text = path.read_text(encoding="utf-8-sig")
+        content = json.loads(text, object_pairs_hook=_once)
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:
@@ -80,8 +114,10 @@ def read_json(path: Path) -> Record:
     return Record(path, "", content)
 
 
-def number(record: Record, key: str) -> float:
-    """Return a finite number."""
+def number(record: Record, key: str, *, default: float | None = None) -> float:
+    """Return a finite number, or the default where the key is missing and there is one."""
+    if default is not None and record.content.get(key) is None:
+        return default
     value = _get(record, key)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ScenarioError(f"{record.where(key)}: {value!r} is not a number")
@@ -92,7 +128,7 @@ def number(record: Record, key: str) -> float:
 
 def integer(record: Record, key: str, *, default: int | None = None) -> int:
     """Return a whole number, or the default where the key is missing and there is one."""
-    if default is not None and key not in record.content:
+    if default is not None and record.content.get(key) is None:
         return default
     value = number(record, key)
     if value != int(value):
@@ -111,7 +147,46 @@ def check_arm(properties: Path) -> None:
         raise ScenarioError(f"{path}: describes another arm than the model 'gp4'")
 
 
-def tool_offset(properties: Path, file: str) -> list[float]:
+def choice(
+    record: Record, key: str, valid: tuple[int, ...], *, default: int | None = None
+) -> int:
+    """Return one of some whole numbers, or the default where the key is missing."""
+    value = integer(record, key, default=default)
+    if value not in valid:
+        raise ScenarioError(
+            f"{record.where(key)}: {value} is not valid",
+            choices=tuple(str(v) for v in valid),
+        )
+    return value
+
+
+def tool_file(properties: Path, robot: str, tool: str) -> Path:
+    """Return the table of a tool: the robot's own, else the one that all arms share.
+
+    Args:
+        properties: the folder ``robot_properties``.
+        robot: such as ``"r1"``.
+        tool: a value of TOOLS.
+
+    Raises:
+        ScenarioError: there is neither.
+    """
+    own, shared = (
+        properties / f"{robot}_{tool}_DH.txt",
+        properties / f"gp4_{tool}_DH.txt",
+    )
+    if own.exists():
+        return own
+    if shared.exists():
+        return shared
+    raise ScenarioError(
+        f"{properties}: has no table of the tool frame {tool!r} for robot {robot!r}: "
+        f"neither {own.name} nor {shared.name}",
+        choices=tuple(sorted(p.name for p in properties.glob("*_DH.txt"))),
+    )
+
+
+def tool_offset(path: Path) -> list[float]:
     """Return the origin of a tool frame in the flange frame [m].
 
     The tables differ in their last row only, d and a of the tool. As that row ends with a half
@@ -119,13 +194,11 @@ def tool_offset(properties: Path, file: str) -> list[float]:
     same axes.
 
     Args:
-        properties: the folder ``robot_properties``.
-        file: name of the tool's table.
+        path: the tool's table.
 
     Raises:
         ScenarioError: the table is not that of the same arm with another tool.
     """
-    path = properties / file
     table = _table(path, (6, 4))
     rest = table.copy()
     rest[5, 1:3] = _GP4[5, 1:3]

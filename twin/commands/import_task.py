@@ -42,7 +42,12 @@ def apex_mr(
     from twin.scenario_file import load_scenario
     from twin.scenario_text import scenario_text
 
-    content = import_apex_mr(folder, task, prescribed_stock=prescribed_stock)
+    content = import_apex_mr(
+        folder,
+        task,
+        prescribed_stock=prescribed_stock,
+        note=lambda line: typer.echo(f"note: {line}", err=True),
+    )
     note = f"Imported from the published APEX-MR task {task!r}."
     try:
         output.write_text(scenario_text(content, note), encoding="utf-8")

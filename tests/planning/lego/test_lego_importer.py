@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -241,7 +242,8 @@ STOCK = "env_setup/env_setup_shed.json"
         (STOCK, ("b5_1",), {"x": 0, "y": 0, "z": 1, "ori": 0}, "no brick 5"),
         ("lego_library.json", ("2", "weight"), None, "2.weight: is missing"),
         ("lego_library.json", ("2",), 5, "2: must be an object"),
-        ("plate_calibration.json", ("storage_plate", "x"), 0.7, "two plates"),
+        (STOCK, ("b9_station2", "fixed"), True, "a feeding station cannot be fixed"),
+        ("plate_calibration.json", ("storage_plate", "x"), "0.7", "is not a number"),
     ],
 )
 def test_mistakes_are_named_by_file_and_key(
@@ -267,6 +269,10 @@ def test_a_prescribed_brick_must_be_in_the_stock(folder: Path) -> None:
         ("lego_library.json", "{", "not valid JSON"),
         ("lego_library.json", "[]", "must hold an object"),
         ("lego_library.json", None, "cannot be read"),
+        (TASK, '{"1": {}, "1": {}}', "the key '1' is given twice"),
+        (TASK, "{}", "steps must be numbered"),
+        (STOCK, None, "task 'shed' comes without a stock"),
+        ("robot_properties/gp4_tool_alt_DH.txt", None, "'tool_alt' for robot 'r1'"),
         ("robot_properties/r2_base.txt", None, "cannot be read"),
         ("robot_properties/r2_base.txt", "1 0 0 0", "must have 4 rows of 4"),
         ("robot_properties/r2_base.txt", "1 0\nx", "r2_base.txt"),
@@ -287,3 +293,103 @@ def test_broken_files_are_named(
         import_apex_mr(folder, "shed")
     assert Path(file).name in caught.value.message
     assert message in caught.value.message
+
+
+def test_a_storage_plate_of_its_own_takes_the_stock(folder: Path) -> None:
+    assert "storage_plate" not in import_apex_mr(folder, "shed")["assembly"]
+    edit(folder / "plate_calibration.json", ("storage_plate", "x"), 0.7)
+    edit(folder / "plate_calibration.json", ("storage_plate", "z"), 0.15)
+    edit(folder / "plate_calibration.json", ("storage_plate", "width"), 24)
+    scenario = import_apex_mr(folder, "shed")
+    plate, storage = (scenario["assembly"][k] for k in ("plate", "storage_plate"))
+    np.testing.assert_allclose(plate["pose"]["xyz_m"], [0.4, 0.1, 1.1])
+    np.testing.assert_allclose(storage["pose"]["xyz_m"], [0.7, 0.1, 1.05])
+    assert (plate["studs"], storage["studs"]) == ([32, 48], [24, 48])
+    # The table carries the lower one.
+    assert scenario["cell"]["fixtures"][0]["pose"]["xyz_m"][2] == pytest.approx(1.04)
+
+
+def test_what_may_be_missing(folder: Path) -> None:
+    """All but where things are, and of which type, has a default."""
+    edit(folder / "plate_calibration.json", ("storage_plate",), None)
+    for key in ("roll", "pitch", "width", "height"):
+        edit(folder / "plate_calibration.json", ("assemble_plate", key), None)
+    edit(folder / "plate_calibration.json", ("assemble_plate", "yaw"), None)
+    edit(folder / "plate_calibration.json", ("assemble_plate", "deg"), 30)
+    write(folder / TASK, {"1": {"x": 4, "y": 5, "z": 1, "ori": 0, "brick_id": 2}})
+    assembly = import_apex_mr(folder, "shed")["assembly"]
+    assert assembly["plate"]["pose"]["rpy_deg"] == pytest.approx([0, 0, 30])
+    assert assembly["plate"]["studs"] == [48, 48]
+    assert assembly["steps"] == [{"brick": "2x4", "at": [4, 5, 1]}]
+    assert "storage_plate" not in assembly
+
+
+def test_minus_one_stands_for_nothing(folder: Path) -> None:
+    """Supports, grips and contact cells are published as -1 where there is none."""
+    none = dict.fromkeys(("press_side", "press_offset", "press_x", "brick_seq"), -1)
+    write(folder / TASK, {"1": {**STEP, **none, "support_x": -1, "support_ori": -1}})
+    (step,) = import_apex_mr(folder, "shed", prescribed_stock=True)["assembly"]["steps"]
+    assert step == {"brick": "2x4", "at": [4, 5, 1]}
+
+
+def test_unknown_keys_are_tolerated_and_noted(folder: Path) -> None:
+    edit(folder / TASK, ("1", "colour"), "red")
+    edit(folder / TASK, ("2", "colour"), "blue")
+    edit(folder / TASK, ("_comment",), "a shed")
+    edit(folder / STOCK, ("b2_1", "friction"), 0.5)
+    edit(folder / STOCK, ("author",), "ada")
+    edit(folder / "lego_library.json", ("2", "price"), 0.1)
+    edit(folder / "plate_calibration.json", ("assemble_plate", "date"), "today")
+    heard: list[str] = []
+    scenario = import_apex_mr(folder, "shed", note=heard.append)
+    assert len(scenario["assembly"]["steps"]) == 3
+    assert len(heard) == 6
+    for file, words in (
+        (TASK, "'colour' is not used, 2 times"),
+        (TASK, "'_comment' is not used"),
+        (STOCK, "'friction' is not used"),
+        (STOCK, "'author' is not used"),
+        ("lego_library.json", "'price' is not used"),
+        ("plate_calibration.json", "'date' is not used"),
+    ):
+        assert any(line.endswith(f"{file}: {words}") for line in heard)
+
+
+def test_published_keys_are_all_known(folder: Path) -> None:
+    choice = {**STEP, "press_offset": 0, "robot_id": 1, "sup_robot_id": 0}
+    write(folder / "steps/shed_seq.json", {"1": choice})
+    heard: list[str] = []
+    import_apex_mr(folder, "shed", prescribed_stock=True, note=heard.append)
+    import_apex_mr(folder, "shed", note=heard.append)
+    assert heard == []
+
+
+def test_an_arm_may_have_tools_of_its_own(folder: Path) -> None:
+    properties = folder / "robot_properties"
+    rows = [*DH_ROWS, "0 -0.2 0.0 3.1415926"]
+    (properties / "r2_tool_DH.txt").write_text("\n".join(rows))
+    left, right = import_apex_mr(folder, "shed")["cell"]["robots"]
+    np.testing.assert_allclose(left["frames"]["tool"]["xyz_m"], [0, 0, 0.108])
+    np.testing.assert_allclose(right["frames"]["tool"]["xyz_m"], [0, 0, 0.128])
+    assert left["frames"]["alt"] == right["frames"]["alt"]
+
+
+def test_twist_angles_come_from_the_configuration(folder: Path) -> None:
+    write(folder / "user_config.json", {"Twist_Deg": 16, "Handover_Twist_Deg": 18})
+    assert "twist_deg" not in import_apex_mr(folder, "shed")["assembly"]
+    write(folder / "user_config.json", {"Twist_Deg": 12, "Use_yk": 0})
+    assert import_apex_mr(folder, "shed")["assembly"]["twist_deg"] == {
+        "pick": 12.0,
+        "place-down": 12.0,
+        "place-up": 12.0,
+        "handover": 18.0,
+    }
+
+
+def test_the_repository_is_as_good_as_its_folder(folder: Path, tmp_path: Path) -> None:
+    inner = tmp_path / "repository" / "config" / "lego_tasks"
+    inner.parent.mkdir(parents=True)
+    shutil.copytree(folder, inner, ignore=shutil.ignore_patterns("repository"))
+    repository = tmp_path / "repository"
+    assert available_tasks(repository) == ("shed",)
+    assert import_apex_mr(repository, "shed") == import_apex_mr(folder, "shed")
