@@ -14,14 +14,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.geometry.body import ConvexBody
 from planning.geometry.exact import Solid, carried_solid, resting_solid
 from planning.geometry.kernel import RobotKernel, robot_kernel
 from planning.geometry.scene import entity as robot_entity
 from planning.geometry.scene import robot_solids
-from planning.geometry.separation import AT_REST, HullTable
+from planning.geometry.separation import (
+    HullTable,
+    hull_table,
+    placed_capsules,
+)
 from planning.geometry.swept import sweep_segments
 from planning.transforms import Array, Transform
 from planning.workcell import PlacedRobot
@@ -185,7 +188,7 @@ def rest_occupancy(
 ) -> Occupancy:
     """Return what one object at rest, or in the hand of a robot that stands, occupies."""
     body = tpg.cell.object(rest.object).body
-    start, end, radius = _placed(body, rest.pose)
+    start, end, radius = placed_capsules(body, rest.pose)
     none = np.full(1, ALWAYS, dtype=np.int64)
     sequence = swept_sequence(
         np.zeros(1, dtype=np.int64),
@@ -203,55 +206,8 @@ def rest_occupancy(
     kernel = _kernel(tpg.cell.robots[0])
     q = np.array(tpg.cell.robots[0].home[None], dtype=np.float64)
     only = np.zeros((1, 1), dtype=np.int32)
-    hulls = _hull_table(kernel, q, q, only, solids, (body,))
+    hulls = hull_table(kernel, q, q, only, solids, (body,))
     return Occupancy(sequence, solids, hulls)
-
-
-def _hull_table(
-    kernel: RobotKernel,
-    q_a: Array,
-    q_b: Array,
-    solid: npt.NDArray[np.int32],
-    solids: Sequence[Solid],
-    bodies: Sequence[ConvexBody],
-) -> HullTable:
-    starts, ends = [], []
-    for item, body in zip(solids, bodies, strict=True):
-        start, end, _ = _placed(body, item.local)
-        starts.append(start)
-        ends.append(end)
-    corners = [
-        s.vertices
-        if s.carrier is not None
-        else s.vertices @ s.local[:3, :3].T + s.local[:3, 3]
-        for s in solids
-    ]
-    return HullTable(
-        kernel,
-        q_a,
-        q_b,
-        solid,
-        np.array(
-            [AT_REST if s.carrier is None else s.joint for s in solids], dtype=np.int64
-        ),
-        np.cumsum([0, *(len(c) for c in corners)]).astype(np.int64),
-        np.ascontiguousarray(np.concatenate(corners)),
-        np.cumsum([0, *(len(b.capsules.radius) for b in bodies)]).astype(np.int64),
-        np.ascontiguousarray(
-            np.stack([np.concatenate(starts), np.concatenate(ends)], 1)
-        ),
-        np.concatenate([b.capsules.radius for b in bodies]),
-    )
-
-
-def _placed(body: ConvexBody, pose: Transform) -> tuple[Array, Array, Array]:
-    turn, shift = pose[:3, :3].T, pose[:3, 3]
-    capsules = body.capsules
-    return (
-        capsules.start @ turn + shift,
-        capsules.end @ turn + shift,
-        np.array(capsules.radius),
-    )
 
 
 def _kernel(
@@ -328,12 +284,14 @@ def _assemble(
                 end[which, columns],
                 radius[which, columns],
             ) = sweep_segments(
-                _only(kernel, joint, *_placed(body, local)), q_a[which], q_b[which]
+                _only(kernel, joint, *placed_capsules(body, local)),
+                q_a[which],
+                q_b[which],
             )
             item = carried_solid(span.object, body, kernel, joint, local)
         else:
             start[which, columns], end[which, columns], radius[which, columns] = (
-                _placed(body, span.pose)
+                placed_capsules(body, span.pose)
             )
             item = resting_solid(span.object, body, span.pose)
         entity[which, len(parts) + slot] = entities[span.object]
@@ -345,7 +303,7 @@ def _assemble(
         [kernel.body, len(parts) + np.repeat(np.arange(depth), room)]
     )
     sequence = swept_sequence(node, *tasks, start, end, radius, body_of, entity, still)
-    hulls = _hull_table(kernel, q_a, q_b, solid, solids, bodies)
+    hulls = hull_table(kernel, q_a, q_b, solid, solids, bodies)
     return Occupancy(sequence, tuple(solids), hulls)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planning.geometry.body import ConvexBody
 from planning.geometry.chain import joint_poses
 from planning.geometry.exact import (
     Solid,
@@ -20,10 +21,15 @@ from planning.geometry.proposals import (
     BOX,
     SELF,
     SKIP,
-    SOLID,
     Integers,
     Scene,
     propose,
+)
+from planning.geometry.separation import (
+    HullTable,
+    hull_table,
+    make_scratch,
+    not_proved_apart,
 )
 from planning.geometry.swept import sweep_segments
 from planning.transforms import Array
@@ -70,7 +76,7 @@ def entity(robot: str, group: str) -> str:
 class SceneChecker:
     """Collision checks of one robot against everything else, which stands still.
 
-    Capsules propose, coal's convex hulls decide.
+    Capsules propose; what hulls in motion are not proved apart, coal decides.
 
     Args:
         cell: the static cell.
@@ -116,22 +122,23 @@ class SceneChecker:
         self._boxes: list[Solid] = []
         self._half: list[Array] = []
         self._others: list[Solid] = []
-        self._other_q: list[Array] = []
-        self._stand(cell, state)
+        bodies = self._stand(cell, state)
         self._scene = self._compile(cell, state)
+        own = [part.body for part in self.robot.model.parts]
+        own += [item.body for item, _ in held]
+        self._moving = self._hulls(self._own, own)
+        self._standing = self._hulls(self._boxes + self._others, bodies)
+        self._scratch = make_scratch(self._moving, self._standing)
 
-    def _stand(self, cell: Workcell, state: WorldState) -> None:
-        """Collect what stands around the robot."""
-
-        def add_box(name: str, solid: Solid, size: Array) -> None:
-            self._boxes.append(solid)
-            self._half.append(0.5 * np.asarray(size))
-
+    def _stand(self, cell: Workcell, state: WorldState) -> list[ConvexBody]:
+        """Collect what stands around the robot, boxes first; return the bodies."""
+        bodies = []
         for fixture in cell.fixtures:
-            solid = resting_solid(fixture.name, fixture.body, fixture.pose)
-            add_box(fixture.name, solid, fixture.size)
-        flanges = {
-            other.name: flange_pose(other, state.configurations[other.name])
+            self._boxes.append(resting_solid(fixture.name, fixture.body, fixture.pose))
+            self._half.append(0.5 * np.asarray(fixture.size))
+            bodies.append(fixture.body)
+        poses = {
+            other.name: joint_poses_of(other, state.configurations[other.name])
             for other in cell.robots
             if other.name != self.robot.name
         }
@@ -141,44 +148,47 @@ class SceneChecker:
                 continue
             pose = attachment.pose
             if attachment.holder is not None:
-                pose = flanges[attachment.holder] @ pose
-            add_box(item.name, resting_solid(item.name, item.body, pose), item.size)
+                holder = cell.robot(attachment.holder)
+                pose = poses[holder.name][-1] @ holder.model.flange @ pose
+            self._boxes.append(resting_solid(item.name, item.body, pose))
+            self._half.append(0.5 * np.asarray(item.size))
+            bodies.append(item.body)
         for other in cell.robots:
             if other.name != self.robot.name:
-                kernel = robot_kernel(other)
-                for solid in robot_solids(other, kernel):
-                    self._others.append(solid)
-                    self._other_q.append(state.configurations[other.name])
+                for part in other.model.parts:
+                    name = f"{entity(other.name, part.group)}:{part.body.name}"
+                    pose = poses[other.name][part.joint + 1]
+                    self._others.append(resting_solid(name, part.body, pose))
+                    bodies.append(part.body)
+        return bodies
+
+    def _hulls(self, solids: list[Solid], bodies: list[ConvexBody]) -> HullTable:
+        n = self.robot.model.dof
+        which = np.arange(len(solids), dtype=np.int32)[None]
+        return hull_table(
+            self.kernel, np.zeros((1, n)), np.zeros((1, n)), which, solids, bodies
+        )
 
     def _compile(self, cell: Workcell, state: WorldState) -> Scene:
         """Flatten it, with the least distance of every pair."""
         own = len(self._own)
-        fixtures = len(cell.fixtures)
-        box_limit = np.full((own, len(self._boxes)), SKIP)
-        solid_limit = np.full((own, len(self._others)), SKIP)
-        self_limit = np.full((own, own), SKIP)
-        model = self.robot.model
-        parts = len(model.parts)
-        for i, mine in enumerate(self._own):
-            entity_mine = mine.name.split(":")[0]
-            base = i < parts and model.parts[i].joint < 0
-            for b, other in enumerate(self._boxes):
-                if base and b < fixtures:
-                    continue
-                if frozenset((entity_mine, other.name)) not in self._allowed:
-                    box_limit[i, b] = self._to_objects
-            limit = self._between_robots if i < parts else self._to_objects
-            for s, other in enumerate(self._others):
-                pair = frozenset((entity_mine, other.name.split(":")[0]))
-                if pair not in self._allowed:
-                    solid_limit[i, s] = limit
-            for j in range(i + 1, own):
-                if j < parts and (i, j) in model.never_collide:
-                    continue
-                pair = frozenset((entity_mine, self._own[j].name.split(":")[0]))
-                if i >= parts or (j >= parts and pair in self._allowed):
-                    continue
-                self_limit[i, j] = 0.0
+        parts = len(self.robot.model.parts)
+        names = [solid.name.split(":")[0] for solid in self._own]
+        boxes = [solid.name for solid in self._boxes]
+        others = [solid.name.split(":")[0] for solid in self._others]
+        box_limit = np.full((own, len(boxes)), self._to_objects)
+        solid_limit = np.full((own, len(others)), self._between_robots)
+        solid_limit[parts:] = self._to_objects
+        for i, name in enumerate(names):
+            touchable = self._touchable(name)
+            box_limit[i, [b for b, other in enumerate(boxes) if other in touchable]] = (
+                SKIP
+            )
+            solid_limit[
+                i, [s for s, other in enumerate(others) if other in touchable]
+            ] = SKIP
+            if i < parts and self.robot.model.parts[i].joint < 0:
+                box_limit[i, : len(cell.fixtures)] = SKIP
         start, end, radius, first = self._other_capsules(cell, state)
         return Scene(
             np.array([s.local for s in self._boxes]).reshape(-1, 4, 4),
@@ -191,9 +201,30 @@ class SceneChecker:
             first,
             _capsule_bounds(start, end, radius, first),
             solid_limit,
-            self_limit,
+            self._self_limits(names),
             _ranges(self.kernel.body, own),
         )
+
+    def _touchable(self, name: str) -> set[str]:
+        """Return the entities that an own entity may touch."""
+        found: set[str] = set()
+        for pair in self._allowed:
+            if name in pair:
+                found |= pair - {name}
+        return found
+
+    def _self_limits(self, names: list[str]) -> Array:
+        own, parts = len(self._own), len(self.robot.model.parts)
+        limits = np.full((own, own), SKIP)
+        limits[:parts, :] = 0.0
+        limits[np.tril_indices(own)] = SKIP
+        for i, j in self.robot.model.never_collide:
+            limits[i, j] = SKIP
+        for i in range(parts):
+            for j in range(parts, own):
+                if frozenset((names[i], names[j])) in self._allowed:
+                    limits[i, j] = SKIP
+        return limits
 
     def _other_capsules(
         self, cell: Workcell, state: WorldState
@@ -239,20 +270,48 @@ class SceneChecker:
 
     def _clear(self, q_a: Array, q_b: Array) -> bool:
         when, what, count = self._propose(q_a, q_b)
-        step = q_b - q_a
-        for i in range(count):
-            q0, q1 = q_a + when[i, 0] * step, q_a + when[i, 1] * step
-            mine = self._own[what[i, 1]]
-            kind, other = what[i, 0], what[i, 2]
-            limit = self._limit(kind, what[i, 1], other)
+        if count == 0:
+            return True
+        when, what = when[:count], what[:count]
+        for i in self._undecided(q_a, q_b, when, what):
+            q0 = q_a + when[i, 0] * (q_b - q_a)
+            q1 = q_a + when[i, 1] * (q_b - q_a)
+            kind, body, other = what[i]
+            mine, limit = self._own[body], self._limit(kind, body, other)
             if kind == SELF:
                 hit = come_close_together(mine, self._own[other], q0, q1, limit)
             else:
-                solid, q = self._obstacle(kind, other)
-                hit = come_close(mine, q0, q1, solid, q, q, limit)
+                solid = self._obstacle(kind, other)
+                hit = come_close(mine, q0, q1, solid, q1, q1, limit)
             if hit:
                 return False
         return True
+
+    def _undecided(
+        self, q_a: Array, q_b: Array, when: Array, what: Integers
+    ) -> Integers:
+        """Return the proposals that need the exact decision, those against others first."""
+        scene = self._scene
+        kind, body, other = what.T
+        apart = np.flatnonzero(kind != SELF)
+        boxes = kind[apart] == BOX
+        limits = np.empty(len(apart))
+        limits[boxes] = scene.box_limit[body[apart][boxes], other[apart][boxes]]
+        limits[~boxes] = scene.solid_limit[body[apart][~boxes], other[apart][~boxes]]
+        pairs = np.empty((len(apart), 2), dtype=np.int64)
+        pairs[:, 0] = body[apart]
+        pairs[:, 1] = other[apart] + np.where(boxes, 0, len(self._boxes))
+        left = not_proved_apart(
+            self._moving,
+            self._standing,
+            q_a,
+            q_b,
+            when[apart],
+            pairs,
+            limits,
+            self._scratch,
+        )
+        return np.concatenate([apart[left], np.flatnonzero(kind == SELF)])
 
     def contact(self, q: Array) -> Contact | None:
         """Return the closest forbidden contact at ``q``, shape (n,), None where there is none."""
@@ -267,8 +326,8 @@ class SceneChecker:
                     distance_at(mine, q, self._own[other], q),
                 )
             else:
-                second, at = self._obstacle(kind, other)
-                gap = distance_at(mine, q, second, at)
+                second = self._obstacle(kind, other)
+                gap = distance_at(mine, q, second, q)
             if gap < limit and (
                 worst is None or gap - limit < worst.distance - worst.limit
             ):
@@ -290,11 +349,8 @@ class SceneChecker:
         table = (scene.box_limit, scene.solid_limit, scene.self_limit)[kind]
         return float(table[body, other])
 
-    def _obstacle(self, kind: int, other: int) -> tuple[Solid, Array]:
-        if kind == BOX:
-            return self._boxes[other], self.robot.home
-        assert kind == SOLID
-        return self._others[other], self._other_q[other]
+    def _obstacle(self, kind: int, other: int) -> Solid:
+        return self._boxes[other] if kind == BOX else self._others[other]
 
 
 def robot_solids(robot: PlacedRobot, kernel: RobotKernel) -> list[Solid]:
@@ -311,8 +367,8 @@ def robot_solids(robot: PlacedRobot, kernel: RobotKernel) -> list[Solid]:
     ]
 
 
-def flange_pose(robot: PlacedRobot, q: Array) -> Array:
-    """Return the pose of a robot's flange in the world, shape (4, 4)."""
+def joint_poses_of(robot: PlacedRobot, q: Array) -> Array:
+    """Return the world poses of a robot's base and joints at ``q``, shape (n + 1, 4, 4)."""
     chain = robot.model.chain
     poses = np.empty((len(q) + 1, 4, 4))
     joint_poses(
@@ -323,7 +379,12 @@ def flange_pose(robot: PlacedRobot, q: Array) -> Array:
         np.asarray(q, dtype=np.float64),
         poses,
     )
-    return np.asarray(poses[-1] @ robot.model.flange)
+    return poses
+
+
+def flange_pose(robot: PlacedRobot, q: Array) -> Array:
+    """Return the pose of a robot's flange in the world, shape (4, 4)."""
+    return np.asarray(joint_poses_of(robot, q)[-1] @ robot.model.flange)
 
 
 def _ranges(bodies: Integers, count: int) -> Integers:

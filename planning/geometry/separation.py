@@ -7,15 +7,18 @@ walk. So "apart" is certain; everything else is left to the exact decision.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from planning.geometry.body import ConvexBody
 from planning.geometry.chain import joint_poses
+from planning.geometry.exact import Solid
 from planning.geometry.kernel import RobotKernel
-from planning.transforms import Array
+from planning.transforms import Array, Transform
 
 Indices = npt.NDArray[np.int64]
 
@@ -55,6 +58,63 @@ class HullTable(NamedTuple):
     capsule_first: Indices
     ends: Array
     radius: Array
+
+
+def hull_table(
+    kernel: RobotKernel,
+    q_a: Array,
+    q_b: Array,
+    solid: npt.NDArray[np.int32],
+    solids: Sequence[Solid],
+    bodies: Sequence[ConvexBody],
+) -> HullTable:
+    """Collect bodies for compiled code.
+
+    Args:
+        kernel: the robot that carries them; any, where none does.
+        q_a, q_b: ends of the segments, shape (s, n).
+        solid: index of the solid of every body of every segment, shape (s, bodies).
+        solids: the bodies as solids.
+        bodies: the same ones with their capsules.
+    """
+    placed = [
+        placed_capsules(body, item.local)
+        for item, body in zip(solids, bodies, strict=True)
+    ]
+    starts, ends = [p[0] for p in placed], [p[1] for p in placed]
+    corners = [
+        s.vertices
+        if s.carrier is not None
+        else s.vertices @ s.local[:3, :3].T + s.local[:3, 3]
+        for s in solids
+    ]
+    return HullTable(
+        kernel,
+        q_a,
+        q_b,
+        solid,
+        np.array(
+            [AT_REST if s.carrier is None else s.joint for s in solids], dtype=np.int64
+        ),
+        np.cumsum([0, *(len(c) for c in corners)]).astype(np.int64),
+        np.ascontiguousarray(np.concatenate(corners)),
+        np.cumsum([0, *(len(b.capsules.radius) for b in bodies)]).astype(np.int64),
+        np.ascontiguousarray(
+            np.stack([np.concatenate(starts), np.concatenate(ends)], 1)
+        ),
+        np.concatenate([b.capsules.radius for b in bodies]),
+    )
+
+
+def placed_capsules(body: ConvexBody, pose: Transform) -> tuple[Array, Array, Array]:
+    """Return starts, ends and radii of a body's capsules at a pose, in writable arrays."""
+    turn, shift = pose[:3, :3].T, pose[:3, 3]
+    capsules = body.capsules
+    return (
+        capsules.start @ turn + shift,
+        capsules.end @ turn + shift,
+        np.array(capsules.radius),
+    )
 
 
 @njit(cache=True)
@@ -416,3 +476,45 @@ def _place_ends(
     count = _place(table, solid, poses, out, 0)
     _pose(table, q_b, poses)
     return _place(table, solid, poses, out, count)
+
+
+@njit(cache=True)
+def not_proved_apart(
+    a: HullTable,
+    b: HullTable,
+    q_a: Array,
+    q_b: Array,
+    when: Array,
+    pairs: Indices,
+    limits: Array,
+    scratch: Scratch,
+) -> Indices:
+    """Return which proposed pairs of a moving and a standing body are not proved apart.
+
+    Args:
+        a: the moving bodies, one segment; its ends are overwritten.
+        b: the standing bodies, one segment.
+        q_a, q_b: ends of the whole motion, shape (n,).
+        when: stretches of it as parameters in [0, 1], shape (k, 2).
+        pairs: body of a and body of b that may touch in each, shape (k, 2).
+        limits: least distances, shape (k,) [m].
+        scratch: room to work in.
+
+    Returns:
+        Rows of ``pairs``, rising.
+    """
+    left = np.empty(len(when), dtype=np.int64)
+    count = 0
+    lo = hi = -1.0
+    for k in range(len(when)):
+        if when[k, 0] != lo or when[k, 1] != hi:
+            lo, hi = when[k]
+            a.q_a[0] = q_a + lo * (q_b - q_a)
+            a.q_b[0] = q_a + hi * (q_b - q_a)
+            scratch.posed[0] = -1
+            pose_segments(a, 0, b, 0, scratch)
+        i, j = pairs[k]
+        if not hulls_stay_apart(a, 0, i, b, 0, j, limits[k], scratch):
+            left[count] = k
+            count += 1
+    return left[:count]
