@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -57,9 +57,10 @@ def build_tpg(
         np.empty(0, dtype=np.uint8),
         handlings,
         plan.allowed,
+        np.asarray(plan.dependencies, dtype=np.int64).reshape(-1, 2),
     )
     ranks = planned_ranks(chains)
-    task_edges = dependency_edges(plan, chains)
+    task_edges = dependency_edges(plan.tasks, tpg.dependencies, chains)
     order, _ = order_and_reduce(ranks, task_edges)
     entities, occupancies = occupancies_of(tpg, ranks)
     table = contact_table(entities, plan.allowed, plan.cell.clearances)
@@ -261,7 +262,9 @@ class _ChainBuilder:
         )
 
 
-def dependency_edges(plan: MotionPlan, chains: tuple[NodeChain, ...]) -> Indices:
+def dependency_edges(
+    all_tasks: Sequence[Task], dependencies: Indices, chains: tuple[NodeChain, ...]
+) -> Indices:
     """Return a type-2 edge for every task dependency between robots, shape (e, 4).
 
     From the last node of the task that must be complete to the first node of the task that
@@ -272,16 +275,16 @@ def dependency_edges(plan: MotionPlan, chains: tuple[NodeChain, ...]) -> Indices
     """
     index = {chain.robot: i for i, chain in enumerate(chains)}
     before: dict[int, list[int]] = {}
-    for a, b in np.asarray(plan.dependencies, dtype=np.int64).reshape(-1, 2).tolist():
+    for a, b in dependencies.tolist():
         before.setdefault(b, []).append(a)
     previous: dict[str, int] = {}
-    for task in plan.tasks:
+    for task in all_tasks:
         if task.robot in previous:
             before.setdefault(task.index, []).append(previous[task.robot])
         previous[task.robot] = task.index
-    tasks = {task.index: task for task in plan.tasks}
+    tasks = {task.index: task for task in all_tasks}
     nodes: dict[int, tuple[int, int, int]] = {}
-    for task in plan.tasks:
+    for task in all_tasks:
         chain = index.get(task.robot)
         if chain is not None:
             first, stop = np.searchsorted(

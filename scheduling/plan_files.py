@@ -16,7 +16,7 @@ plan.npz (rows in the order of plan.json; poses are (4, 4) matrices; SI units):
     fixture_size (f, 3), fixture_pose (f, 4, 4), object_size (o, 3), object_start (o, 4, 4)
     task_path (all values), task_shape (tasks, 2), task_handling_pose (h, 4, 4)
     chain_<i>_{start, waypoints, fraction, first, task, skill, duration, planned_start}
-    handling_pose (h, 4, 4), edges (e, 4), cause (e,)
+    handling_pose (h, 4, 4), edges (e, 4), cause (e,), dependencies (d, 2)
 """
 
 from __future__ import annotations
@@ -60,7 +60,11 @@ def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
     Raises:
         OutputError: the files cannot be written, or a fixture or object is no box.
     """
-    arrays: _Arrays = {"edges": tpg.edges, "cause": tpg.cause}
+    arrays: _Arrays = {
+        "edges": tpg.edges,
+        "cause": tpg.cause,
+        "dependencies": tpg.dependencies,
+    }
     document = {
         "format": FORMAT,
         "version": VERSION,
@@ -249,6 +253,7 @@ def _graph(
         arrays["cause"],
         handlings,
         allowed,
+        arrays["dependencies"],
     )
 
 

@@ -7,7 +7,7 @@ reference path. Type-1 edges join consecutive nodes of a robot and are not store
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -88,6 +88,8 @@ class TemporalPlanGraph:
         cause: TASK_DEPENDENCY or MOTION_CONFLICT per edge, shape (e,).
         handlings: in planned order.
         allowed: who may touch whom, and when.
+        dependencies: pairs (a, b) of tasks, shape (d, 2): a must be complete before b starts.
+            The edges say so too, but some of them only through others.
     """
 
     cell: Workcell
@@ -97,3 +99,6 @@ class TemporalPlanGraph:
     cause: npt.NDArray[np.uint8]
     handlings: tuple[NodeHandling, ...]
     allowed: tuple[AllowedContact, ...]
+    dependencies: Indices = field(
+        default_factory=lambda: np.empty((0, 2), dtype=np.int64)
+    )

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
+from scheduling.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification_clearance import ClearanceCheck, Progress
 from scheduling.verification_problems import Moment, Problem
 from scheduling.verification_structure import check_structure
@@ -46,7 +46,6 @@ class VerificationReport:
 def verify_plan(
     tpg: TemporalPlanGraph,
     *,
-    dependencies: Indices | None = None,
     limit: int = 100,
     progress: Progress | None = None,
 ) -> VerificationReport:
@@ -54,11 +53,10 @@ def verify_plan(
 
     Args:
         tpg: the plan.
-        dependencies: pairs (a, b) of tasks, shape (e, 2), where known: a before b.
         limit: stop after so many problems.
         progress: told how far it has come.
     """
-    precedence, problems = check_structure(tpg, dependencies)
+    precedence, problems = check_structure(tpg)
     check = ClearanceCheck(tpg, limit - len(problems), progress)
     if precedence is not None:
         check.run(precedence)

@@ -17,19 +17,18 @@ from scheduling.verification_problems import Moment, Problem
 
 
 def check_structure(
-    tpg: TemporalPlanGraph, dependencies: Indices | None
+    tpg: TemporalPlanGraph,
 ) -> tuple[Precedence | None, list[Problem]]:
     """Check order, handlings and dependencies.
 
     Args:
         tpg: the plan.
-        dependencies: pairs (a, b) of tasks, shape (e, 2), where known: a before b.
 
     Returns:
         What precedes what, None if there is a cycle, and the problems.
     """
     check = _Structure(tpg)
-    return check.structure(dependencies), check.problems
+    return check.structure(), check.problems
 
 
 class _Structure:
@@ -37,7 +36,7 @@ class _Structure:
         self.tpg = tpg
         self.problems: list[Problem] = []
 
-    def structure(self, dependencies: Indices | None) -> Precedence | None:
+    def structure(self) -> Precedence | None:
         """Check order and dependencies; return what precedes what."""
         tpg = self.tpg
         precedence = find_precedence(tpg)
@@ -63,8 +62,7 @@ class _Structure:
                     text = f"both handle {name!r} and are not ordered"
                     self._ordered("handling", (a, u), (b, v), text)
             self._passing(name, events, precedence)
-        if dependencies is not None:
-            self._dependencies(precedence, dependencies)
+        self._dependencies(precedence, self.tpg.dependencies)
         return precedence
 
     def _passing(

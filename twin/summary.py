@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from scheduling.construction import dependency_edges
 from scheduling.rollout import earliest_times
 from scheduling.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
 from twin.atomic import write_json
@@ -64,8 +65,9 @@ def lower_bound_s(tpg: TemporalPlanGraph, run: Run) -> float:
     It is the longest path through the robots' own nodes and the task dependencies, as if no two
     robots were ever in each other's way.
     """
-    needed = tpg.cause == TASK_DEPENDENCY
-    free = replace(tpg, edges=tpg.edges[needed], cause=tpg.cause[needed])
+    edges = dependency_edges(tpg.tasks, tpg.dependencies, tpg.chains)
+    cause = np.full(len(edges), TASK_DEPENDENCY, dtype=np.uint8)
+    free = replace(tpg, edges=edges, cause=cause)
     busy = [d + s for d, s in zip(run.duration_ns, run.stall_ns, strict=True)]
     ends = [e[-1] for e in earliest_times(free, busy).end if len(e)]
     return float(np.max(ends, initial=0)) / NANOSECONDS

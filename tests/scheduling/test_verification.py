@@ -316,8 +316,8 @@ def test_what_a_standing_robot_was_handed_is_in_the_way() -> None:
 def test_dependencies_must_follow_from_the_edges() -> None:
     writer = taking_turns()
     needed = np.array([[1, 2]])
-    assert verify_plan(graph(writer, (0, 1, 1, 0)), dependencies=needed).ok
-    report = verify_plan(graph(writer, (0, 1, 1, 1)), dependencies=needed)
+    assert verify_plan(replace(graph(writer, (0, 1, 1, 0)), dependencies=needed)).ok
+    report = verify_plan(replace(graph(writer, (0, 1, 1, 1)), dependencies=needed))
     assert "dependency" in [p.kind for p in report.problems]
 
 

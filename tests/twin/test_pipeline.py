@@ -77,7 +77,7 @@ def test_the_same_seed_gives_the_same_plan(planned: Planned, folder: Path) -> No
 
 
 def test_the_plan_is_safe_by_the_other_proof(planned: Planned) -> None:
-    report = verify_plan(planned.tpg, dependencies=planned.motion_plan.dependencies)
+    report = verify_plan(planned.tpg)
     assert report.problems == ()
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scheduling.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
+from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.test_engine import TPGS
 from tests.twin.twin_toys import two_robot_tpg
 from twin.durations import SkillDurations, packaged_timings
@@ -44,10 +44,10 @@ def test_figures_of_a_small_run(tmp_path: Path) -> None:
 
 
 def test_the_lower_bound_keeps_task_dependencies() -> None:
-    tpg = two_robot_tpg([(0, 1, 1, 0)])
-    needed = replace(tpg, cause=np.full(1, TASK_DEPENDENCY, dtype=np.uint8))
+    tpg = two_robot_tpg([(0, 2, 1, 0)])
+    needed = replace(tpg, dependencies=np.array([[0, 1]]))
     run = simulate(needed, NOMINAL, seed=0)
-    assert summarise(needed, run, scenario="toy")["lower_bound_s"] == 5.0
+    assert summarise(needed, run, scenario="toy")["lower_bound_s"] == 6.0
 
 
 @settings(max_examples=30, deadline=None)
