@@ -1,4 +1,4 @@
-"""From the sections of a scenario to the objects that planning works with."""
+"""From the cell of a scenario to the cell that planning works with."""
 
 from __future__ import annotations
 
@@ -7,37 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from planning.lego.contacts import PlacedBrick
-from planning.lego.structure import (
-    BrickType,
-    Cell,
-    LegoAssembly,
-    LegoStep,
-    Plate,
-    Press,
-    StockBrick,
-    Support,
-)
 from planning.robots.model import RobotModel
-from planning.transforms import Transform, from_quat_wxyz, from_rpy, readonly
+from planning.transforms import readonly
 from planning.workcell import Clearances, Fixture, PlacedRobot, Workcell
-from twin.scenario import (
-    FixtureSection,
-    LegoSection,
-    PlateSection,
-    PoseSection,
-    PressSection,
-    RobotSection,
-    Scenario,
-    StepSection,
-    StockSection,
-    SupportSection,
-)
-from twin.scenario_structure import read_structure
+from twin.assemblies.kinds import assembly_kind
+from twin.poses import build_transform
+from twin.scenario import FixtureSection, RobotSection, Scenario
 
 
 def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
-    """Return the cell of a scenario: robots, fixtures, the plate, and the stock.
+    """Return the cell of a scenario: robots, fixtures, and what is to be assembled.
 
     Args:
         scenario: a checked scenario.
@@ -46,72 +25,17 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
     Raises:
         RobotModelError: a robot description cannot be used.
     """
-    from planning.lego.objects import STORAGE, plate_fixture, stock_objects
-
     clearance = scenario.cell.clearance
-    assembly = build_assembly(scenario)
-    plates = [plate_fixture(assembly.plate)]
-    if assembly.storage is not None:
-        plates.append(plate_fixture(assembly.storage, STORAGE))
+    assembly = assembly_kind(scenario.assembly)
     return Workcell(
         robots=tuple(_robot(r, folder) for r in scenario.cell.robots),
         fixtures=(
             *(_fixture(f) for f in scenario.cell.fixtures),
-            *plates,
+            *assembly.fixtures(),
         ),
-        objects=stock_objects(assembly),
+        objects=assembly.objects(),
         clearances=Clearances(clearance.robot_robot_m, clearance.robot_object_m),
     )
-
-
-def build_assembly(scenario: Scenario) -> LegoAssembly:
-    """Return the plate, the stock and the steps of a scenario.
-
-    There are no steps yet where the scenario gives a structure; see ``build_structure``.
-    """
-    lego = scenario.assembly
-    twist = lego.twist_deg.model_dump(by_alias=True)
-    return LegoAssembly(
-        plate=_plate(lego.plate),
-        bricks=brick_types(lego),
-        stock=tuple(_stock(s) for s in lego.stock),
-        steps=tuple(_step(s) for s in lego.steps),
-        twist={skill: float(np.deg2rad(angle)) for skill, angle in twist.items()},
-        storage=None if lego.storage_plate is None else _plate(lego.storage_plate),
-    )
-
-
-def build_structure(scenario: Scenario) -> tuple[PlacedBrick, ...] | None:
-    """Return the bricks of the finished structure, None where the scenario gives steps."""
-    lego = scenario.assembly
-    if lego.structure is None:
-        return None
-    return read_structure(lego.structure, brick_types(lego)).bricks
-
-
-def brick_count(scenario: Scenario) -> int:
-    """Return how many bricks are placed, which is the number of steps."""
-    structure = build_structure(scenario)
-    return len(scenario.assembly.steps if structure is None else structure)
-
-
-def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
-    """Return the brick types by name: the library, then those of the scenario."""
-    from planning.lego.bricks import BRICKS
-
-    own = {
-        name: BrickType(name, (brick.studs[0], brick.studs[1]), brick.mass_kg)
-        for name, brick in assembly.bricks.items()
-    }
-    return {**BRICKS, **own}
-
-
-def build_transform(pose: PoseSection) -> Transform:
-    """Return a pose of the scenario as a (4, 4) transform."""
-    if pose.quat_wxyz is not None:
-        return from_quat_wxyz(pose.xyz_m, pose.quat_wxyz)
-    rpy = np.deg2rad(pose.rpy_deg or (0.0, 0.0, 0.0))
-    return from_rpy(pose.xyz_m, rpy.tolist())
 
 
 def _robot(section: RobotSection, folder: Path) -> PlacedRobot:
@@ -136,46 +60,3 @@ def _fixture(section: FixtureSection) -> Fixture:
     size = readonly(section.size_m)
     pose = build_transform(section.pose)
     return Fixture(section.name, size, pose, box_body(section.name, size))
-
-
-def _plate(section: PlateSection) -> Plate:
-    return Plate(build_transform(section.pose), (section.studs[0], section.studs[1]))
-
-
-def _stock(section: StockSection) -> StockBrick:
-    x, y, z = section.at
-    cell = Cell(x, y, z, section.turned)
-    return StockBrick(section.name, section.brick, cell, section.fixed, section.station)
-
-
-def _step(section: StepSection) -> LegoStep:
-    x, y, z = section.at
-    press = press_cell = support = None
-    if section.press is not None:
-        press = _press(section.press)
-    if section.press_cell is not None:
-        i, j, layer = section.press_cell.at
-        press_cell = Cell(i, j, layer, section.press_cell.turned)
-    if section.support is not None:
-        support = _support(section.support)
-    return LegoStep(
-        brick=section.brick,
-        cell=Cell(x, y, z, section.turned),
-        up=section.place == "up",
-        press=press,
-        press_cell=press_cell,
-        support=support,
-        attack=section.attack,
-        stock=section.stock,
-        presses=tuple(_press(item) for item in section.presses),
-        supports=tuple(_support(item) for item in section.supports),
-    )
-
-
-def _press(section: PressSection) -> Press:
-    return Press(section.side, section.offset)
-
-
-def _support(section: SupportSection) -> Support:
-    x, y, z = section.at
-    return Support(x, y, z, section.orientation)

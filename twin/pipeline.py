@@ -7,12 +7,10 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from planning.assembly_work import StepExpansions
 from planning.assignment import HighsAssignmentSolver
-from planning.lego.assembly_work import prepare_lego
-from planning.lego.finished_structure import sequenced
-from planning.lego.structure import LegoAssembly
 from planning.motion_plan import MotionPlan
 from planning.sequential import MotionSettings, plan_sequential
 from planning.speed import JointSpeed, L1Speed, SpeedModel
@@ -21,13 +19,13 @@ from planning.transit import RrtConnect
 from planning.workcell import PlacedRobot, Workcell
 from scheduling.construction import build_tpg
 from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.cell import build_assembly, build_structure, build_workcell
+from twin.assemblies.kinds import assembly_kind
+from twin.cell import build_workcell
 from twin.duration_models import skill_models
 from twin.progress import Report, report_nothing
 from twin.scenario import PlanningSection, Scenario
 
-SEQUENCE = "which brick when"
-ASSIGNMENT, MOTION, ORDER = "who does what", "motions", "what waits for what"
+MOTION, ORDER = "motions", "what waits for what"
 """Names of the stages for progress displays."""
 
 
@@ -37,7 +35,7 @@ class Planned:
 
     Attributes:
         cell: the workcell.
-        assembly: what is built.
+        assembly: what is built, such as a ``LegoAssembly``.
         task_plan: who does what.
         motion_plan: how everyone moves, one task after another.
         tpg: what must wait for what.
@@ -46,7 +44,7 @@ class Planned:
     """
 
     cell: Workcell
-    assembly: LegoAssembly
+    assembly: Any
     task_plan: TaskPlan
     motion_plan: MotionPlan
     tpg: TemporalPlanGraph
@@ -55,17 +53,29 @@ class Planned:
 
 @dataclass
 class _Watch:
-    """Seconds spent, by stage."""
+    """Seconds spent, by stage.
 
+    Attributes:
+        report: told how far each stage has come.
+        seconds: what each stage took; a stage entered again adds up.
+    """
+
+    report: Report
     seconds: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
+    def stage(self, key: str, label: str | None = None) -> Iterator[None]:
+        """Measure a stage; with a label, show it as one piece of work."""
         start = time.perf_counter()
+        if label is not None:
+            self.report(label, 0, 1)
         try:
             yield
         finally:
-            self.seconds[name] = time.perf_counter() - start
+            elapsed = time.perf_counter() - start
+            self.seconds[key] = self.seconds.get(key, 0.0) + elapsed
+        if label is not None:
+            self.report(label, 1, 1)
 
 
 def plan_scenario(
@@ -84,26 +94,18 @@ def plan_scenario(
         TransitError: no collision-free path was found.
         PlanInvariantError: the plan breaks a guarantee, which is a fault of this program.
     """
-    watch = _Watch()
-    cell, assembly = build_workcell(scenario, folder), build_assembly(scenario)
-    structure = build_structure(scenario)
-    if structure is not None:
-        with watch.stage("sequence"):
-            progress(SEQUENCE, 0, 1)
-            assembly, _ = sequenced(assembly, structure)
-            progress(SEQUENCE, 1, 1)
+    watch = _Watch(progress)
+    cell = build_workcell(scenario, folder)
+    ready = assembly_kind(scenario.assembly).prepare(cell, watch)
     with watch.stage("assignment"):
-        progress(ASSIGNMENT, 0, 1)
-        work = prepare_lego(cell, assembly)
-        task_plan = HighsAssignmentSolver().assign(work.problem)
-        progress(ASSIGNMENT, 1, 1)
+        task_plan = HighsAssignmentSolver().assign(ready.work.problem)
     with watch.stage("motion"):
-        steps = StepExpansions(work, task_plan)
-        progress(MOTION, 0, len(assembly.steps))
+        steps = StepExpansions(ready.work, task_plan)
+        progress(MOTION, 0, len(task_plan.choices))
         motion_plan = plan_sequential(
             cell,
             steps.callables(),
-            work.link,
+            ready.work.link,
             motion_settings(scenario, cell, folder),
             lambda done, total: progress(MOTION, done, total),
         )
@@ -113,7 +115,7 @@ def plan_scenario(
             motion_plan, progress=lambda done, total: progress(ORDER, done, total)
         )
         progress(ORDER, 1, 1)
-    return Planned(cell, assembly, steps.plan, motion_plan, tpg, watch.seconds)
+    return Planned(cell, ready.assembly, steps.plan, motion_plan, tpg, watch.seconds)
 
 
 def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionSettings:

@@ -39,6 +39,16 @@ class Problem:
     message: str
 
 
+def mark_problems(
+    document: YamlDocument, found: Iterable[tuple[KeyPath, str]]
+) -> list[Problem]:
+    """Return problems found at some keys, each with its place in the text."""
+    return [
+        Problem(document.mark_of(path, key=path[-1:] == ("name",)), message)
+        for path, message in found
+    ]
+
+
 class InvalidScenarioError(ScenarioError):
     """A scenario file with everything that is wrong with it.
 

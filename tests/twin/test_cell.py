@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from planning.lego.structure import Cell, Press, Support
-from twin.cell import build_assembly, build_workcell
+from twin.assemblies.lego import build_lego
+from twin.cell import build_workcell
 from twin.scenario_file import load_scenario
 
 SCENARIO = """\
@@ -49,7 +50,7 @@ def test_cell_and_assembly_hold_what_the_file_says(tmp_path: Path) -> None:
     path = tmp_path / "tiny.yaml"
     path.write_text(SCENARIO)
     scenario = load_scenario(path)
-    cell, assembly = build_workcell(scenario, tmp_path), build_assembly(scenario)
+    cell, assembly = build_workcell(scenario, tmp_path), build_lego(scenario.assembly)
 
     left, right = cell.robots
     np.testing.assert_allclose(np.rad2deg(left.home), [10, -20, -30, 0, -60, 0])

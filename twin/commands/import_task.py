@@ -39,6 +39,7 @@ def apex_mr(
 ) -> None:
     """Read a task as the authors of APEX-MR publish them."""
     from planning.lego.importer import import_apex_mr
+    from twin.assemblies.kinds import assembly_kind
     from twin.scenario_file import load_scenario
     from twin.scenario_text import scenario_text
 
@@ -53,8 +54,5 @@ def apex_mr(
         output.write_text(scenario_text(content, note), encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{output}: cannot be written: {error.strerror}") from None
-    scenario = load_scenario(output)
-    typer.echo(
-        f"{output}: {len(scenario.assembly.steps)} steps, "
-        f"{len(scenario.assembly.stock)} bricks in stock"
-    )
+    assembly = assembly_kind(load_scenario(output).assembly)
+    typer.echo(f"{output}: {assembly.steps()} steps, {assembly.supply()}")

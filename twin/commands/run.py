@@ -175,12 +175,12 @@ def _remove_if_empty(folder: Path) -> None:
 def _announce(scenario: Scenario, folder: Path, *, compiles: bool) -> None:
     from rich.console import Console
 
-    from twin.cell import brick_count
+    from twin.assemblies.kinds import assembly_kind
 
     console = Console(stderr=True, highlight=False)
     console.print(
         f"{scenario.name}: {len(scenario.cell.robots)} robots, "
-        f"{brick_count(scenario)} steps, seed {scenario.seed} -> {folder}"
+        f"{assembly_kind(scenario.assembly).steps()} steps, seed {scenario.seed} -> {folder}"
     )
     if compiles:
         console.print("compiling kernels, once ...")

@@ -22,7 +22,7 @@ Resolved = Annotated[
 def validate(files: Files, resolved: Resolved = False) -> int:
     """Check scenario files and report every problem in them."""
     from twin import scenario as model
-    from twin.cell import brick_count
+    from twin.assemblies.kinds import assembly_kind
     from twin.scenario_file import load_scenario
 
     code = COMPLETED
@@ -36,9 +36,9 @@ def validate(files: Files, resolved: Resolved = False) -> int:
         if resolved:
             typer.echo(json.dumps(model.resolved(scenario), indent=2))
         else:
-            stock = scenario.assembly.stock
+            assembly = assembly_kind(scenario.assembly)
             typer.echo(
-                f"{file}: ok ({len(scenario.cell.robots)} robots, {brick_count(scenario)} steps, "
-                f"{len(stock)} bricks in stock)"
+                f"{file}: ok ({len(scenario.cell.robots)} robots, {assembly.steps()} steps, "
+                f"{assembly.supply()})"
             )
     return code

@@ -169,12 +169,13 @@ def test_an_arm_that_stands_in_the_way_is_an_obstruction() -> None:
 )
 def test_the_published_cliff_gets_the_published_robots() -> None:
     from planning.lego.importer import import_apex_mr
-    from twin.cell import build_assembly, build_workcell
+    from twin.assemblies.lego import build_lego
+    from twin.cell import build_workcell
     from twin.scenario import Scenario
 
     content = import_apex_mr(DATA, "cliff")
     scenario = Scenario.model_validate_json(json.dumps(content))
-    found = find_candidates(build_workcell(scenario), build_assembly(scenario))
+    found = find_candidates(build_workcell(scenario), build_lego(scenario.assembly))
     plan = HighsAssignmentSolver().assign(found.problem)
     published = json.loads((DATA / "steps/cliff_seq.json").read_text())
     names = {0: None, 1: "left", 2: "right"}

@@ -1,0 +1,1 @@
+"""Assemblies of boxes, beams and rods that robots pick up and put in place."""

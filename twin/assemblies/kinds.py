@@ -1,0 +1,20 @@
+"""The one place that knows which kinds of assemblies there are."""
+
+from __future__ import annotations
+
+from twin.assemblies.kind import AssemblyKind
+from twin.scenario import LegoSection
+from twin.scenario_pick_place import PickPlaceSection
+
+
+def assembly_kind(section: LegoSection | PickPlaceSection) -> AssemblyKind:
+    """Return what the twin needs of the assembly that a section describes."""
+    match section:
+        case LegoSection():
+            from twin.assemblies.lego import LegoKind
+
+            return LegoKind(section)
+        case PickPlaceSection():
+            from twin.assemblies.pick_place import PickPlaceKind
+
+            return PickPlaceKind(section)

@@ -1,0 +1,187 @@
+"""LEGO assemblies in the twin: from their section of a scenario to what planning works with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from planning.lego.contacts import PlacedBrick
+from planning.lego.structure import (
+    BrickType,
+    Cell,
+    LegoAssembly,
+    LegoStep,
+    Plate,
+    Press,
+    StockBrick,
+    Support,
+)
+from planning.workcell import CellObject, Fixture, Workcell
+from twin.assemblies.kind import ASSIGNMENT, Prepared, Stages
+from twin.poses import build_transform
+from twin.scenario import (
+    LegoSection,
+    PlateSection,
+    PressSection,
+    StepSection,
+    StockSection,
+    SupportSection,
+)
+from twin.scenario_problems import Problem
+from twin.scenario_structure import read_structure
+from twin.scenario_yaml import KeyPath, YamlDocument
+
+SEQUENCE = "which brick when"
+"""Name of a stage for progress displays."""
+
+
+@dataclass(frozen=True)
+class LegoKind:
+    """A LEGO assembly of a scenario.
+
+    Attributes:
+        section: what the file says.
+    """
+
+    section: LegoSection
+
+    def steps(self) -> int:
+        """Return how many bricks are placed."""
+        structure = build_structure(self.section)
+        return len(self.section.steps if structure is None else structure)
+
+    def supply(self) -> str:
+        """Return in words what there is to build with."""
+        return f"{len(self.section.stock)} bricks in stock"
+
+    def names(self) -> Iterator[tuple[KeyPath, str]]:
+        """Yield the names of the stock, each with its key."""
+        for i, item in enumerate(self.section.stock):
+            yield ("assembly", "stock", i, "name"), item.name
+
+    def reserved(self, name: str) -> str | None:
+        """Return whether a name is that of a plate, or of a brick that comes up later."""
+        from planning.lego.objects import STORAGE
+        from planning.lego.stations import source_of
+
+        stations = {item.name for item in self.section.stock if item.station}
+        if name in {"plate", STORAGE}:
+            return "a plate"
+        return (
+            None
+            if source_of(name, stations) == name
+            else "a brick of a feeding station"
+        )
+
+    def problems(self, document: YamlDocument) -> list[Problem]:
+        """Return what cannot be as it is written."""
+        from twin.lego_checks import find_lego_problems
+
+        return find_lego_problems(self.section, document)
+
+    def fixtures(self) -> tuple[Fixture, ...]:
+        """Return the plates."""
+        from planning.lego.objects import STORAGE, plate_fixture
+
+        assembly = build_lego(self.section)
+        plates = [plate_fixture(assembly.plate)]
+        if assembly.storage is not None:
+            plates.append(plate_fixture(assembly.storage, STORAGE))
+        return tuple(plates)
+
+    def objects(self) -> tuple[CellObject, ...]:
+        """Return the stock."""
+        from planning.lego.objects import stock_objects
+
+        return stock_objects(build_lego(self.section))
+
+    def prepare(self, cell: Workcell, stages: Stages) -> Prepared:
+        """Find the sequence where the file gives a structure, then the candidates."""
+        from planning.lego.assembly_work import prepare_lego
+        from planning.lego.finished_structure import sequenced
+
+        assembly, structure = build_lego(self.section), build_structure(self.section)
+        if structure is not None:
+            with stages.stage("sequence", SEQUENCE):
+                assembly, _ = sequenced(assembly, structure)
+        with stages.stage("assignment", ASSIGNMENT):
+            return Prepared(assembly, prepare_lego(cell, assembly))
+
+
+def build_lego(lego: LegoSection) -> LegoAssembly:
+    """Return the plate, the stock and the steps of a LEGO section.
+
+    There are no steps yet where it gives a structure; see ``build_structure``.
+    """
+    twist = lego.twist_deg.model_dump(by_alias=True)
+    return LegoAssembly(
+        plate=_plate(lego.plate),
+        bricks=brick_types(lego),
+        stock=tuple(_stock(s) for s in lego.stock),
+        steps=tuple(_step(s) for s in lego.steps),
+        twist={skill: float(np.deg2rad(angle)) for skill, angle in twist.items()},
+        storage=None if lego.storage_plate is None else _plate(lego.storage_plate),
+    )
+
+
+def build_structure(lego: LegoSection) -> tuple[PlacedBrick, ...] | None:
+    """Return the bricks of the finished structure, None where it gives steps."""
+    if lego.structure is None:
+        return None
+    return read_structure(lego.structure, brick_types(lego)).bricks
+
+
+def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
+    """Return the brick types by name: the library, then those of the scenario."""
+    from planning.lego.bricks import BRICKS
+
+    own = {
+        name: BrickType(name, (brick.studs[0], brick.studs[1]), brick.mass_kg)
+        for name, brick in assembly.bricks.items()
+    }
+    return {**BRICKS, **own}
+
+
+def _plate(section: PlateSection) -> Plate:
+    return Plate(build_transform(section.pose), (section.studs[0], section.studs[1]))
+
+
+def _stock(section: StockSection) -> StockBrick:
+    x, y, z = section.at
+    cell = Cell(x, y, z, section.turned)
+    return StockBrick(section.name, section.brick, cell, section.fixed, section.station)
+
+
+def _step(section: StepSection) -> LegoStep:
+    x, y, z = section.at
+    press = press_cell = support = None
+    if section.press is not None:
+        press = _press(section.press)
+    if section.press_cell is not None:
+        i, j, layer = section.press_cell.at
+        press_cell = Cell(i, j, layer, section.press_cell.turned)
+    if section.support is not None:
+        support = _support(section.support)
+    return LegoStep(
+        brick=section.brick,
+        cell=Cell(x, y, z, section.turned),
+        up=section.place == "up",
+        press=press,
+        press_cell=press_cell,
+        support=support,
+        attack=section.attack,
+        stock=section.stock,
+        presses=tuple(_press(item) for item in section.presses),
+        supports=tuple(_support(item) for item in section.supports),
+    )
+
+
+def _press(section: PressSection) -> Press:
+    return Press(section.side, section.offset)
+
+
+def _support(section: SupportSection) -> Support:
+    x, y, z = section.at
+    return Support(x, y, z, section.orientation)

@@ -1,0 +1,125 @@
+"""Pick-and-place assemblies in the twin: from their section to what planning works with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from planning.pick_place.structure import GripRules, PickPlaceAssembly
+from planning.transforms import readonly
+from planning.workcell import CellObject, Fixture, Workcell
+from twin.assemblies.kind import ASSIGNMENT, Prepared, Stages
+from twin.poses import build_transform
+from twin.scenario_pick_place import GripSection, PartSection, PickPlaceSection
+from twin.scenario_problems import Problem, mark_problems, unknown_name
+from twin.scenario_yaml import KeyPath, YamlDocument
+
+
+@dataclass(frozen=True)
+class PickPlaceKind:
+    """A pick-and-place assembly of a scenario.
+
+    Attributes:
+        section: what the file says.
+    """
+
+    section: PickPlaceSection
+
+    def steps(self) -> int:
+        """Return how many parts are placed."""
+        return len(self.section.steps)
+
+    def supply(self) -> str:
+        """Return in words what there is to build with."""
+        return f"{len(self.section.parts)} parts"
+
+    def names(self) -> Iterator[tuple[KeyPath, str]]:
+        """Yield the names of the parts, each with its key."""
+        for i, part in enumerate(self.section.parts):
+            yield ("assembly", "parts", i, "name"), part.name
+
+    def reserved(self, name: str) -> str | None:
+        """Return nothing: this kind brings nothing but its parts."""
+        return None
+
+    def problems(self, document: YamlDocument) -> list[Problem]:
+        """Return what cannot be as it is written: each step moves a part of its own."""
+        return mark_problems(document, self._check_steps())
+
+    def fixtures(self) -> tuple[Fixture, ...]:
+        """Return no fixtures: they are all in the cell."""
+        return ()
+
+    def objects(self) -> tuple[CellObject, ...]:
+        """Return the parts where they are at the start."""
+        return tuple(_part(part, self.section.steps) for part in self.section.parts)
+
+    def prepare(self, cell: Workcell, stages: Stages) -> Prepared:
+        """Find the candidates."""
+        from planning.pick_place.assembly_work import prepare_pick_place
+
+        assembly = build_pick_place(self.section)
+        with stages.stage("assignment", ASSIGNMENT):
+            return Prepared(assembly, prepare_pick_place(cell, assembly))
+
+    def _check_steps(self) -> Iterator[tuple[KeyPath, str]]:
+        parts = {part.name: part for part in self.section.parts}
+        seen: dict[str, int] = {}
+        for k, name in enumerate(self.section.steps):
+            at: KeyPath = ("assembly", "steps", k)
+            if name not in parts:
+                yield at, unknown_name("part", name, tuple(parts))
+            elif name in seen:
+                yield at, f"{name} is already placed in step {seen[name]}"
+            elif parts[name].goal is None:
+                yield at, f"{name} has no goal"
+            seen.setdefault(name, k + 1)
+
+
+def build_pick_place(section: PickPlaceSection) -> PickPlaceAssembly:
+    """Return goals, steps and grips of a section."""
+    return PickPlaceAssembly(
+        goals={
+            part.name: readonly(build_transform(part.goal))
+            for part in section.parts
+            if part.goal is not None
+        },
+        steps=section.steps,
+        approach=section.approach_m,
+        leave=section.leave_m,
+        touch=section.touch_m,
+        grips=_grips(section.grips),
+    )
+
+
+def _grips(section: GripSection) -> GripRules:
+    directions = [np.asarray(d) / np.linalg.norm(d) for d in section.directions]
+    return GripRules(
+        frame=section.frame,
+        positions=section.positions,
+        end_margin=section.end_margin_m,
+        opening=section.opening_m,
+        depth=section.depth_m,
+        directions=tuple((float(x), float(y), float(z)) for x, y, z in directions),
+        steepest=float(np.deg2rad(section.steepest_deg)),
+        tilts=tuple(float(np.deg2rad(tilt)) for tilt in section.tilts_deg),
+    )
+
+
+def _part(part: PartSection, steps: tuple[str, ...]) -> CellObject:
+    from planning.geometry.cover import box_body
+
+    size = readonly(part.size_m)
+    red, green, blue = part.colour
+    return CellObject(
+        name=part.name,
+        kind=" x ".join(f"{edge:g}" for edge in part.size_m),
+        size=size,
+        start=readonly(build_transform(part.start)),
+        body=box_body(part.name, size),
+        mass=part.mass_kg,
+        fixed=part.name not in steps,
+        colour=(red, green, blue),
+    )
