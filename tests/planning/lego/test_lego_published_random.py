@@ -1,0 +1,167 @@
+"""Random task folders in the published shape import, and are valid scenarios."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from planning.lego.importer import import_apex_mr
+from twin.scenario import LegoSection
+from twin.scenario_file import load_scenario
+from twin.scenario_text import scenario_text
+
+SIZES = {"2": (2, 4), "5": (1, 4), "7": (1, 4), "9": (1, 2), "10": (1, 1), "20": (2, 6)}
+HALF_TURN = "3.1415926"
+DH_ROWS = (
+    "0 0 0 -1.57079632679",
+    f"-1.57079632679 0 0.26 {HALF_TURN}",
+    "0 0 0.015 -1.57079632679",
+    "0 -0.29 0 1.57079632679",
+    "0 0 0 -1.57079632679",
+)
+TOOLS = {
+    "": (-0.072, 0.0),
+    "_tool": (-0.18, 0.0),
+    "_tool_assemble": (-0.18, 0.008),
+    "_tool_disassemble": (-0.19, 0.0),
+    "_tool_handover_assemble": (-0.181, 0.008),
+    "_tool_alt": (-0.17, -0.02),
+    "_tool_alt_assemble": (-0.17, -0.01),
+}
+
+
+def cell(x: int, y: int, z: int, ori: int) -> dict[str, Any]:
+    return {"x": x, "y": y, "z": z, "ori": ori}
+
+
+@st.composite
+def libraries(draw: st.DrawFn) -> dict[str, Any]:
+    """Draw brick types in any order, with either mass key, with or without an inventory."""
+    out = {}
+    for key in draw(st.permutations(sorted(SIZES))):
+        height, width = SIZES[key]
+        mass = draw(st.sampled_from(["weight", "mass"]))
+        out[key] = {"height": height, "width": width, mass: 0.001 * height * width}
+        if draw(st.booleans()):
+            out[key]["inventory"] = 9
+    return out
+
+
+@st.composite
+def steps(draw: st.DrawFn, number: int) -> tuple[dict[str, Any], bool]:
+    """Draw one step of a tower, with any part of what it may say; and whether it is fed."""
+    kind = draw(st.sampled_from(sorted(SIZES)))
+    height, width = SIZES[kind]
+    out: dict[str, Any] = {**cell(44, 20, number, 0), "brick_id": int(kind)}
+    if draw(st.booleans()):
+        side = draw(st.integers(1, 4))
+        along = width if side in (1, 4) else height
+        out["press_side"] = side
+        out["press_offset"] = draw(st.integers(0, max(0, along - 2)))
+    if draw(st.booleans()):
+        out["manipulate_type"] = 0
+        out |= {"press_x": 44, "press_y": 20, "press_z": number + 1, "press_ori": 0}
+    if draw(st.booleans()):
+        out["attack_dir"] = draw(st.sampled_from([1, -1]))
+    if draw(st.booleans()):
+        none = {"support_x": -1, "support_y": -1, "support_z": 0, "support_ori": -1}
+        out |= none
+    elif number > 2 and draw(st.booleans()):
+        support = {"support_x": 47, "support_y": 20, "support_z": number - 2}
+        out |= {**support, "support_ori": draw(st.integers(0, 3))}
+    if draw(st.booleans()):
+        out["remark"] = "of no use"
+    return out, draw(st.booleans())
+
+
+@st.composite
+def tasks(draw: st.DrawFn) -> dict[str, Any]:
+    """Draw the content of all files of a task."""
+    count = draw(st.integers(1, 6))
+    work, stock, prescribe = {}, {}, draw(st.booleans())
+    for number in range(1, count + 1):
+        step, fed = draw(steps(number))
+        kind = step["brick_id"]
+        name = "station1" if fed else str(number)
+        # Every stock brick has a place of its own: a column for each type.
+        column = 8 * sorted(SIZES).index(str(kind))
+        row = 40 if fed else 6 * (number - 1)
+        place = cell(column, row, 1, draw(st.integers(0, 1)))
+        stock.setdefault(f"b{kind}_{name}", place)
+        if prescribe:
+            step["brick_seq"] = f"station1.{number}" if fed else number
+        work[str(number)] = step
+    if draw(st.booleans()):
+        stock["b2_99"] = {**cell(44, 2, 1, 0), "fixed": True}
+    plate = {"x": 0.4, "y": 0.0, "z": 0.19, "yaw": draw(st.floats(-0.1, 0.1))}
+    plates = {"assemble_plate": plate}
+    if draw(st.booleans()):
+        plates["storage_plate"] = {**plate, "y": draw(st.sampled_from([0.0, 0.5]))}
+    return {
+        "lego_library.json": draw(libraries()),
+        "plate_calibration.json": plates,
+        "env_setup/env_setup_tall.json": stock,
+        "assembly_tasks/tall.json": dict(draw(st.permutations(list(work.items())))),
+    }
+
+
+def write(folder: Path, files: dict[str, Any]) -> None:
+    for name, content in files.items():
+        path = folder / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(json.dumps(content))
+    properties = folder / "robot_properties"
+    properties.mkdir()
+    for name, (d, a) in TOOLS.items():
+        rows = [*DH_ROWS, f"0 {d} {a} {HALF_TURN}"]
+        (properties / f"gp4{name}_DH.txt").write_text("\n".join(rows))
+    upright = "1 0 0 0\n0 1 0 0\n0 0 1 {}\n0 0 0 1\n"
+    for name, z in (("world", 0.9246), ("gp4", 0.33), ("r1", 0.33)):
+        (properties / f"{name}_base.txt").write_text(upright.format(z))
+    facing = "-1 0 0 0.88\n0 -1 0 0\n0 0 1 0.33\n0 0 0 1\n"
+    (properties / "r2_base.txt").write_text(facing)
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(files=tasks(), prescribed=st.booleans())
+def test_any_task_in_the_published_shape_is_a_valid_scenario(
+    files: dict[str, Any], prescribed: bool
+) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write(folder, files)
+        notes: list[str] = []
+        content = import_apex_mr(
+            folder, "tall", prescribed_stock=prescribed, note=notes.append
+        )
+        path = folder / "tall.yaml"
+        path.write_text(scenario_text(content, "Imported."))
+        assembly = load_scenario(path).assembly
+    assert isinstance(assembly, LegoSection)
+    work = files["assembly_tasks/tall.json"]
+    stock = files["env_setup/env_setup_tall.json"]
+    assert len(assembly.steps) == len(work)
+    assert [s.name for s in assembly.stock] == list(stock)
+    for number, step in enumerate(assembly.steps, start=1):
+        given_step = work[str(number)]
+        assert step.at == (44, 20, number)
+        assert assembly.bricks[step.brick].studs == SIZES[str(given_step["brick_id"])]
+        assert (step.press is None) == ("press_side" not in given_step)
+        assert (step.support is None) == (given_step.get("support_x", -1) == -1)
+        assert step.attack == given_step.get("attack_dir", 1)
+        if prescribed and "brick_seq" in given_step:
+            source = str(given_step["brick_seq"]).split(".")[0]
+            assert step.stock == f"b{given_step['brick_id']}_{source}"
+        else:
+            assert step.stock is None
+    for item in assembly.stock:
+        assert item.station == ("station" in item.name)
+        assert item.fixed == bool(stock[item.name].get("fixed"))
+    moved = files["plate_calibration.json"].get("storage_plate", {}).get("y") == 0.5
+    assert (assembly.storage_plate is not None) == moved
+    assert bool(notes) == any("remark" in step for step in work.values())

@@ -1,0 +1,276 @@
+"""Feeding stations from the scenario to the audit: there is always another brick, one at a time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planning.errors import PlanInvariantError
+from planning.task_graph import build_task_graph, object_node, task_node
+from planning.transforms import translation
+from scheduling.construction import build_tpg
+from scheduling.object_spans import trace_objects
+from scheduling.order import planned_ranks
+from scheduling.plan_files import load_plan, save_plan
+from scheduling.verification import verify_plan
+from scheduling.verification_structure import check_structure
+from twin.adversary import audit_standing_states
+from twin.audit import audit_run
+from twin.pipeline import Planned, plan_scenario
+from twin.scenario import Scenario
+from twin.scenario_file import load_scenario
+from twin.trajectory import object_placements
+from twin.trial import Keep, Trial, try_plan
+
+SCENARIO = """\
+version: 1
+name: fence
+cell:
+  robots:
+    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
+    - {name: right, model: gp4, base: {xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}
+  fixtures:
+    - {name: table, size_m: [0.6, 1.2, 0.02], pose: {xyz_m: [0.44, 0, 1.1045]}}
+assembly:
+  kind: lego
+  plate: {pose: {xyz_m: [0.44, 0, 1.1145]}}
+  stock:
+    - {name: near, brick: 2x4, at: [8, 22, 1], station: true}
+    - {name: far, brick: 2x4, at: [38, 22, 1], station: true}
+    - {name: between, brick: 2x2, at: [23, 36, 1], station: true}
+    - {name: spare, brick: 2x2, at: [27, 36, 1]}
+  steps:
+    - {brick: 2x4, at: [20, 16, 1], press: {side: 1, offset: 1}, stock: near}
+    - {brick: 2x4, at: [26, 16, 1], press: {side: 4, offset: 1}, stock: far}
+    - {brick: 2x2, at: [20, 22, 1], press: {side: 1, offset: 0}, stock: between}
+    - {brick: 2x2, at: [26, 22, 1], press: {side: 4, offset: 0}, stock: between}
+    - {brick: 2x4, at: [20, 16, 2], press: {side: 1, offset: 1}, stock: near}
+    - {brick: 2x2, at: [26, 22, 2], press: {side: 4, offset: 0}, stock: between}
+"""
+COPIES = {"near": 3, "far": 2, "between": 4}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fence")
+    (folder / "fence.yaml").write_text(SCENARIO)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def scenario(folder: Path) -> Scenario:
+    return load_scenario(folder / "fence.yaml")
+
+
+@pytest.fixture(scope="module")
+def planned(scenario: Scenario, folder: Path) -> Planned:
+    return plan_scenario(scenario, folder)
+
+
+@pytest.fixture(scope="module")
+def trial(planned: Planned, scenario: Scenario, folder: Path) -> Trial:
+    (folder / "run").mkdir()
+    return try_plan(scenario, planned.tpg, folder / "run", keep=Keep(recording=True))
+
+
+def test_one_more_brick_than_steps_is_made_and_only_the_first_is_there(
+    planned: Planned,
+) -> None:
+    later = {o.name: o.later for o in planned.tpg.cell.objects}
+    expected = {f"{s}.{k}": k > 1 for s, n in COPIES.items() for k in range(1, n + 1)}
+    assert later == {**expected, "spare": False}
+    # The assignment knows each station as one thing that never runs out.
+    assert {c.object for c in planned.task_plan.choices} == set(COPIES)
+
+
+def test_both_robots_pick_from_the_station_between_them(planned: Planned) -> None:
+    picks = [t for t in planned.tpg.tasks if t.kind == "pick"]
+    assert [t.object for t in picks] == [
+        "near.1",
+        "far.1",
+        "between.1",
+        "between.2",
+        "near.2",
+        "between.3",
+    ]
+    between = [t for t in picks if (t.object or "").startswith("between")]
+    assert len({t.robot for t in between}) == 2
+    # Whoever picks waits for the pick before.
+    pairs = {tuple(p) for p in planned.motion_plan.dependencies.tolist()}
+    for first, second in zip(between, between[1:], strict=False):
+        if first.robot != second.robot:
+            assert (first.index, second.index) in pairs
+
+
+def test_the_next_brick_comes_up_at_the_end_of_a_pick(planned: Planned) -> None:
+    tpg = planned.tpg
+    for task in tpg.tasks:
+        if task.kind != "pick":
+            assert all(
+                h.holder or task.kind.startswith("place") for h in task.handlings
+            )
+            continue
+        taken, comes = task.handlings
+        station, _, number = taken.object.rpartition(".")
+        assert comes.object == f"{station}.{int(number) + 1}"
+        assert (comes.holder, comes.waypoint) == (None, len(task.path))
+        place = tpg.cell.object(f"{station}.1").start
+        np.testing.assert_array_equal(comes.pose, place)
+        np.testing.assert_array_equal(tpg.cell.object(comes.object).start, place)
+
+
+def test_a_brick_always_stands_at_a_station(planned: Planned) -> None:
+    """The rests at its place follow each other without a gap, from the start to the end."""
+    tpg = planned.tpg
+    history = trace_objects(tpg, planned_ranks(tpg.chains))
+    for station, count in COPIES.items():
+        place = tpg.cell.object(f"{station}.1").start
+        rests = [
+            rest
+            for k in range(1, count + 1)
+            for rest in history.rests
+            if rest.object == f"{station}.{k}" and np.array_equal(rest.pose, place)
+        ]
+        assert [r.object for r in rests] == [f"{station}.{k + 1}" for k in range(count)]
+        assert rests[0].after is None
+        assert rests[-1].before is None
+        for one, following in zip(rests, rests[1:], strict=False):
+            assert one.before == following.after is not None
+        # The pick's node holds the brick it takes from its first moment on, and the next
+        # one at its end.
+        for rest in rests[1:]:
+            assert rest.after is not None
+            robot, node = rest.after
+            spans = [s for s in history.spans if s.robot == robot]
+            before = [s for s in spans if s.start == (node, 0) and not s.carried]
+            assert np.array_equal(before[0].pose, place)
+            assert any(s.object == rest.object and s.start[0] == node for s in spans)
+
+
+def test_the_plan_is_safe_whatever_is_delayed(planned: Planned) -> None:
+    report = verify_plan(planned.tpg)
+    assert report.problems == ()
+    standing = audit_standing_states(planned.tpg)
+    assert standing.states > 0
+    assert standing.violations == ()
+
+
+def test_picks_of_one_station_out_of_order_are_found(planned: Planned) -> None:
+    """Without the dependencies, the second proof misses an order that handling needs."""
+    tpg = planned.tpg
+    cut = replace(tpg, edges=tpg.edges[:0], cause=tpg.cause[:0])
+    _, problems = check_structure(cut)
+    handling = [p.message for p in problems if p.kind == "handling"]
+    assert any("'between." in message for message in handling)
+
+
+def test_the_run_is_clean_and_writes_when_bricks_come_up(
+    planned: Planned, trial: Trial, folder: Path
+) -> None:
+    import pyarrow.parquet as pq
+
+    assert trial.passed
+    assert trial.summary["audit"]["violations"] == []
+    rows = pq.read_table(folder / "run" / "objects.parquet").to_pylist()
+    for station, count in COPIES.items():
+        place = planned.cell.object(f"{station}.1").start
+        taken_until = 0.0
+        for k in range(1, count + 1):
+            first, *more = [r for r in rows if r["object"] == f"{station}.{k}"]
+            assert first["parent"] == "world"
+            np.testing.assert_allclose(first["xyz"], place[:3, 3])
+            assert first["t_s"] >= taken_until
+            assert (first["t_s"] == 0.0) == (k == 1)
+            assert bool(more) == (k < count)
+            if more:
+                assert more[0]["parent"].endswith("/flange")
+                taken_until = more[0]["t_s"]
+    text = (folder / "run" / "events.jsonl").read_text()
+    assert text.count("comes up at its station") == 6
+    assert (folder / "run" / "run.rrd").stat().st_size > 0
+
+
+def test_stalls_change_nothing_about_that(
+    planned: Planned, scenario: Scenario, folder: Path
+) -> None:
+    stalls = scenario.execution.stalls.model_copy(update={"count_per_robot": 4})
+    execution = scenario.execution.model_copy(update={"stalls": stalls})
+    stalled = scenario.model_copy(update={"execution": execution})
+    out = folder / "stalled"
+    out.mkdir()
+    trial = try_plan(stalled, planned.tpg, out, keep=Keep(recording=False))
+    assert trial.passed
+    assert max(trial.summary["stall_s"].values()) > 0.0
+
+
+def test_plan_files_keep_what_comes_later(
+    planned: Planned, trial: Trial, folder: Path
+) -> None:
+    save_plan(planned.tpg, folder / "saved")
+    loaded = load_plan(folder / "saved")
+    names = [(o.name, o.later) for o in planned.tpg.cell.objects]
+    assert [(o.name, o.later) for o in loaded.cell.objects] == names
+    for ours, theirs in zip(planned.tpg.handlings, loaded.handlings, strict=True):
+        assert (ours.object, ours.node, ours.holder) == (
+            theirs.object,
+            theirs.node,
+            theirs.holder,
+        )
+    assert audit_run(folder / "run").violations == ()
+
+
+def test_a_brick_that_comes_up_elsewhere_is_a_violation(
+    planned: Planned, trial: Trial, folder: Path
+) -> None:
+    """The audit holds the recording against the place that the plan gives."""
+    from twin.audit import Auditor
+    from twin.audit_recording import read_recording
+    from twin.audit_scene import scene_of
+
+    scene = scene_of(planned.tpg)
+    recording = read_recording(folder / "run", scene)
+    rows = tuple(
+        replace(row, pose=translation(0.0, 0.0, 0.2) @ row.pose)
+        if row.object == "far.2"
+        else row
+        for row in recording.objects
+    )
+    with Auditor(scene) as auditor:
+        report = auditor.audit(replace(recording, objects=rows))
+    jumps = [v for v in report.violations if v.second == "jump"]
+    assert [v.first for v in jumps] == ["far.2"]
+    assert jumps[0].depth_m == pytest.approx(0.2)
+
+
+def test_the_task_graph_shows_where_bricks_come_from(planned: Planned) -> None:
+    plan = planned.motion_plan
+    later = [o.name for o in plan.cell.objects if o.later]
+    graph = build_task_graph(plan.tasks, plan.dependencies, later=later)
+    picks = {t.object: t for t in plan.tasks if t.kind == "pick"}
+    node = object_node("near.2", 0)
+    assert graph.edges[task_node(picks["near.1"].index), node]["kind"] == "detached"
+    assert graph.edges[node, task_node(picks["near.2"].index)]["kind"] == "attached"
+    with pytest.raises(PlanInvariantError, match=r"near\.2, which nobody holds"):
+        build_task_graph(plan.tasks, plan.dependencies)
+
+
+def test_nothing_is_picked_before_it_is_there(planned: Planned) -> None:
+    plan = planned.motion_plan
+    tasks = tuple(
+        replace(t, handlings=t.handlings[:1]) if t.object == "near.1" else t
+        for t in plan.tasks
+    )
+    with pytest.raises(PlanInvariantError, match=r"'near\.2', which is not there yet"):
+        build_tpg(replace(plan, tasks=tasks))
+
+
+def test_a_run_that_stops_early_never_sees_the_later_bricks(
+    planned: Planned, trial: Trial
+) -> None:
+    first = min(p.t_ns for p in object_placements(planned.tpg, trial.run) if p.t_ns)
+    early = replace(trial.run, makespan_ns=first - 1)
+    names = {p.object for p in object_placements(planned.tpg, early)}
+    assert names == {"near.1", "far.1", "between.1", "spare"}
