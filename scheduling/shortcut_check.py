@@ -1,0 +1,131 @@
+"""May some nodes be replaced by others, and in what order do those come with everyone else's?
+
+New nodes are checked against every node of another robot that is not ordered with all of them
+already, against robots that stand meanwhile and objects at rest, and, by the scene checker,
+against what never moves. A node of another robot that comes before the replaced run in the
+total order goes before each new node that it conflicts with, a later one after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from scheduling.conflicts import HullChecker, search_conflicts
+from scheduling.contacts import ContactTable, EntityNumbers
+from scheduling.object_spans import ObjectSpan
+from scheduling.occupancy import Occupancy, hold_occupancy
+from scheduling.reduction import NodeOrder
+from scheduling.shortcut_pieces import Pieces
+from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """A graph and what is derived from it.
+
+    Attributes:
+        tpg: the graph.
+        ranks: place of every node in the total order.
+        order: what precedes what.
+        objects: what every robot carries when.
+        pieces: occupancies of the chains.
+        entities: numbers of the entities.
+        table: allowed contacts and clearances.
+    """
+
+    tpg: TemporalPlanGraph
+    ranks: Sequence[Indices]
+    order: NodeOrder
+    objects: Sequence[ObjectSpan]
+    pieces: Pieces
+    entities: EntityNumbers
+    table: ContactTable
+
+
+def order_against(
+    around: Surroundings, chain: int, first: int, last: int, new: Occupancy, count: int
+) -> list[tuple[int, int, int, int]] | None:
+    """Return the edges that new nodes need, or None when they cannot be.
+
+    Args:
+        around: the graph.
+        chain: whose nodes ``first`` to ``last`` are to be replaced.
+        first, last: those nodes.
+        new: what the new nodes occupy, numbered from 0.
+        count: how many there are.
+
+    Returns:
+        Edges (robot, node, robot, node) with the new nodes numbered from ``first``; nodes of
+        other robots as they are.
+    """
+    edges: list[tuple[int, int, int, int]] = []
+    for other in range(len(around.tpg.chains)):
+        if other != chain:
+            found = _against_robot(around, chain, first, last, new, count, other)
+            if found is None:
+                return None
+            edges += found
+    return edges
+
+
+def _against_robot(
+    around: Surroundings,
+    chain: int,
+    first: int,
+    last: int,
+    new: Occupancy,
+    count: int,
+    other: int,
+) -> list[tuple[int, int, int, int]] | None:
+    done = int(around.order.of(chain)[first - 1, other])
+    after = int(around.order.first_after(chain, other)[last])
+    turn = int(
+        np.searchsorted(around.ranks[other], around.ranks[chain][last], side="left")
+    )
+    turn = min(max(turn, done + 1), after)
+    checker = HullChecker(around.table)
+    # Per new node, the last node before it and the first after it of the other robot.
+    before_of = np.full(count, done)
+    after_of = np.full(count, after)
+    edges = []
+    tpg, objects = around.tpg, around.objects
+    for at, piece in around.pieces.between(tpg, other, done + 1, turn, objects):
+        size = int(piece.sequence.node[-1]) + 1
+        floor = np.full(count, done - at)
+        limit = np.full(count, min(turn - at, size))
+        for v, u in search_conflicts(new, piece, floor, limit, around.table, checker):
+            edges.append((other, at + u, chain, first + v))
+            before_of[v:] = np.maximum(before_of[v:], at + u)
+    for at, piece in around.pieces.between(tpg, other, turn, after, objects):
+        size = int(piece.sequence.node[-1]) + 1
+        floor = np.full(size, -1)
+        limit = np.where(
+            (np.arange(size) + at >= turn) & (np.arange(size) + at < after), count, 0
+        )
+        # The window ends the piece: beyond it nothing is asked, and limits may not fall.
+        stop = int(np.searchsorted(np.arange(size) + at, after))
+        limit[stop:] = limit[stop - 1] if stop else 0
+        floor[stop:] = count
+        for w, x in search_conflicts(piece, new, floor, limit, around.table, checker):
+            edges.append((chain, first + x, other, at + w))
+            after_of[: x + 1] = np.minimum(after_of[: x + 1], at + w)
+    stands = before_of + 1 == after_of
+    for hold in np.unique(after_of[stands]).tolist():
+        where = np.flatnonzero(stands & (after_of == hold))
+        standing = hold_occupancy(
+            tpg, other, np.array([hold]), objects, around.entities
+        )
+        limit = np.zeros(count, dtype=np.int64)
+        limit[where[0] :] = 1
+        floor = np.full(count, -1)
+        if any(
+            True
+            for _ in search_conflicts(
+                new, standing, floor, limit, around.table, checker
+            )
+        ):
+            return None
+    return edges

@@ -1,0 +1,453 @@
+"""Shortcutting of a temporal plan graph (APEX-MR IV-C): anytime, seeded, HOME skipped.
+
+A candidate joins two places of a run of transits by a straight line, or straightens a single
+joint between them. It is taken when it is free, when it can be ordered with everyone else's
+nodes, and when the plan does not end later. Runs that the makespan hangs on come first. The
+budget is a number of candidates, so the same seed gives the same plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from planning.errors import PlanInvariantError
+from planning.geometry.scene import SceneChecker
+from planning.sequential import MARGIN
+from planning.speed import SpeedModel, path_duration, sample_path
+from planning.transforms import Array
+from planning.workcell import Attachment, Workcell, WorldState
+from scheduling.contacts import EntityNumbers, contact_table
+from scheduling.invariant import check_invariant
+from scheduling.object_spans import ObjectHistory, Rest, trace_objects
+from scheduling.order import planned_ranks
+from scheduling.reduction import NodeOrder, order_and_reduce
+from scheduling.rollout import Rollout, earliest_times
+from scheduling.shortcut_check import Surroundings, order_against
+from scheduling.shortcut_edges import splice_edges, splice_index
+from scheduling.shortcut_pieces import Pieces, occupancy_of
+from scheduling.shortcut_spans import Span, find_spans
+from scheduling.temporal_plan_graph import (
+    MOTION_CONFLICT,
+    Indices,
+    NodeChain,
+    TemporalPlanGraph,
+)
+
+_LATER = 1e-9
+"""Makespans that differ by less are the same [s]."""
+
+_GAIN = 1e-6
+"""Least time that a shortcut has to save its robot [s]."""
+
+
+@dataclass(frozen=True)
+class ShortcutReport:
+    """What shortcutting did.
+
+    Attributes:
+        tpg: the shortened graph.
+        tried: candidates that would have been faster and were checked.
+        taken: those that were taken.
+        makespan_before_s, makespan_after_s: earliest ends at nominal durations [s].
+    """
+
+    tpg: TemporalPlanGraph
+    tried: int
+    taken: int
+    makespan_before_s: float
+    makespan_after_s: float
+
+
+def shorten_tpg(
+    tpg: TemporalPlanGraph,
+    speeds: Mapping[str, SpeedModel],
+    *,
+    step: float,
+    candidates: int,
+    seed: int = 0,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> ShortcutReport:
+    """Replace runs of transit nodes by shorter ones, as long as the budget lasts.
+
+    Args:
+        tpg: a graph that keeps its invariant.
+        speeds: speed model of each robot.
+        step: longest time between pose nodes [s].
+        candidates: number of candidates drawn.
+        seed: of the draws.
+        progress: told candidates done and in all.
+
+    Raises:
+        PlanInvariantError: the result breaks the invariant, a fault of this program.
+    """
+    board = _Board(tpg, speeds, step)
+    before = float(board.rollout.makespan)
+    rng = np.random.default_rng(seed)
+    tried = taken = 0
+    for done in range(candidates):
+        drawn = board.draw(rng)
+        if drawn is not None:
+            tried += 1
+            taken += board.try_candidate(*drawn)
+        if done % 16 == 0:
+            progress(done, candidates)
+    progress(candidates, candidates)
+    if taken:
+        check_invariant(board.tpg)
+    return ShortcutReport(
+        board.tpg, tried, taken, before, float(board.rollout.makespan)
+    )
+
+
+class _Board:
+    """The graph as it is now, and what is derived from it."""
+
+    def __init__(
+        self, tpg: TemporalPlanGraph, speeds: Mapping[str, SpeedModel], step: float
+    ) -> None:
+        self.tpg = tpg
+        self._speeds = speeds
+        self._step = step
+        handled = dict.fromkeys(handling.object for handling in tpg.handlings)
+        self._entities = EntityNumbers((r.name for r in tpg.cell.robots), handled)
+        self._table = contact_table(self._entities, tpg.allowed, tpg.cell.clearances)
+        self._checkers: dict[object, SceneChecker] = {}
+        self._ranks = planned_ranks(tpg.chains)
+        self._order: NodeOrder = order_and_reduce(self._ranks, tpg.edges)[0]
+        self._history: ObjectHistory = trace_objects(tpg, self._ranks)
+        self._spans = find_spans(tpg, self._history.spans)
+        cuts: list[list[int]] = [[] for _ in tpg.chains]
+        for span in self._spans:
+            cuts[span.chain] += [span.first, span.last + 1]
+        self._pieces = Pieces(tpg, cuts, self._entities)
+        self._whole = list(range(len(self._spans)))
+        self._weigh(earliest_times(tpg))
+
+    def _weigh(self, rollout: Rollout) -> None:
+        """Note which spans the makespan hangs on."""
+        self.rollout = rollout
+        slack = latest_ends(self.tpg, rollout)
+        self._critical = [
+            k
+            for k, span in enumerate(self._spans)
+            if np.any(
+                slack[span.chain][span.first : span.last + 1]
+                - rollout.end[span.chain][span.first : span.last + 1]
+                < _LATER
+            )
+        ]
+
+    def draw(self, rng: np.random.Generator) -> tuple[int, int, int, Array] | None:
+        """Return a span, the nodes of it to replace, and the new path, or None."""
+        if not self._spans:
+            return None
+        if self._whole:
+            which = self._whole.pop(0)
+            span = self._spans[which]
+            first, last, joint = span.first, span.last, -1
+        else:
+            pool = self._critical if rng.random() < 0.8 else []
+            which = (
+                int(pool[int(rng.integers(len(pool)))])
+                if pool
+                else int(rng.integers(len(self._spans)))
+            )
+            span = self._spans[which]
+            chain = self.tpg.chains[span.chain]
+            first, last = np.sort(
+                rng.integers(span.first, span.last + 1, size=2)
+            ).tolist()
+            joint = int(rng.integers(-len(chain.start), len(chain.start)))
+        if last - first < 1:
+            return None
+        chain = self.tpg.chains[span.chain]
+        old = chain.waypoints[chain.first[first] - 1 : chain.first[last + 1]]
+        path = old[[0, -1]] if joint < 0 else _straighten(old, joint)
+        speed = self._speeds[chain.robot]
+        saved = float(chain.duration[first : last + 1].sum()) - path_duration(
+            path, speed
+        )
+        if saved < _GAIN:
+            return None
+        return which, first, last, path
+
+    def try_candidate(self, which: int, first: int, last: int, path: Array) -> bool:
+        """Take a candidate if it is free, fits, and the plan does not end later."""
+        index = self._spans[which].chain
+        chain = self.tpg.chains[index]
+        if not self._free_of_scenery(index, first, last, path):
+            return False
+        new = self._new_nodes(chain, first, last, path)
+        occupancy = occupancy_of(
+            self.tpg,
+            index,
+            new,
+            first,
+            last - first + 1,
+            self._history.spans,
+            self._entities,
+        )
+        around = Surroundings(
+            self.tpg,
+            self._ranks,
+            self._order,
+            self._history.spans,
+            self._pieces,
+            self._entities,
+            self._table,
+        )
+        edges = order_against(around, index, first, last, occupancy, len(new))
+        if edges is None:
+            return False
+        return self._replace(which, first, last, new, edges)
+
+    def _new_nodes(
+        self, chain: NodeChain, first: int, last: int, path: Array
+    ) -> NodeChain:
+        waypoints, times = sample_path(path, self._speeds[chain.robot], self._step)
+        duration = np.diff(times)
+        share = times[1:] / times[-1]
+        old_end = np.cumsum(chain.duration[first : last + 1])
+        at = first + np.searchsorted(
+            old_end / old_end[-1], np.minimum(share, 1.0) - 1e-12
+        )
+        at = np.minimum(at, last)
+        task = np.maximum.accumulate(chain.task[at])
+        count = len(duration)
+        return NodeChain(
+            chain.robot,
+            waypoints[0],
+            waypoints[1:],
+            np.ones(count),
+            np.arange(count + 1),
+            task,
+            np.zeros(count, dtype=np.bool_),
+            duration,
+            np.maximum.accumulate(chain.planned_start[at]),
+        )
+
+    def _free_of_scenery(self, index: int, first: int, last: int, path: Array) -> bool:
+        chain = self.tpg.chains[index]
+        present = tuple(
+            rest
+            for rest in self._history.rests
+            if rest.holder is None and self._may_lie_there(rest, index, first, last)
+        )
+        tasks = frozenset(chain.task[first : last + 1].tolist())
+        # Rests are told apart by object and by the node that began them.
+        key = (index, tasks, frozenset((r.object, r.pose.tobytes()) for r in present))
+        checker = self._checkers.get(key)
+        if checker is None:
+            checker = self._checker(index, first, tasks, present)
+            self._checkers[key] = checker
+        return all(
+            checker.motion_free(a, b) for a, b in zip(path, path[1:], strict=False)
+        )
+
+    def _may_lie_there(self, rest: Rest, index: int, first: int, last: int) -> bool:
+        """Tell whether an object may be at rest while nodes are under way."""
+        order = self._order
+        if rest.after is not None:
+            robot, node = rest.after
+            if robot == index:
+                if node > last:
+                    return False
+            elif node >= order.first_after(index, robot)[last]:
+                return False
+        if rest.before is not None:
+            robot, node = rest.before
+            if robot == index:
+                if node < first:
+                    return False
+            elif node <= order.of(index)[first - 1, robot]:
+                return False
+        return True
+
+    def _checker(
+        self,
+        index: int,
+        first: int,
+        tasks: frozenset[int],
+        present: tuple[Rest, ...],
+    ) -> SceneChecker:
+        """Return a checker against all that does not move: no robot that has nodes."""
+        tpg = self.tpg
+        robot = tpg.chains[index].robot
+        busy = {chain.robot for chain in tpg.chains}
+        handled = {handling.object for handling in tpg.handlings}
+        attachments = {
+            item.name: Attachment(None, item.start)
+            for item in tpg.cell.objects
+            if item.name not in handled and item.start is not None
+        }
+        for rest in present:
+            attachments[rest.object] = Attachment(None, rest.pose)
+        for span in self._history.spans:
+            if span.robot == index and span.carried:
+                if span.start <= (first, 0) < span.end:
+                    attachments[span.object] = Attachment(robot, span.pose)
+        robots = tuple(
+            r for r in tpg.cell.robots if r.name == robot or r.name not in busy
+        )
+        cell = Workcell(
+            robots, tpg.cell.fixtures, tpg.cell.objects, tpg.cell.clearances
+        )
+        state = WorldState({r.name: r.home for r in robots}, attachments)
+        allowed = frozenset(
+            frozenset((c.first, c.second)) for c in tpg.allowed if tasks <= c.tasks
+        )
+        return SceneChecker(cell, robot, state, allowed, margin=MARGIN)
+
+    def _replace(
+        self,
+        which: int,
+        first: int,
+        last: int,
+        new: NodeChain,
+        edges: list[tuple[int, int, int, int]],
+    ) -> bool:
+        tpg, index, count = self.tpg, self._spans[which].chain, len(new)
+        moved, cause = splice_edges(tpg.edges, tpg.cause, index, first, last, count)
+        extra = np.array(edges, dtype=np.int64).reshape(-1, 4)
+        chain = splice_chain(
+            tpg.chains[index],
+            first,
+            last,
+            replace(new, planned_start=self._planned(index, last, new, edges, first)),
+        )
+        chains = (*tpg.chains[:index], chain, *tpg.chains[index + 1 :])
+        handlings = tuple(
+            replace(h, node=splice_index(h.node, first, last, count))
+            if h.robot == index
+            else h
+            for h in tpg.handlings
+        )
+        all_edges = np.concatenate([moved, extra])
+        causes = np.concatenate(
+            [cause, np.full(len(extra), MOTION_CONFLICT, dtype=np.uint8)]
+        )
+        try:
+            ranks = planned_ranks(chains)
+            order, keep = order_and_reduce(ranks, all_edges)
+        except PlanInvariantError:
+            return False
+        all_edges, causes = all_edges[keep], causes[keep]
+        by_edge = np.lexsort(all_edges.T[::-1])
+        candidate = replace(
+            tpg,
+            chains=chains,
+            handlings=handlings,
+            edges=all_edges[by_edge],
+            cause=causes[by_edge],
+        )
+        rollout = earliest_times(candidate)
+        if rollout.makespan > self.rollout.makespan + _LATER:
+            return False
+        self.tpg, self._ranks, self._order = candidate, ranks, order
+        self._history = trace_objects(candidate, ranks)
+        self._pieces.splice(index, first, last, count)
+        shift = count - (last - first + 1)
+        self._spans = [
+            span
+            if span.chain != index or span.last < first
+            else Span(
+                index,
+                span.first if span.first <= first else span.first + shift,
+                span.last + shift,
+            )
+            for span in self._spans
+        ]
+        self._weigh(rollout)
+        return True
+
+    def _planned(
+        self,
+        index: int,
+        last: int,
+        new: NodeChain,
+        edges: list[tuple[int, int, int, int]],
+        first: int,
+    ) -> Array:
+        """Return planned starts that put every new node after what it waits for."""
+        chains = self.tpg.chains
+        planned = new.planned_start.copy()
+        for robot, node, target, at in edges:
+            if target == index:
+                after = np.nextafter(chains[robot].planned_start[node], np.inf)
+                planned[at - first] = max(planned[at - first], after)
+        planned[-1] = max(planned[-1], chains[index].planned_start[last])
+        return np.minimum(
+            np.maximum.accumulate(planned), chains[index].planned_start[last]
+        )
+
+
+def splice_chain(chain: NodeChain, first: int, last: int, new: NodeChain) -> NodeChain:
+    """Return a chain with nodes ``first`` to ``last`` replaced by others."""
+    lo, hi = int(chain.first[first]), int(chain.first[last + 1])
+    shift = len(new.waypoints) - (hi - lo)
+
+    def join(name: str, a: int, b: int) -> Array:
+        old = getattr(chain, name)
+        out: Array = np.concatenate([old[:a], getattr(new, name), old[b:]])
+        return out
+
+    firsts: Indices = np.concatenate(
+        [chain.first[:first], lo + new.first[:-1], chain.first[last + 1 :] + shift]
+    )
+    return NodeChain(
+        chain.robot,
+        chain.start,
+        join("waypoints", lo, hi),
+        join("fraction", lo, hi),
+        firsts,
+        join("task", first, last + 1).astype(np.int64),
+        join("skill", first, last + 1).astype(np.bool_),
+        join("duration", first, last + 1),
+        join("planned_start", first, last + 1),
+    )
+
+
+def latest_ends(tpg: TemporalPlanGraph, rollout: Rollout) -> list[Array]:
+    """Return when every node may end at the latest for the same makespan [s].
+
+    The graph with all arrows turned round is rolled out by walking the total order backwards.
+    """
+    ends = [np.full(len(chain), float(rollout.makespan)) for chain in tpg.chains]
+    out_of: list[dict[int, list[tuple[int, int]]]] = [{} for _ in tpg.chains]
+    for robot, node, target, at in tpg.edges.tolist():
+        out_of[robot].setdefault(node, []).append((target, at))
+    ranks = planned_ranks(tpg.chains)
+    marks = [sorted({*out_of[k], len(chain) - 1}) for k, chain in enumerate(tpg.chains)]
+    # Between two nodes with out-edges a chain only subtracts durations: whole runs at once.
+    runs = []
+    for k, chain in enumerate(tpg.chains):
+        start = 0
+        for mark in marks[k] if len(chain) else []:
+            runs.append((int(ranks[k][mark]), k, start, mark))
+            start = mark + 1
+    for _, k, lo, hi in sorted(runs, reverse=True):
+        duration = rollout.duration[k]
+        latest = ends[k][hi]
+        if hi + 1 < len(ends[k]):
+            latest = min(latest, ends[k][hi + 1] - duration[hi + 1])
+        for target, at in out_of[k].get(hi, ()):
+            latest = min(latest, ends[target][at] - rollout.duration[target][at])
+        behind = np.cumsum(duration[lo + 1 : hi + 1][::-1])[::-1]
+        ends[k][lo:hi] = latest - behind
+        ends[k][hi] = latest
+    return ends
+
+
+def _straighten(path: Array, joint: int) -> Array:
+    """Return a polyline in which one joint goes straight from its first to its last value."""
+    out = path.copy()
+    travel = np.abs(np.diff(path, axis=0)).sum(axis=1)
+    share = np.concatenate([[0.0], np.cumsum(travel)])
+    if share[-1] > 0.0:
+        out[:, joint] = path[0, joint] + share / share[-1] * (
+            path[-1, joint] - path[0, joint]
+        )
+    return out
