@@ -16,7 +16,8 @@ plan.npz (rows in the order of plan.json; poses are (4, 4) matrices; SI units):
     fixture_size (f, 3), fixture_pose (f, 4, 4), object_size (o, 3), object_start (o, 4, 4)
     task_path (all values), task_shape (tasks, 2), task_handling_pose (h, 4, 4)
     chain_<i>_{start, waypoints, fraction, first, task, skill, duration, planned_start}
-    handling_pose (h, 4, 4), edges (e, 4), cause (e,), dependencies (d, 2)
+    handling_pose (h, 4, 4), edges (e, 4), cause (e,), dependencies (d, 2),
+    slots (tasks or 0,)
 """
 
 from __future__ import annotations
@@ -64,6 +65,7 @@ def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
         "edges": tpg.edges,
         "cause": tpg.cause,
         "dependencies": tpg.dependencies,
+        "slots": tpg.slots,
     }
     document = {
         "format": FORMAT,
@@ -254,6 +256,7 @@ def _graph(
         handlings,
         allowed,
         arrays["dependencies"],
+        arrays["slots"],
     )
 
 

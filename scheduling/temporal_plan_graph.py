@@ -90,6 +90,8 @@ class TemporalPlanGraph:
         allowed: who may touch whom, and when.
         dependencies: pairs (a, b) of tasks, shape (d, 2): a must be complete before b starts.
             The edges say so too, but some of them only through others.
+        slots: slot of each task where the plan was made in slots, from 0, shape (tasks,);
+            empty otherwise.
     """
 
     cell: Workcell
@@ -102,3 +104,4 @@ class TemporalPlanGraph:
     dependencies: Indices = field(
         default_factory=lambda: np.empty((0, 2), dtype=np.int64)
     )
+    slots: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from planning.errors import TwinError
+from scheduling.barriers import with_barriers
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.contraction import contract
 from twin.disturbances import RandomStalls
@@ -46,7 +47,7 @@ class Simulator:
             raise TwinError(f"queue_depth must be at least 1, not {queue_depth}")
         if not 0 <= latency_s < np.inf:
             raise TwinError(f"latency_s must be at least 0, not {latency_s}")
-        self.tpg = tpg
+        self.tpg = tpg = with_barriers(tpg) if policy == "synchronous" else tpg
         self.durations = durations
         self.policy: Policy = policy
         self.queue_depth = queue_depth
@@ -142,7 +143,9 @@ def simulate(
         durations: gives every node its duration.
         seed, replication: name the random draws.
         policy: ``"asynchronous"`` releases whatever the TPG says is safe; ``"sequential"`` lets
-            one robot work at a time, always on the first task in planned order that is safe.
+            one robot work at a time, always on the first task in planned order that is safe;
+            ``"synchronous"`` lets nobody enter a slot of the plan before everyone has left the
+            one before.
         queue_depth: actions sent to a robot of which completion is not yet reported, at most.
         latency_s: time a message takes between robot and dispatcher, either way [s].
         stalls: random stalls, None for none.
@@ -154,6 +157,7 @@ def simulate(
 
     Raises:
         DeadlockError: no robot can go on, which no valid TPG brings about.
+        PlanInvariantError: the policy is synchronous, but the plan was not made in slots.
         TwinError: an argument is out of range.
     """
     simulator = Simulator(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,12 @@ from planning.assignment import HighsAssignmentSolver
 from planning.motion_plan import MotionPlan
 from planning.sequential import MotionSettings, plan_sequential
 from planning.speed import JointSpeed, L1Speed, SpeedModel
+from planning.synchronous import plan_synchronous
 from planning.task_plan import TaskPlan
 from planning.transit import RrtConnect
 from planning.workcell import PlacedRobot, Workcell
 from scheduling.construction import build_tpg
+from scheduling.task_conflicts import SweptTaskConflicts
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.assemblies.kinds import assembly_kind
 from twin.cell import build_workcell
@@ -25,7 +27,7 @@ from twin.duration_models import skill_models
 from twin.progress import Report, report_nothing
 from twin.scenario import PlanningSection, Scenario
 
-MOTION, ORDER = "motions", "what waits for what"
+MOTION, SLOTS, ORDER = "motions", "who moves at once", "what waits for what"
 """Names of the stages for progress displays."""
 
 
@@ -37,10 +39,10 @@ class Planned:
         cell: the workcell.
         assembly: what is built, such as a ``LegoAssembly``.
         task_plan: who does what.
-        motion_plan: how everyone moves, one task after another.
+        motion_plan: how everyone moves, one task after another or in slots.
         tpg: what must wait for what.
         planning_s: wall-clock seconds a stage: sequence (where the scenario gives a structure),
-            assignment, motion, tpg.
+            assignment, motion, synchronous (where the plan is made in slots), tpg.
     """
 
     cell: Workcell
@@ -99,6 +101,7 @@ def plan_scenario(
     ready = assembly_kind(scenario.assembly).prepare(cell, watch)
     with watch.stage("assignment"):
         task_plan = HighsAssignmentSolver().assign(ready.work.problem)
+    settings = motion_settings(scenario, cell, folder)
     with watch.stage("motion"):
         steps = StepExpansions(ready.work, task_plan)
         progress(MOTION, 0, len(task_plan.choices))
@@ -106,14 +109,26 @@ def plan_scenario(
             cell,
             steps.callables(),
             ready.work.link,
-            motion_settings(scenario, cell, folder),
+            settings,
             lambda done, total: progress(MOTION, done, total),
         )
+    slots = None
+    if scenario.planning.coordination == "synchronous":
+        with watch.stage("synchronous"):
+            synchronous = plan_synchronous(
+                motion_plan,
+                settings,
+                SweptTaskConflicts(motion_plan),
+                lambda done, total: progress(SLOTS, done, total),
+            )
+        motion_plan, slots = synchronous.motion_plan, synchronous.slot_of_task
     with watch.stage("tpg"):
         progress(ORDER, 0, 1)
         tpg = build_tpg(
             motion_plan, progress=lambda done, total: progress(ORDER, done, total)
         )
+        if slots is not None:
+            tpg = replace(tpg, slots=slots)
         progress(ORDER, 1, 1)
     return Planned(cell, ready.assembly, steps.plan, motion_plan, tpg, watch.seconds)
 

@@ -12,8 +12,8 @@ from scheduling.temporal_plan_graph import NodeChain
 from twin.durations import NANOSECONDS, Nanoseconds
 
 Outcome = Literal["completed", "failed", "aborted"]
-Policy = Literal["asynchronous", "sequential"]
-POLICIES: tuple[Policy, ...] = ("asynchronous", "sequential")
+Policy = Literal["asynchronous", "sequential", "synchronous"]
+POLICIES: tuple[Policy, ...] = ("asynchronous", "sequential", "synchronous")
 
 
 @dataclass(frozen=True)

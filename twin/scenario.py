@@ -13,6 +13,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from twin.scenario_base import Name, PoseSection, Section, Size3
 from twin.scenario_durations import DurationSection
+from twin.scenario_goals import GoalsSection
 from twin.scenario_pick_place import PickPlaceSection
 from twin.scenario_structure import StructureSection
 
@@ -237,7 +238,9 @@ class LegoSection(Section):
         return self
 
 
-AssemblySection = Annotated[LegoSection | PickPlaceSection, Field(discriminator="kind")]
+AssemblySection = Annotated[
+    LegoSection | PickPlaceSection | GoalsSection, Field(discriminator="kind")
+]
 """What is built; ``kind`` says which of them it is."""
 
 
@@ -250,12 +253,15 @@ class PlanningSection(Section):
         speed_rad_s: the speed of the ``l1`` model [rad/s].
         step_s: time between the waypoints of a path [s].
         attempts: transit searches, each longer than the one before, until the planner gives up.
+        coordination: ``sequential`` plans one task after another; ``synchronous`` turns that
+            into slots in which robots move at once.
     """
 
     speed_model: Literal["l1", "joint"] = "l1"
     speed_rad_s: Annotated[float, Field(gt=0)] = 1.0
     step_s: Annotated[float, Field(gt=0, le=10)] = 0.05
     attempts: Annotated[int, Field(ge=1, le=1000)] = 5
+    coordination: Literal["sequential", "synchronous"] = "sequential"
 
 
 class StallsSection(Section):
@@ -283,14 +289,15 @@ class ExecutionSection(Section):
 
     Attributes:
         policy: ``asynchronous`` releases a node as soon as what it waits for is complete;
-            ``sequential`` runs one task at a time.
+            ``sequential`` runs one task at a time; ``synchronous`` runs a plan made in slots
+            slot by slot.
         queue_depth: nodes that a robot may have been given ahead.
         latency_s: time from a completion to the release it causes [s].
         skills: duration models by skill; the packaged synthetic timings where not given.
         stalls: random standstills.
     """
 
-    policy: Literal["asynchronous", "sequential"] = "asynchronous"
+    policy: Literal["asynchronous", "sequential", "synchronous"] = "asynchronous"
     queue_depth: Annotated[int, Field(ge=1, le=100_000)] = 1
     latency_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
     skills: dict[Skill, DurationSection] = Field(default_factory=dict)
@@ -308,6 +315,18 @@ class Scenario(Section):
     assembly: AssemblySection
     planning: PlanningSection = PlanningSection()
     execution: ExecutionSection = ExecutionSection()
+
+    @model_validator(mode="after")
+    def _slots_to_execute(self) -> Scenario:
+        if (
+            self.execution.policy == "synchronous"
+            and self.planning.coordination != "synchronous"
+        ):
+            raise ValueError(
+                "policy 'synchronous' needs a plan in slots: set the planning's"
+                " coordination to 'synchronous'"
+            )
+        return self
 
 
 def resolved(scenario: Scenario) -> dict[str, Any]:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from twin.assemblies.kind import AssemblyKind
 from twin.scenario import LegoSection
+from twin.scenario_goals import GoalsSection
 from twin.scenario_pick_place import PickPlaceSection
 
 
-def assembly_kind(section: LegoSection | PickPlaceSection) -> AssemblyKind:
+def assembly_kind(
+    section: LegoSection | PickPlaceSection | GoalsSection,
+) -> AssemblyKind:
     """Return what the twin needs of the assembly that a section describes."""
     match section:
         case LegoSection():
@@ -18,3 +21,7 @@ def assembly_kind(section: LegoSection | PickPlaceSection) -> AssemblyKind:
             from twin.assemblies.pick_place import PickPlaceKind
 
             return PickPlaceKind(section)
+        case GoalsSection():
+            from twin.assemblies.goals import GoalsKind
+
+            return GoalsKind(section)

@@ -33,7 +33,7 @@ Plan = Annotated[
 ]
 PolicyName = Annotated[
     str | None,
-    typer.Option(help="asynchronous or sequential, in place of the scenario's."),
+    typer.Option(help="asynchronous, sequential or synchronous, in place of the scenario's."),
 ]
 Stalls = Annotated[
     int | None,

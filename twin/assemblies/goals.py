@@ -1,0 +1,95 @@
+"""Goals in the twin: from their section of a scenario to what planning works with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from planning.errors import ScenarioError
+from planning.robot_goals import RobotGoal
+from planning.transforms import readonly
+from planning.workcell import CellObject, Fixture, Workcell
+from twin.assemblies.kind import ASSIGNMENT, Prepared, Stages
+from twin.poses import build_transform
+from twin.scenario_goals import GoalsSection, MoveSection
+from twin.scenario_problems import Problem
+from twin.scenario_yaml import KeyPath, YamlDocument
+
+
+@dataclass(frozen=True)
+class GoalsKind:
+    """Goals of a scenario.
+
+    Attributes:
+        section: what the file says.
+    """
+
+    section: GoalsSection
+
+    def steps(self) -> int:
+        """Return the number of goals."""
+        return len(self.section.moves)
+
+    def supply(self) -> str:
+        """Return that nothing is built."""
+        return "no parts"
+
+    def names(self) -> Iterator[tuple[KeyPath, str]]:
+        """Return no names: there are no objects."""
+        return iter(())
+
+    def reserved(self, name: str) -> str | None:
+        """Return nothing: any name will do."""
+        return None
+
+    def problems(self, document: YamlDocument) -> list[Problem]:
+        """Return no problems; robots are looked up when the goals are prepared."""
+        return []
+
+    def fixtures(self) -> tuple[Fixture, ...]:
+        """Return no fixtures: they are all in the cell."""
+        return ()
+
+    def objects(self) -> tuple[CellObject, ...]:
+        """Return no objects."""
+        return ()
+
+    def prepare(self, cell: Workcell, stages: Stages) -> Prepared:
+        """Find the configurations of all goals."""
+        from planning.robot_goals import prepare_goals
+
+        goals = tuple(
+            _goal(cell, move, k) for k, move in enumerate(self.section.moves, start=1)
+        )
+        with stages.stage("assignment", ASSIGNMENT):
+            return Prepared(goals, prepare_goals(cell, goals))
+
+
+def _goal(cell: Workcell, move: MoveSection, number: int) -> RobotGoal:
+    robots = {robot.name: robot for robot in cell.robots}
+    if move.robot not in robots:
+        raise ScenarioError(
+            f"move {number}: no robot {move.robot!r}", choices=tuple(robots)
+        )
+    if move.to is not None:
+        frames = robots[move.robot].model.frames
+        if move.frame not in {*frames, "flange"}:
+            raise ScenarioError(
+                f"move {number}: robot {move.robot!r} has no frame {move.frame!r}",
+                choices=(*frames, "flange"),
+            )
+        return RobotGoal(
+            move.robot, pose=readonly(build_transform(move.to)), frame=move.frame
+        )
+    joints = move.to_rad_or_m
+    if move.to_deg is not None:
+        joints = tuple(np.deg2rad(move.to_deg).tolist())
+    assert joints is not None
+    dof = robots[move.robot].model.dof
+    if len(joints) != dof:
+        raise ScenarioError(
+            f"move {number}: robot {move.robot!r} has {dof} joints, not {len(joints)}"
+        )
+    return RobotGoal(move.robot, joints=readonly(joints))
