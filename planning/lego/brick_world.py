@@ -19,6 +19,7 @@ from planning.lego.structure import (
     Plate,
     Press,
     StockBrick,
+    Support,
 )
 from planning.transforms import Transform, readonly
 from planning.workcell import Attachment, CellObject, Workcell
@@ -170,10 +171,27 @@ class BrickWorld:
         ]
 
     def grasps(self, number: int) -> list[int]:
-        """Return the grips of a step: the prescribed one, or all there are."""
+        """Return the grips of a step to choose from, the prescribed one alone, or all."""
         step = self.step(number)
         kind = self.kind(step.brick)
         if step.press is None:
             return [grasp_number(press) for press in presses(kind)]
-        check_press(kind, step.press)
-        return [grasp_number(step.press)]
+        some = step.presses or (step.press,)
+        for press in some:
+            check_press(kind, press)
+        return [grasp_number(press) for press in some]
+
+    def supports(self, number: int) -> tuple[Support, ...]:
+        """Return the supports of a step to choose from, none where it needs none."""
+        step = self.step(number)
+        if step.support is None:
+            return ()
+        return step.supports or (step.support,)
+
+    def go_together(self, number: int, grasp: int, support: int) -> bool:
+        """Return whether a step bears a grip together with one of its supports.
+
+        Every grip goes with the first support, and every support with the first grip.
+        """
+        press = self.step(number).press
+        return support == 0 or press is None or grasp == grasp_number(press)

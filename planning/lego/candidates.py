@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from itertools import permutations
 
@@ -11,9 +12,10 @@ from planning.assignment_problem import (
     Rejection,
     SupportCandidate,
 )
+from planning.kinematics import inverse_kinematics
 from planning.lego.brick_world import BrickWorld, press_of
 from planning.lego.handover_options import HandoverOption, HandoverOptions
-from planning.lego.skill_options import SkillOption, SkillOptions
+from planning.lego.skill_options import SkillOption, SkillOptions, StandingSupport
 from planning.lego.structure import LegoAssembly
 from planning.skill_paths import Obstruction, SkillPath, joint_distance
 from planning.task_plan import StepChoice
@@ -46,14 +48,17 @@ class LegoCandidates:
 
     def place(self, choice: StepChoice) -> SkillPath:
         """Return the place of a choice, with its support robot standing by."""
-        beside = self.support(choice)
+        beside = None
+        if choice.support is not None:
+            beside = StandingSupport(choice.support.robot, choice.support.pose)
         return _path(self.skills.place(choice.robot, choice.step, choice.grasp, beside))
 
     def support(self, choice: StepChoice) -> SkillPath | None:
         """Return the support of a choice, None where there is none."""
         if choice.support is None:
             return None
-        return _path(self.skills.support(choice.support.robot, choice.step))
+        by = choice.support
+        return _path(self.skills.support(by.robot, choice.step, by.pose))
 
     def handover(self, choice: StepChoice) -> HandoverOption:
         """Return the handover of a place-up."""
@@ -66,7 +71,11 @@ class LegoCandidates:
 
 
 def find_candidates(
-    cell: Workcell, assembly: LegoAssembly, *, balance: float = 1.0
+    cell: Workcell,
+    assembly: LegoAssembly,
+    *,
+    balance: float = 1.0,
+    alternatives: int = 2,
 ) -> LegoCandidates:
     """Find every feasible way to do every step, with its cost.
 
@@ -81,13 +90,18 @@ def find_candidates(
         cell: its objects are the stock of the assembly.
         assembly: the structure and its steps.
         balance: see AssignmentProblem.
+        alternatives: for each robot and step, at most so many grips, and so many supports, become
+            candidates. Grips are tried in the order of their joint distance from HOME, supports
+            in that of the step, until enough work. The best plan may lie outside when a grip
+            that is far for the place is near for the pick.
 
     Raises:
         ScenarioError: a step cannot be understood.
     """
     world = BrickWorld(cell, assembly)
     skills = SkillOptions(world)
-    collector = _Collector(world, skills, HandoverOptions(world, skills))
+    handovers = HandoverOptions(world, skills)
+    collector = _Collector(world, skills, handovers, alternatives)
     for number in range(1, len(assembly.steps) + 1):
         if world.step(number).up:
             collector.add_up(number)
@@ -111,8 +125,13 @@ class _Collector:
     """Gathers candidates step by step."""
 
     def __init__(
-        self, world: BrickWorld, skills: SkillOptions, handovers: HandoverOptions
+        self,
+        world: BrickWorld,
+        skills: SkillOptions,
+        handovers: HandoverOptions,
+        alternatives: int,
     ) -> None:
+        self._most = alternatives
         self.world = world
         self.skills = skills
         self.handovers = handovers
@@ -127,7 +146,10 @@ class _Collector:
         """Add the candidates of a place-down."""
         supports = self._add_supports(step)
         for robot in self._names:
-            for grasp in self.world.grasps(step):
+            count = 0
+            for grasp in self._ordered_grasps(robot, step):
+                if count == self._most:
+                    break
                 place = self._place(robot, step, grasp, supports)
                 if place is None:
                     continue
@@ -135,13 +157,17 @@ class _Collector:
                 cost = self._cost(place.path)
                 for stock in self.world.usable_stock(step):
                     self._add_primary(step, robot, stock, grasp, place, cost)
+                count += len(self.primaries) > first
                 self._add_clashes(step, robot, grasp, supports, first)
 
     def add_up(self, step: int) -> None:
         """Add the candidates of a place-up: receiver, giver, brick and grip."""
         supports = self._add_supports(step)
         for receiver, giver in permutations(self._names, 2):
-            for grasp in self.world.grasps(step):
+            count = 0
+            for grasp in self._ordered_grasps(receiver, step):
+                if count == self._most:
+                    break
                 place = self._place(receiver, step, grasp, supports)
                 if place is None:
                     continue
@@ -158,40 +184,60 @@ class _Collector:
                 cost += joint_distance(self._home[receiver], handover.receive)
                 for stock in self.world.usable_stock(step):
                     self._add_primary(step, receiver, stock, grasp, place, cost, giver)
+                count += len(self.primaries) > first
                 self._add_clashes(step, receiver, grasp, supports, first)
 
-    def _add_supports(self, step: int) -> dict[int, SkillPath]:
-        """Add the support candidates of a step; return their paths by candidate index."""
-        work = self.world.step(step)
-        out: dict[int, SkillPath] = {}
-        if not work.up and work.support is None:
-            return out
-        for robot in self._names:
-            option = self.skills.support(robot, step)
-            if isinstance(option, Obstruction):
-                self._reject(step, f"{robot} supports", option)
-                continue
-            if option.after:
-                blocked = Obstruction(f"blocked by {', '.join(sorted(option.after))}")
-                self._reject(step, f"{robot} supports", blocked)
-                continue
-            out[len(self.supports)] = option.path
-            self.supports.append(
-                SupportCandidate(
-                    step, robot, option.path.support, self._cost(option.path)
-                )
+    def _ordered_grasps(self, robot: str, step: int) -> list[int]:
+        """Return the grips of a step, those whose place is near to HOME first."""
+        grasps = self.world.grasps(step)
+        if len(grasps) <= 1:
+            return grasps
+        placed = self.world.cell.robot(robot)
+
+        def away(grasp: int) -> float:
+            targets = self.skills.place_targets(robot, step, grasp)
+            goal = targets.subgoals[targets.detach_at or 0]
+            near = inverse_kinematics(
+                placed, goal.frame, goal.pose, placed.home, restarts=0
             )
+            return joint_distance(placed.home, near[0]) if near else math.inf
+
+        return sorted(grasps, key=away)
+
+    def _add_supports(self, step: int) -> dict[int, StandingSupport]:
+        """Add the support candidates of a step; return who stands where by candidate index."""
+        out: dict[int, StandingSupport] = {}
+        for robot in self._names:
+            count = 0
+            for choice in range(len(self.world.supports(step))):
+                if count == self._most:
+                    break
+                option = self.skills.support(robot, step, choice)
+                if isinstance(option, SkillOption) and option.after:
+                    names = ", ".join(sorted(option.after))
+                    option = Obstruction(f"blocked by {names}")
+                if isinstance(option, Obstruction):
+                    self._reject(step, f"{robot} supports", option)
+                    continue
+                count += 1
+                out[len(self.supports)] = StandingSupport(robot, choice)
+                cost = self._cost(option.path)
+                self.supports.append(SupportCandidate(step, robot, choice, cost))
         return out
 
     def _place(
-        self, robot: str, step: int, grasp: int, supports: dict[int, SkillPath]
+        self, robot: str, step: int, grasp: int, supports: dict[int, StandingSupport]
     ) -> SkillOption | None:
         """Return the cheapest place, alone or beside any of the supports."""
         words = f"{robot} places, {_grip(grasp)}"
-        work = self.world.step(step)
-        beside: list[SkillPath | None] = [None]
-        if work.up or work.support is not None:
-            beside = [path for path in supports.values() if path.robot != robot]
+        beside: list[StandingSupport | None] = [None]
+        if self.world.step(step).up or self.world.supports(step):
+            beside = [
+                item
+                for item in supports.values()
+                if item.robot != robot
+                and self.world.go_together(step, grasp, item.choice)
+            ]
             if not beside:
                 alone = Obstruction("no other robot can support it")
                 self._reject(step, words, alone)
@@ -245,23 +291,22 @@ class _Collector:
         step: int,
         robot: str,
         grasp: int,
-        supports: dict[int, SkillPath],
+        supports: dict[int, StandingSupport],
         first: int,
     ) -> None:
-        """Note which of the newest primary candidates collide with which supports."""
-        for index, path in supports.items():
-            if path.robot == robot:
+        """Note which of the newest primary candidates do not go with which supports."""
+        newest = range(first, len(self.primaries))
+        for index, item in supports.items():
+            if item.robot == robot or not newest:
                 continue
-            option = self.skills.place(robot, step, grasp, path)
+            if not self.world.go_together(step, grasp, item.choice):
+                self.incompatible += [(p, index) for p in newest]
+                continue
+            option = self.skills.place(robot, step, grasp, item)
             if isinstance(option, Obstruction):
-                self._reject(
-                    step,
-                    f"{robot} places beside {path.robot}, {_grip(grasp)}",
-                    option,
-                )
-                self.incompatible += [
-                    (p, index) for p in range(first, len(self.primaries))
-                ]
+                words = f"{robot} places beside {item.robot}, {_grip(grasp)}"
+                self._reject(step, words, option)
+                self.incompatible += [(p, index) for p in newest]
 
     def _cost(self, path: SkillPath) -> float:
         return joint_distance(self._home[path.robot], path.contact)

@@ -252,9 +252,10 @@ class _Expander:
         build.depend(held, placed)
         build.depend(placed, ways_back[0])
         self._home(robot)
-        assert self.work.support is not None
+        assert self.choice.support is not None
         bricks = {**self.others, self.brick: (self.work.cell, self.kind)}
-        touched = supporting(robot, self.work.support, bricks)
+        support = self.world.supports(self.choice.step)[self.choice.support.pose]
+        touched = supporting(robot, support, bricks)
         build.allow(touched, held, *ways_back)
         # What the placing robot brings touches the standing tool as well.
         build.allow(touched & gripped(robot, self.brick), placed)

@@ -22,6 +22,7 @@ from planning.lego.brick_world import (
     BrickWorld,
     Placed,
     goal_name,
+    grasp_number,
     press_of,
 )
 from planning.lego.grips import grip_pose
@@ -68,6 +69,19 @@ class SkillOption:
     latest: int | None = None
 
 
+@dataclass(frozen=True)
+class StandingSupport:
+    """A robot that stands supporting.
+
+    Attributes:
+        robot: who.
+        choice: which of the supports of the step.
+    """
+
+    robot: str
+    choice: int = 0
+
+
 class SkillOptions:
     """Finds picks, places and supports; each is worked out at most once.
 
@@ -87,7 +101,7 @@ class SkillOptions:
         return self._known[key]
 
     def place(
-        self, robot: str, step: int, grasp: int, beside: SkillPath | None = None
+        self, robot: str, step: int, grasp: int, beside: StandingSupport | None = None
     ) -> SkillOption | Obstruction:
         """Return how a robot places the brick of a step, down or up.
 
@@ -95,23 +109,30 @@ class SkillOptions:
             robot: who places.
             step: counted from 1.
             grasp: number of the grip.
-            beside: support of another robot, which stands supporting meanwhile; None for HOME.
+            beside: another robot that stands supporting meanwhile; None when it is at HOME.
         """
-        who = (beside.robot, beside.support) if beside else None
-        key = ("place", robot, step, grasp, who)
+        key = ("place", robot, step, grasp, beside)
         if key not in self._known:
             self._known[key] = self._place(robot, step, grasp, beside)
         return self._known[key]
 
-    def support(self, robot: str, step: int) -> SkillOption | Obstruction:
+    def support(
+        self, robot: str, step: int, choice: int = 0
+    ) -> SkillOption | Obstruction:
         """Return how a robot supports a step, from the first pre-pose that works.
+
+        Args:
+            robot: who supports.
+            step: counted from 1.
+            choice: which of the supports of the step, see ``BrickWorld.supports``.
 
         Where bricks beside the pre-pose are too near for a transit to end there, the skill
         starts further back along the tool.
         """
-        key = ("support", robot, step)
+        key = ("support", robot, step, choice)
         if key not in self._known:
-            self._known[key] = self._support(self.world.cell.robot(robot), step)
+            placed = self.world.cell.robot(robot)
+            self._known[key] = self._support(placed, step, choice)
         return self._known[key]
 
     def _pick(
@@ -155,8 +176,17 @@ class SkillOptions:
         item, at = self.world.stock_at_rest[stock]
         return replace(item, name=f"the next brick of {stock}"), at
 
-    def place_targets(self, robot: str, step: int, grasp: int) -> SkillTargets:
-        """Return the subgoals of placing the brick of a step."""
+    def place_targets(
+        self, robot: str, step: int, grasp: int, attack: int | None = None
+    ) -> SkillTargets:
+        """Return the subgoals of placing the brick of a step.
+
+        Args:
+            robot: who places.
+            step: counted from 1.
+            grasp: number of the grip.
+            attack: sign of the sideways offset of the approach, the step's own when None.
+        """
         world = self.world
         work = world.step(step)
         frames = world.cell.robot(robot).model.frames
@@ -170,7 +200,7 @@ class SkillOptions:
             return place_up_targets(
                 frames,
                 contact,
-                attack=work.attack,
+                attack=attack or work.attack,
                 twist=world.assembly.twist["place-up"],
             )
         return place_down_targets(
@@ -178,7 +208,7 @@ class SkillOptions:
             kind,
             top,
             press,
-            attack=work.attack,
+            attack=attack or work.attack,
             twist=world.assembly.twist["place-down"],
         )
 
@@ -206,7 +236,7 @@ class SkillOptions:
         }
 
     def _place(
-        self, robot: str, step: int, grasp: int, beside: SkillPath | None
+        self, robot: str, step: int, grasp: int, beside: StandingSupport | None
     ) -> SkillOption | Obstruction:
         world = self.world
         name = goal_name(step)
@@ -220,8 +250,10 @@ class SkillOptions:
         touching |= grounded(name, at_goal.pose, world.cell.fixtures)
         standing = dict(self.home)
         if beside is not None:
-            standing[beside.robot] = beside.path[-1]
-            touching |= self.supported(beside.robot, step)
+            held = self.support(beside.robot, step, beside.choice)
+            assert isinstance(held, SkillOption), held
+            standing[beside.robot] = held.path.path[-1]
+            touching |= self.supported(beside.robot, step, beside.choice)
         scene = SkillScene(
             world.cell,
             {
@@ -232,26 +264,40 @@ class SkillOptions:
             SkillContacts(grip, touching, NOTHING),
             (name, at_goal),
         )
-        targets = self.place_targets(robot, step, grasp)
-        return self._resolve(world.cell.robot(robot), targets, scene, world.loose_stock)
+        attacks = [work.attack]
+        if grasp_number(work.press or press_of(grasp)) != grasp or not work.press:
+            attacks.append(-work.attack)  # that of the step belongs to its own press
+        reason: Obstruction | None = None
+        for attack in attacks:
+            targets = self.place_targets(robot, step, grasp, attack)
+            option = self._resolve(
+                world.cell.robot(robot), targets, scene, world.loose_stock
+            )
+            if isinstance(option, SkillOption):
+                return option
+            reason = reason or option
+        assert reason is not None
+        return reason
 
-    def supported(self, robot: str, step: int) -> frozenset[frozenset[str]]:
+    def supported(
+        self, robot: str, step: int, choice: int = 0
+    ) -> frozenset[frozenset[str]]:
         """Return what a supporting tool may touch, the brick of the step included."""
         world = self.world
-        work = world.step(step)
-        assert work.support is not None
         bricks = {**world.cells_during(step), **world.goal_cells([step])}
-        return supporting(robot, work.support, bricks)
+        return supporting(robot, world.supports(step)[choice], bricks)
 
-    def _support(self, robot: PlacedRobot, step: int) -> SkillOption | Obstruction:
+    def _support(
+        self, robot: PlacedRobot, step: int, choice: int
+    ) -> SkillOption | Obstruction:
         world = self.world
         work = world.step(step)
-        if work.support is None:
+        if not world.supports(step):
             return Obstruction("the step does not say where to support")
         plate = world.assembly.plate
         find = support_top_targets if work.up else support_bottom_targets
-        targets = find(plate, work.support)
-        held = self.supported(robot.name, step)
+        targets = find(plate, world.supports(step)[choice])
+        held = self.supported(robot.name, step, choice)
         scene = SkillScene(
             world.cell,
             self.around(step),

@@ -16,7 +16,7 @@ from planning.kinematics import frame_pose
 from planning.lego.brick_world import grasp_number, press_of
 from planning.lego.candidates import LegoCandidates, find_candidates
 from planning.lego.grips import grip_pose, presses
-from planning.lego.skill_options import SkillOption
+from planning.lego.skill_options import SkillOption, StandingSupport
 from planning.lego.structure import Cell, LegoStep, Press, StockBrick
 from planning.skill_paths import Obstruction, SkillPath
 from planning.task_plan import plan_violations
@@ -73,7 +73,9 @@ def test_costs_are_joint_distances_from_home(found: LegoCandidates) -> None:
             continue
         support = found.skills.support(other[item.robot], item.step)
         assert isinstance(support, SkillOption)
-        place = found.skills.place(item.robot, item.step, item.grasp, support.path)
+        place = found.skills.place(
+            item.robot, item.step, item.grasp, StandingSupport(other[item.robot])
+        )
         assert isinstance(place, SkillOption)
         pick = found.skills.pick(item.robot, item.object, item.grasp)
         assert isinstance(pick, SkillOption)
@@ -111,9 +113,12 @@ def test_postures_stay_within_limits_and_do_not_flip(found: LegoCandidates) -> N
 
 def test_all_grips_are_tried_where_none_is_prescribed() -> None:
     steps = (replace(STEPS[0], press=None), *STEPS[1:])
-    found = find_candidates(*overhang(steps=steps))
+    found = find_candidates(*overhang(steps=steps), alternatives=28)
     tried = {c.grasp for c in found.problem.primaries if c.step == 1}
     assert len(tried) > 2
+    some = find_candidates(*overhang(steps=steps), alternatives=2)
+    kept = {c.grasp for c in some.problem.primaries if c.step == 1}
+    assert kept < tried
     assert tried <= {grasp_number(p) for p in presses(found.world.kind(STEPS[0].brick))}
     assert {press_of(grasp_number(p)) for p in (Press(1, 0), Press(4, 6))} == {
         Press(1, 0),
@@ -153,12 +158,15 @@ def test_an_arm_that_stands_in_the_way_is_an_obstruction() -> None:
     support = found.skills.support("left", 1)
     assert isinstance(support, SkillOption)
     grasp = grasp_number(Press(1, 0))
-    beside = found.skills.place("right", 1, grasp, support.path)
+    beside = found.skills.place("right", 1, grasp, StandingSupport("left"))
     assert isinstance(beside, SkillOption)
     own = found.skills.place("left", 1, grasp)
     assert isinstance(own, SkillOption)
-    stuck = replace(support.path, path=own.path.path[1:2], support=99)
-    blocked = found.skills.place("right", 1, grasp, stuck)
+    stuck = replace(support.path, path=own.path.path[1:2])
+    known = found.skills._known
+    known["support", "left", 1, 0] = replace(support, path=stuck)
+    del known["place", "right", 1, grasp, StandingSupport("left")]
+    blocked = found.skills.place("right", 1, grasp, StandingSupport("left"))
     assert isinstance(blocked, Obstruction)
     assert blocked.by is not None
     assert blocked.by.startswith("left/")
