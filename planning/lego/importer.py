@@ -50,7 +50,8 @@ def import_apex_mr(
         task: name of the task, such as ``"cliff"``.
         prescribed_stock: take the stock brick of each step as published, from
             ``steps/<task>_seq.json`` where there is one, instead of leaving it to the planner.
-        note: called with a line for every key that says nothing to us.
+        note: called with a line for everything that is not taken over: keys that say nothing
+            to us, prescribed bricks that the stock no longer has to give.
 
     Returns:
         A scenario as plain dictionaries, lists, strings and numbers, in the shape of a
@@ -74,8 +75,7 @@ def import_apex_mr(
     chosen = folder / "steps" / f"{task}_seq.json"
     if prescribed_stock and chosen.exists():
         sequence = chosen
-    known = tuple(str(item["name"]) for item in stock)
-    steps = published_steps(sequence, names, known if prescribed_stock else None, notes)
+    steps = published_steps(sequence, names, stock if prescribed_stock else None, notes)
     bricks = published_bricks(library, names, notes)
     for line in notes.lines():
         note(line)

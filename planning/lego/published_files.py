@@ -65,10 +65,15 @@ class Record:
 
 
 class Notes:
-    """Keys of published files that say nothing to us, counted."""
+    """What published files say that is not taken over: unknown keys, counted, and the rest."""
 
     def __init__(self) -> None:
         self._unused: Counter[tuple[Path, str]] = Counter()
+        self._others: list[str] = []
+
+    def add(self, text: str) -> None:
+        """Note something in words."""
+        self._others.append(text)
 
     def unused(self, record: Record, known: frozenset[str]) -> None:
         """Note the keys of a record that are not among the known ones."""
@@ -80,10 +85,11 @@ class Notes:
 
     def lines(self) -> tuple[str, ...]:
         """Return what was noted in words, in the order in which it was met."""
-        return tuple(
+        unused = (
             f"{path}: {key!r} is not used" + (f", {n} times" if n > 1 else "")
             for (path, key), n in self._unused.items()
         )
+        return (*unused, *self._others)
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -101,14 +101,20 @@ def published_stock(
 
 
 def published_steps(
-    path: Path, names: Mapping[str, str], stock: tuple[str, ...] | None, notes: Notes
+    path: Path,
+    names: Mapping[str, str],
+    stock: Sequence[Mapping[str, Any]] | None,
+    notes: Notes,
 ) -> list[dict[str, Any]]:
     """Return the entries of the steps, in order.
+
+    Published numbers of stock bricks can be older than the stock: one that is scaffolding now,
+    or taken by an earlier step, is not taken over.
 
     Args:
         path: of the task, or of the sequence that was chosen for it.
         names: of the brick types.
-        stock: names of the stock when steps prescribe it, None when they do not.
+        stock: entries of the stock when steps prescribe it, None when they do not.
         notes: takes what is not used.
     """
     file = read_json(path)
@@ -123,6 +129,7 @@ def published_steps(
         last = max(1, len(expected))
         raise ScenarioError(f"{path}: steps must be numbered 1 to {last}")
     out = []
+    used: set[str] = set()
     for key in expected:
         step = file.child(key)
         notes.unused(step, _STEP_KEYS)
@@ -133,7 +140,14 @@ def published_steps(
             **_ways(step),
         }
         if stock is not None and step.content.get("brick_seq") not in (None, "", NONE):
-            entry["stock"] = _prescribed(step, brick_id, stock)
+            source = _prescribed(step, brick_id, stock)
+            if source.get("fixed") or source["name"] in used:
+                why = "scaffolding" if source.get("fixed") else "taken already"
+                notes.add(f"{step.where('brick_seq')}: {source['name']} is {why}")
+            else:
+                entry["stock"] = source["name"]
+                if not source.get("station"):
+                    used.add(source["name"])
         out.append(entry)
     return out
 
@@ -160,17 +174,23 @@ def _ways(step: Record) -> dict[str, Any]:
     return entry
 
 
-def _prescribed(step: Record, brick_id: str, stock: tuple[str, ...]) -> str:
+def _prescribed(
+    step: Record, brick_id: str, stock: Sequence[Mapping[str, Any]]
+) -> Mapping[str, Any]:
     # A station's brick is published as "station2.17": the station and the step it is for.
     sequence = str(step.content["brick_seq"]).split(".")[0]
     name = f"b{brick_id}_{sequence}"
-    if name not in stock:
-        alike = tuple(n for n in stock if n.startswith(f"b{brick_id}_"))
-        raise ScenarioError(
-            f"{step.where('brick_seq')}: there is no stock brick {name!r}",
-            choices=alike,
-        )
-    return name
+    for item in stock:
+        if item["name"] == name:
+            return item
+    raise ScenarioError(
+        f"{step.where('brick_seq')}: there is no stock brick {name!r}",
+        choices=tuple(
+            str(item["name"])
+            for item in stock
+            if str(item["name"]).startswith(f"b{brick_id}_")
+        ),
+    )
 
 
 def _name(file: Record, key: str, brick_id: str, names: Mapping[str, str]) -> str:

@@ -332,6 +332,38 @@ def test_minus_one_stands_for_nothing(folder: Path) -> None:
     assert step == {"brick": "2x4", "at": [4, 5, 1]}
 
 
+def test_prescriptions_older_than_the_stock_are_left_to_the_planner(
+    folder: Path,
+) -> None:
+    """Some published tasks number bricks that are scaffolding now, or one brick twice."""
+    numbers = [2, 1, 1, "station2.4", "station2.5"]
+    work = {
+        str(k): {
+            **STEP,
+            "press_offset": 0,
+            "brick_id": 9 if k > 3 else 2,
+            "brick_seq": n,
+        }
+        for k, n in enumerate(numbers, start=1)
+    }
+    write(folder / TASK, work)
+    heard: list[str] = []
+    steps = import_apex_mr(folder, "shed", prescribed_stock=True, note=heard.append)[
+        "assembly"
+    ]["steps"]
+    assert [step.get("stock") for step in steps] == [
+        None,
+        "b2_1",
+        None,
+        "b9_station2",
+        "b9_station2",
+    ]
+    assert [line.split(": ", 1)[1] for line in heard] == [
+        "1.brick_seq: b2_2 is scaffolding",
+        "3.brick_seq: b2_1 is taken already",
+    ]
+
+
 def test_unknown_keys_are_tolerated_and_noted(folder: Path) -> None:
     edit(folder / TASK, ("1", "colour"), "red")
     edit(folder / TASK, ("2", "colour"), "blue")

@@ -83,7 +83,9 @@ def steps(draw: st.DrawFn, number: int) -> tuple[dict[str, Any], bool]:
 def tasks(draw: st.DrawFn) -> dict[str, Any]:
     """Draw the content of all files of a task."""
     count = draw(st.integers(1, 6))
-    work, stock, prescribe = {}, {}, draw(st.booleans())
+    work: dict[str, Any] = {}
+    stock: dict[str, Any] = {}
+    prescribe = draw(st.booleans())
     for number in range(1, count + 1):
         step, fed = draw(steps(number))
         kind = step["brick_id"]
