@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from itertools import pairwise
 
 import numpy as np
@@ -92,6 +93,15 @@ class Obstruction:
     by: str | None = None
 
 
+class Phase(Enum):
+    """A part of a skill in which who may touch whom, and where things are, stays the same."""
+
+    BEFORE = "before"
+    UNTIL_CHANGE = "until the object changes hands"
+    SINCE_CHANGE = "since the object changed hands"
+    AFTER = "after"
+
+
 @dataclass(frozen=True)
 class SkillScene:
     """What stands around a robot while it does a skill.
@@ -150,6 +160,20 @@ class SkillScene:
             keep.add(self.handed[0])
         return replace(self, objects={k: self.objects[k] for k in names if k in keep})
 
+    def phase_checker(self, robot: str, phase: Phase) -> SceneChecker:
+        """Return the collision checker of a robot in a phase of the skill."""
+        if phase is Phase.BEFORE:
+            return self.checker(robot, self.contacts.before)
+        if phase is Phase.UNTIL_CHANGE:
+            return self.checker(robot, self.contacts.during)
+        if phase is Phase.SINCE_CHANGE:
+            return self.checker(robot, self.contacts.during, handed_over=True)
+        scene = self
+        if self.refill is not None:
+            item = self.refill[0]
+            scene = replace(self, objects={**self.objects, item.name: self.refill})
+        return scene.checker(robot, self.contacts.after, handed_over=True)
+
     def checker(
         self, robot: str, allowed: Pairs, *, handed_over: bool = False
     ) -> SceneChecker:
@@ -170,25 +194,32 @@ def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:
     Checked are the goals of the transits before it, every stretch of its reference path, and
     its last configuration, from which the next transit starts.
     """
-    scene = scene.near(path)
-    contacts = scene.contacts
+    near = scene.near(path)
+    return check_skill(path, lambda phase: near.phase_checker(path.robot, phase))
+
+
+def check_skill(
+    path: SkillPath, checker_of: Callable[[Phase], SceneChecker]
+) -> Obstruction | None:
+    """Return what ``find_obstruction`` does, in a scene that is given by its checkers.
+
+    Args:
+        path: of the skill.
+        checker_of: returns the collision checker of the robot in a phase of the skill.
+    """
     waypoints = path.waypoints
     change = len(waypoints) if path.change_at is None else path.change_at
-    checker = scene.checker(path.robot, contacts.before)
+    checker = checker_of(Phase.BEFORE)
     for q in path.lead:
         if found := _at(checker, q, "before"):
             return found
-    checker = scene.checker(path.robot, contacts.during)
+    checker = checker_of(Phase.UNTIL_CHANGE)
     for k in range(len(waypoints) - 1):
         if k == change:
-            checker = scene.checker(path.robot, contacts.during, handed_over=True)
+            checker = checker_of(Phase.SINCE_CHANGE)
         if not checker.motion_free(waypoints[k], waypoints[k + 1]):
             return _on_the_way(checker, waypoints[k], waypoints[k + 1])
-    if scene.refill is not None:
-        item = scene.refill[0]
-        scene = replace(scene, objects={**scene.objects, item.name: scene.refill})
-    checker = scene.checker(path.robot, contacts.after, handed_over=True)
-    return _at(checker, waypoints[-1], "after")
+    return _at(checker_of(Phase.AFTER), waypoints[-1], "after")
 
 
 def resolve_skill(

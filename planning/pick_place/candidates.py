@@ -8,23 +8,25 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planning.assignment_problem import AssignmentProblem, PrimaryCandidate, Rejection
-from planning.geometry.scene import entity
+from planning.geometry.scene import SceneChecker, entity
 from planning.pick_place.part_world import PartWorld
 from planning.pick_place.structure import PickPlaceAssembly
 from planning.pick_place.targets import pick_targets, place_targets
+from planning.sequential import MARGIN
 from planning.skill_paths import (
     Obstruction,
     Pairs,
+    Phase,
     SkillContacts,
     SkillPath,
-    SkillScene,
-    find_obstruction,
+    check_skill,
     joint_distance,
     resolve_skill,
 )
+from planning.skill_targets import SkillTargets
 from planning.task_plan import StepChoice
 from planning.transforms import Array, Transform, inverse, readonly
-from planning.workcell import Attachment, PlacedRobot, Workcell
+from planning.workcell import Attachment, PlacedRobot, Workcell, WorldState
 
 MOST_OVERLAP = 0.002
 """Deepest that a goal may be in what it touches: rounding of poses in files [m]."""
@@ -115,107 +117,134 @@ def touching(part: str, others: Mapping[str, float]) -> Pairs:
 
 
 class _Search:
-    """Works out the paths of one step and robot after another."""
+    """Gathers candidates of one step and robot after another."""
 
     def __init__(self, world: PartWorld) -> None:
         self.world = world
         self.primaries: list[PrimaryCandidate] = []
         self.rejections: list[Rejection] = []
         self.paths: dict[tuple[int, str, int], tuple[SkillPath, SkillPath]] = {}
-        self._home: dict[str, Array] = {r.name: r.home for r in world.cell.robots}
 
     def add(self, step: int, robot: PlacedRobot) -> None:
         """Add the candidates of a step for one robot."""
-        part = self.world.part(step)
-        grips = self.world.grips(step)
+        part, grips = self.world.part(step), self.world.grips(step)
         if not grips:
             self._reject(
                 step,
                 f"{robot.name} grips {part.name}",
                 Obstruction("no face can be gripped both at its start and at its goal"),
             )
+        options = _GripOptions(self.world, step, robot)
         for number, grip in enumerate(grips):
-            place = self._place(step, robot, grip.pose)
+            place = options.place(grip.pose)
             if isinstance(place, Obstruction):
                 self._reject(step, f"{robot.name} places, {grip.words}", place)
                 continue
-            pick = self._pick(step, robot, grip.pose)
+            pick = options.pick(grip.pose)
             if isinstance(pick, Obstruction):
                 self._reject(step, f"{robot.name} picks, {grip.words}", pick)
                 continue
-            at_home = self._at_home(step, robot, grip.pose)
+            at_home = options.at_home(grip.pose)
             if at_home is not None:
                 self._reject(step, f"{robot.name} at HOME, {grip.words}", at_home)
                 continue
             self.paths[step, robot.name, number] = (pick, place)
-            cost = self._cost(pick) + self._cost(place)
+            cost = sum(joint_distance(robot.home, p.contact) for p in (pick, place))
             self.primaries.append(
                 PrimaryCandidate(step, robot.name, part.name, number, cost)
             )
 
-    def _pick(
-        self, step: int, robot: PlacedRobot, grip: Transform
-    ) -> SkillPath | Obstruction:
-        assembly, part = self.world.assembly, self.world.part(step)
-        held = gripped(robot.name, part.name)
-        scene = SkillScene(
-            self.world.cell,
-            {
-                **self.world.around(step),
-                part.name: (part, Attachment(None, part.start)),
-            },
-            self._home,
-            SkillContacts(
-                _NOTHING, held | touching(part.name, self.world.at_start(step)), held
-            ),
-            (part.name, self._in_hand(robot, grip)),
-        )
-        targets = pick_targets(
-            assembly.grips.frame, part.start @ grip, assembly.approach, assembly.leave
-        )
-        return resolve_skill(robot, targets, lambda p: find_obstruction(p, scene))
-
-    def _place(
-        self, step: int, robot: PlacedRobot, grip: Transform
-    ) -> SkillPath | Obstruction:
-        assembly, part = self.world.assembly, self.world.part(step)
-        goal = self.world.goal(step)
-        held = gripped(robot.name, part.name)
-        scene = SkillScene(
-            self.world.cell,
-            {**self.world.around(step), part.name: (part, self._in_hand(robot, grip))},
-            self._home,
-            SkillContacts(
-                held, held | touching(part.name, self.world.at_goal(step)), _NOTHING
-            ),
-            (part.name, Attachment(None, goal)),
-        )
-        targets = place_targets(
-            assembly.grips.frame, goal @ grip, assembly.approach, assembly.leave
-        )
-        return resolve_skill(robot, targets, lambda p: find_obstruction(p, scene))
-
-    def _at_home(
-        self, step: int, robot: PlacedRobot, grip: Transform
-    ) -> Obstruction | None:
-        """Return what is in the way of standing at HOME with the part."""
-        part = self.world.part(step)
-        scene = SkillScene(
-            self.world.cell,
-            {**self.world.around(step), part.name: (part, self._in_hand(robot, grip))},
-            self._home,
-            SkillContacts(_NOTHING, _NOTHING, _NOTHING),
-        )
-        checker = scene.checker(robot.name, gripped(robot.name, part.name))
-        contact = checker.contact(robot.home)
-        return None if contact is None else Obstruction(str(contact))
-
-    def _in_hand(self, robot: PlacedRobot, grip: Transform) -> Attachment:
-        frame = self.world.assembly.grips.frame
-        return Attachment(robot.name, held_pose(robot, frame, grip))
-
-    def _cost(self, path: SkillPath) -> float:
-        return joint_distance(self._home[path.robot], path.contact)
-
     def _reject(self, step: int, what: str, reason: Obstruction) -> None:
         self.rejections.append(Rejection(step, what, reason.words))
+
+
+class _GripOptions:
+    """How one robot does one step with each of its grips.
+
+    Most grips are checked in the same few scenes: each collision checker is made once.
+    """
+
+    def __init__(self, world: PartWorld, step: int, robot: PlacedRobot) -> None:
+        self.world = world
+        self.robot = robot
+        self.part = world.part(step)
+        self.goal = world.goal(step)
+        self.held = gripped(robot.name, self.part.name)
+        self._at_start = touching(self.part.name, world.at_start(step))
+        self._at_goal = touching(self.part.name, world.at_goal(step))
+        self._attachments = {
+            name: attachment for name, (_, attachment) in world.around(step).items()
+        }
+        self._home: dict[str, Array] = {r.name: r.home for r in world.cell.robots}
+        self._checkers: dict[tuple[bytes, Pairs], SceneChecker] = {}
+
+    def pick(self, grip: Transform) -> SkillPath | Obstruction:
+        """Return how the part is picked."""
+        assembly = self.world.assembly
+        targets = pick_targets(
+            assembly.grips.frame,
+            self.part.start @ grip,
+            assembly.approach,
+            assembly.leave,
+        )
+        contacts = SkillContacts(_NOTHING, self.held | self._at_start, self.held)
+        lying = Attachment(None, self.part.start)
+        return self._resolve(targets, contacts, lying, self._in_hand(grip))
+
+    def place(self, grip: Transform) -> SkillPath | Obstruction:
+        """Return how the part is put in its place."""
+        assembly = self.world.assembly
+        targets = place_targets(
+            assembly.grips.frame, self.goal @ grip, assembly.approach, assembly.leave
+        )
+        contacts = SkillContacts(self.held, self.held | self._at_goal, _NOTHING)
+        lying = Attachment(None, self.goal)
+        return self._resolve(targets, contacts, self._in_hand(grip), lying)
+
+    def at_home(self, grip: Transform) -> Obstruction | None:
+        """Return what is in the way of standing at HOME with the part."""
+        checker = self._checker(self._in_hand(grip), self.held)
+        contact = checker.contact(self.robot.home)
+        return None if contact is None else Obstruction(str(contact))
+
+    def _resolve(
+        self,
+        targets: SkillTargets,
+        contacts: SkillContacts,
+        before: Attachment,
+        after: Attachment,
+    ) -> SkillPath | Obstruction:
+        """Return a skill, given where the part is before and after it changes hands."""
+
+        def checker_of(phase: Phase) -> SceneChecker:
+            match phase:
+                case Phase.BEFORE:
+                    return self._checker(before, contacts.before)
+                case Phase.UNTIL_CHANGE:
+                    return self._checker(before, contacts.during)
+                case Phase.SINCE_CHANGE:
+                    return self._checker(after, contacts.during)
+                case Phase.AFTER:
+                    return self._checker(after, contacts.after)
+
+        return resolve_skill(
+            self.robot, targets, lambda path: check_skill(path, checker_of)
+        )
+
+    def _checker(self, part: Attachment, allowed: Pairs) -> SceneChecker:
+        """Return the checker of a scene with the part where it is given."""
+        key = (part.pose.tobytes(), allowed)
+        if key not in self._checkers:
+            attachments = {**self._attachments, self.part.name: part}
+            self._checkers[key] = SceneChecker(
+                self.world.cell,
+                self.robot.name,
+                WorldState(self._home, attachments),
+                allowed,
+                margin=MARGIN,
+            )
+        return self._checkers[key]
+
+    def _in_hand(self, grip: Transform) -> Attachment:
+        frame = self.world.assembly.grips.frame
+        return Attachment(self.robot.name, held_pose(self.robot, frame, grip))
