@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.errors import TransitError
+from planning.full_turns import take_near_turns
 from planning.geometry.scene import SceneChecker
 from planning.motion_plan import MotionPlan, TaskMotion
 from planning.speed import SpeedModel, sample_path
@@ -80,19 +81,21 @@ def plan_sequential(
     now = _Progress(start_state(cell), {}, 0.0)
     steps: list[StepTasks] = []
     motions: list[TaskMotion] = []
+    reached: dict[str, Array] = {}
     for number, expand in enumerate(expansions):
         first_failure: TransitError | None = None
         for expansion in expand(len(motions)):
+            turned, then_reached = take_near_turns(cell, expansion, reached)
             try:
-                here = cell_with_steps(cell, [expansion])
-                done, after = _plan_step(here, expansion, now, settings)
+                here = cell_with_steps(cell, [turned])
+                done, after = _plan_step(here, turned, now, settings)
             except TransitError as failure:
                 first_failure = first_failure or failure
                 continue
             cell = here
-            steps.append(expansion)
+            steps.append(turned)
             motions.extend(done)
-            now = after
+            now, reached = after, then_reached
             break
         else:
             raise first_failure or TransitError(f"step {number + 1} has no expansion")
