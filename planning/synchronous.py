@@ -242,7 +242,8 @@ class _Planner:
                 index in self.handles and conflicts.left_behind(index, other)
             ):
                 return f"it would block task {other}"
-        if any(conflicts.sweeps(index, other) for other in slot.motions):
+        # Who moves in lock step has left its sequential path, which is all that is known.
+        if slot.joint or any(conflicts.sweeps(index, other) for other in slot.motions):
             return self._move_together(slot, index)
         motion = self.motions[index]
         slot.motions[index] = TaskMotion(motion.path, motion.time - motion.time[0])
