@@ -43,34 +43,35 @@ def box_grips(
         start, goal: poses of the box centre in the world.
         rules: which grips are tried.
     """
-    out: list[Grip] = []
-    for offset, tilt, (face, sign, closing, turned) in product(
-        _offsets(size, rules), rules.tilts, _holds(size, rules)
-    ):
-        rotation = _tool_axes(face, sign, closing, turned) @ _about_y(tilt)
-        if not all(_points_well(rotation, pose, rules) for pose in (start, goal)):
-            continue
-        pose = np.eye(4)
-        pose[:3, :3] = rotation
-        pose[int(np.argmax(size)), 3] = offset
-        # From the middle towards the face that the tool comes from.
-        pose[face, 3] += sign * max(0.0, 0.5 * size[face] - rules.depth)
-        side = f"{'+' if sign > 0 else '-'}{_AXES[face]}"
-        words = f"grip {offset * 1e3:+.0f} mm from {side}"
-        words += " turned" if turned else ""
-        words += f", leaning {np.degrees(tilt):+.0f} deg" if tilt else ""
-        if not any(np.allclose(pose, known.pose, atol=1e-9) for known in out):
-            out.append(Grip(readonly(pose), words))
-    return out
+    longest = int(np.argmax(size))
+    out: list[tuple[float, Grip]] = []
+    for face, sign, closing, turned in _holds(size, rules):
+        along = 3 - face - closing
+        for offset, tilt in product(
+            _offsets(size, rules) if along == longest else [0.0],
+            dict.fromkeys(rules.tilts),
+        ):
+            pose = np.eye(4)
+            pose[:3, :3] = _tool_axes(face, sign, closing, turned) @ _about_y(tilt)
+            if not all(_points_well(pose, box, rules) for box in (start, goal)):
+                continue
+            pose[along, 3] = offset
+            # From the middle towards the face that the tool comes from.
+            pose[face, 3] = sign * max(0.0, 0.5 * size[face] - rules.depth)
+            side = f"{'+' if sign > 0 else '-'}{_AXES[face]}"
+            words = f"grip {offset * 1e3:+.0f} mm from {side}"
+            words += " turned" if turned else ""
+            words += f" leaning {np.degrees(tilt):+.0f} deg" if tilt else ""
+            out.append((abs(offset), Grip(readonly(pose), words)))
+    return [grip for _, grip in sorted(out, key=lambda entry: round(entry[0], 9))]
 
 
 def _offsets(size: Array, rules: GripRules) -> list[float]:
-    """Return the places along the longest edge, the middle first [m]."""
+    """Return the places along the longest edge [m]."""
     reach = max(0.0, 0.5 * float(size.max()) - rules.end_margin)
     if rules.positions == 1 or reach == 0.0:
         return [0.0]
-    places = np.linspace(-reach, reach, rules.positions).tolist()
-    return sorted(places, key=lambda at: (round(abs(at), 9), at))
+    return [float(at) for at in np.linspace(-reach, reach, rules.positions)]
 
 
 def _holds(size: Array, rules: GripRules) -> Iterator[tuple[int, int, int, bool]]:
@@ -93,8 +94,8 @@ def _about_y(angle: float) -> Array:
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
-def _points_well(rotation: Array, box: Transform, rules: GripRules) -> bool:
+def _points_well(grip: Transform, box: Transform, rules: GripRules) -> bool:
     """Return whether the tool points along one of the wanted directions."""
-    pointing = box[:3, :3] @ rotation[:, 2]
+    pointing = box[:3, :3] @ grip[:3, 2]
     nearest = max(float(np.dot(pointing, wanted)) for wanted in rules.directions)
     return nearest >= math.cos(rules.steepest) - 1e-9
