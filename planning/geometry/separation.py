@@ -81,7 +81,9 @@ def hull_table(
         placed_capsules(body, item.local)
         for item, body in zip(solids, bodies, strict=True)
     ]
-    starts, ends = [p[0] for p in placed], [p[1] for p in placed]
+    # There may be no bodies at all: a robot alone in an empty cell.
+    none = np.empty((0, 3))
+    starts, ends = [none, *(p[0] for p in placed)], [none, *(p[1] for p in placed)]
     corners = [
         s.vertices
         if s.carrier is not None
@@ -97,12 +99,12 @@ def hull_table(
             [AT_REST if s.carrier is None else s.joint for s in solids], dtype=np.int64
         ),
         np.cumsum([0, *(len(c) for c in corners)]).astype(np.int64),
-        np.ascontiguousarray(np.concatenate(corners)),
+        np.ascontiguousarray(np.concatenate([none, *corners])),
         np.cumsum([0, *(len(b.capsules.radius) for b in bodies)]).astype(np.int64),
         np.ascontiguousarray(
             np.stack([np.concatenate(starts), np.concatenate(ends)], 1)
         ),
-        np.concatenate([b.capsules.radius for b in bodies]),
+        np.concatenate([np.empty(0), *(b.capsules.radius for b in bodies)]),
     )
 
 
@@ -376,8 +378,8 @@ def make_scratch(a: HullTable, b: HullTable) -> Scratch:
         np.empty((m, 4, 4)),
         np.empty((n, 4, 4)),
         np.empty((m, 4, 4)),
-        np.empty((2 * int(np.max(np.diff(a.corner_first))), 3)),
-        np.empty((2 * int(np.max(np.diff(b.corner_first))), 3)),
+        np.empty((2 * int(np.max(np.diff(a.corner_first), initial=0)), 3)),
+        np.empty((2 * int(np.max(np.diff(b.corner_first), initial=0)), 3)),
         np.empty((64, 4)),
         np.full(2, -1, dtype=np.int64),
         np.empty(2),
