@@ -48,11 +48,11 @@ def test_no_delay_brings_two_robots_together(robots: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     met: set[tuple[object, object]] = set()
     for _ in range(6):
-        _run_at_random(tpg, plain, rng, met)
+        run_at_random(tpg, plain, rng, met)
     assert len(met) > 100
 
 
-def _run_at_random(
+def run_at_random(
     tpg: TemporalPlanGraph,
     plain: PlainGraph,
     rng: np.random.Generator,
