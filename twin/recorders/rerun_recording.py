@@ -79,16 +79,19 @@ def write_recording(
 
 
 def _log_fixtures(rec: rr.RecordingStream, cell: Workcell) -> None:
+    ground, *others = _FIXTURE_GREYS
     for k, fixture in enumerate(cell.fixtures):
+        # The first one, mostly the table, is told apart from all that stand on it.
+        grey = ground if k == 0 else others[(k - 1) % len(others)]
         rec.log(
             entity_path(layout.FIXTURES, fixture.name),
             rr.CoordinateFrame(WORLD_FRAME),
             rr.Boxes3D(
                 # A hair larger each: faces that lie in one plane would flicker.
-                sizes=[fixture.size + 0.0004 * k],
+                sizes=[fixture.size + 0.0004 * (k % 6)],
                 centers=[fixture.pose[:3, 3]],
                 quaternions=[quat_xyzw(fixture.pose)],
-                colors=[_FIXTURE_GREYS[k % len(_FIXTURE_GREYS)]],
+                colors=[grey],
                 fill_mode=rr.components.FillMode.Solid,
             ),
             static=True,
