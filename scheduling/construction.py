@@ -48,19 +48,9 @@ def build_tpg(
         PlanInvariantError: the plan is not consistent, or a robot or object that stands is in
             the way of a motion planned meanwhile.
     """
-    chains, handlings = build_chains(plan)
-    tpg = TemporalPlanGraph(
-        plan.cell,
-        plan.tasks,
-        chains,
-        np.empty((0, 4), dtype=np.int64),
-        np.empty(0, dtype=np.uint8),
-        handlings,
-        plan.allowed,
-        np.asarray(plan.dependencies, dtype=np.int64).reshape(-1, 2),
-    )
-    ranks = planned_ranks(chains)
-    task_edges = dependency_edges(plan.tasks, tpg.dependencies, chains)
+    tpg = build_nodes(plan)
+    ranks = planned_ranks(tpg.chains)
+    task_edges = dependency_edges(plan.tasks, tpg.dependencies, tpg.chains)
     order, _ = order_and_reduce(ranks, task_edges)
     entities, occupancies = occupancies_of(tpg, ranks)
     table = contact_table(entities, plan.allowed, plan.cell.clearances)
@@ -83,6 +73,25 @@ def build_tpg(
     tpg = replace(tpg, edges=edges[by_edge], cause=cause[by_edge])
     check_invariant(tpg, occupancies=occupancies)
     return tpg
+
+
+def build_nodes(plan: MotionPlan) -> TemporalPlanGraph:
+    """Return the nodes of a plan without any type-2 edge: safe only one task after another.
+
+    Raises:
+        PlanInvariantError: the plan is not consistent.
+    """
+    chains, handlings = build_chains(plan)
+    return TemporalPlanGraph(
+        plan.cell,
+        plan.tasks,
+        chains,
+        np.empty((0, 4), dtype=np.int64),
+        np.empty(0, dtype=np.uint8),
+        handlings,
+        plan.allowed,
+        np.asarray(plan.dependencies, dtype=np.int64).reshape(-1, 2),
+    )
 
 
 def occupancies_of(

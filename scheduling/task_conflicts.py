@@ -9,7 +9,7 @@ import numpy as np
 
 from planning.motion_plan import MotionPlan
 from scheduling.conflicts import HullChecker, search_conflicts
-from scheduling.construction import build_chains, occupancies_of
+from scheduling.construction import build_nodes, occupancies_of
 from scheduling.contacts import contact_table
 from scheduling.object_spans import Rest, trace_objects
 from scheduling.occupancy import (
@@ -19,7 +19,6 @@ from scheduling.occupancy import (
     standing_occupancy,
 )
 from scheduling.order import planned_ranks
-from scheduling.temporal_plan_graph import TemporalPlanGraph
 
 _Nodes = tuple[int, int, int]
 """A chain and its nodes ``range(first, stop)``."""
@@ -33,16 +32,8 @@ class SweptTaskConflicts:
     """
 
     def __init__(self, plan: MotionPlan) -> None:
-        chains, handlings = build_chains(plan)
-        self._tpg = TemporalPlanGraph(
-            plan.cell,
-            plan.tasks,
-            chains,
-            np.empty((0, 4), dtype=np.int64),
-            np.empty(0, dtype=np.uint8),
-            handlings,
-            plan.allowed,
-        )
+        self._tpg = build_nodes(plan)
+        chains = self._tpg.chains
         ranks = planned_ranks(chains)
         self._entities, self._occupancies = occupancies_of(self._tpg, ranks)
         self._table = contact_table(self._entities, plan.allowed, plan.cell.clearances)

@@ -18,7 +18,7 @@ from planning.synchronous import plan_synchronous
 from planning.task_plan import TaskPlan
 from planning.transit import RrtConnect
 from planning.workcell import PlacedRobot, Workcell
-from scheduling.construction import build_tpg
+from scheduling.construction import build_nodes, build_tpg
 from scheduling.task_conflicts import SweptTaskConflicts
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.assemblies.kinds import assembly_kind
@@ -43,6 +43,8 @@ class Planned:
         tpg: what must wait for what.
         planning_s: wall-clock seconds a stage: sequence (where the scenario gives a structure),
             assignment, motion, synchronous (where the plan is made in slots), tpg.
+        turns: nodes of the sequential plan, without edges, where the plan is made in slots;
+            None where ``tpg`` has the same nodes.
     """
 
     cell: Workcell
@@ -51,6 +53,7 @@ class Planned:
     motion_plan: MotionPlan
     tpg: TemporalPlanGraph
     planning_s: Mapping[str, float]
+    turns: TemporalPlanGraph | None = None
 
 
 @dataclass
@@ -112,7 +115,7 @@ def plan_scenario(
             settings,
             lambda done, total: progress(MOTION, done, total),
         )
-    slots = None
+    slots = turns = None
     if scenario.planning.coordination == "synchronous":
         with watch.stage("synchronous"):
             synchronous = plan_synchronous(
@@ -121,6 +124,7 @@ def plan_scenario(
                 SweptTaskConflicts(motion_plan),
                 lambda done, total: progress(SLOTS, done, total),
             )
+            turns = build_nodes(motion_plan)
         motion_plan, slots = synchronous.motion_plan, synchronous.slot_of_task
     with watch.stage("tpg"):
         progress(ORDER, 0, 1)
@@ -130,7 +134,15 @@ def plan_scenario(
         if slots is not None:
             tpg = replace(tpg, slots=slots)
         progress(ORDER, 1, 1)
-    return Planned(cell, ready.assembly, steps.plan, motion_plan, tpg, watch.seconds)
+    return Planned(
+        cell,
+        ready.assembly,
+        steps.plan,
+        motion_plan,
+        tpg,
+        watch.seconds,
+        turns,
+    )
 
 
 def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionSettings:

@@ -81,6 +81,7 @@ def try_plan(
     *,
     base: Path = Path(),
     planning_s: Mapping[str, float] | None = None,
+    turns: TemporalPlanGraph | None = None,
     keep: Keep | None = None,
     progress: Report = report_nothing,
 ) -> Trial:
@@ -92,6 +93,7 @@ def try_plan(
         folder: of the run, made by prepare_run_folder.
         base: where relative paths of the scenario start.
         planning_s: seconds of the planning stages, for the summary.
+        turns: what to compare with, one task after another; by default the plan itself.
         keep: what to do besides.
         progress: told how far each stage has come.
 
@@ -108,7 +110,7 @@ def try_plan(
     run = _execute(scenario, tpg, base, scenario.execution.policy, (log, memory))
     sequential_s = None
     if run.outcome == "completed":
-        baseline = _execute(scenario, tpg, base, "sequential", ())
+        baseline = _execute(scenario, turns or tpg, base, "sequential", ())
         sequential_s = baseline.makespan_s
     progress(SIMULATION, 1, 1)
     _write_records(folder, scenario, tpg, run, memory.events, keep, progress)

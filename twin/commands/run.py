@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
@@ -33,7 +33,9 @@ Plan = Annotated[
 ]
 PolicyName = Annotated[
     str | None,
-    typer.Option(help="asynchronous, sequential or synchronous, in place of the scenario's."),
+    typer.Option(
+        help="asynchronous, sequential or synchronous, in place of the scenario's."
+    ),
 ]
 Stalls = Annotated[
     int | None,
@@ -51,6 +53,11 @@ Recording = Annotated[
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON only.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+
+_Plan: TypeAlias = (
+    "tuple[TemporalPlanGraph, dict[str, float], TemporalPlanGraph | None]"
+)
+"""A plan, the seconds it took, and what to compare it with where that is another plan."""
 
 
 @guarded
@@ -83,7 +90,7 @@ def run(
         if not silent:
             _announce(chosen, folder, compiles=compiles)
         try:
-            tpg, planning_s = saved or _planned(chosen, base, progress)
+            tpg, planning_s, turns = saved or _planned(chosen, base, progress)
         except BaseException:
             if not existed:
                 _remove_if_empty(folder)
@@ -96,6 +103,7 @@ def run(
             folder,
             base=base,
             planning_s=planning_s,
+            turns=turns,
             keep=Keep(recording=recording, audit=audit),
             progress=progress,
         )
@@ -138,18 +146,14 @@ def _changed(
         raise ScenarioError(f"{where}: {first['msg']}") from None
 
 
-def _planned(
-    scenario: Scenario, base: Path, progress: Report
-) -> tuple[TemporalPlanGraph, dict[str, float]]:
+def _planned(scenario: Scenario, base: Path, progress: Report) -> _Plan:
     from twin.pipeline import plan_scenario
 
     planned = plan_scenario(scenario, base, progress)
-    return planned.tpg, dict(planned.planning_s)
+    return planned.tpg, dict(planned.planning_s), planned.turns
 
 
-def _saved_plan(
-    folder: Path, scenario: Scenario, base: Path
-) -> tuple[TemporalPlanGraph, dict[str, float]]:
+def _saved_plan(folder: Path, scenario: Scenario, base: Path) -> _Plan:
     from scheduling.plan_files import load_plan
     from twin.cell import build_workcell
 
@@ -163,7 +167,7 @@ def _saved_plan(
             raise ScenarioError(
                 f"the plan in {folder} is for other {what} than scenario {scenario.name!r}"
             )
-    return tpg, {}
+    return tpg, {}, None
 
 
 def _remove_if_empty(folder: Path) -> None:
