@@ -43,7 +43,8 @@ class SequencingRules:
         strength: what joints bear.
         limit: largest stability score that is accepted.
         tool: the tool on every robot.
-        search_limit: largest number of partial structures to look at.
+        search_limit: how many partial structures to look at, in each order of preference, beyond
+            those on the straight way to a sequence.
     """
 
     support: bool = True
@@ -52,7 +53,7 @@ class SequencingRules:
     strength: JointStrength = JointStrength()  # noqa: RUF009 - frozen
     limit: float = 1.0
     tool: BrickTool = field(default_factory=BrickTool)
-    search_limit: int = 20_000
+    search_limit: int = 150
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,8 @@ def sequence_structure(
     Returns:
         The first sequence found depth first. Bricks of the top layer are removed first; within
         a layer place-downs without support are preferred, then those with support, then
-        place-ups.
+        place-ups. Where that leads nowhere, bricks that hang are removed before all others: they
+        take the room of supporting tools.
 
     Raises:
         InfeasibleStepError: the finished structure does not stand, or no order leads to it;
@@ -130,11 +132,12 @@ def sequence_structure(
     )
     sequencer = _Sequencer(structures, frozenset(b.name for b in fixed), rules)
     sequencer.check_finished(frozenset(structures.bricks))
-    found = find_assembly_sequence(
-        (item.name for item in structure),
-        sequencer.removals,
-        limit=rules.search_limit,
-    )
+    limit = len(structure) + 1 + rules.search_limit
+    names_of = [item.name for item in structure]
+    found = find_assembly_sequence(names_of, sequencer.removals, limit=limit)
+    if found.steps is None:
+        again = find_assembly_sequence(names_of, sequencer.hanging_first, limit=limit)
+        found = found if again.steps is None and found.complete else again
     if found.steps is None:
         raise InfeasibleStepError(
             sequencer.explain(found.dead_end or frozenset(), complete=found.complete)
@@ -182,12 +185,30 @@ class _Sequencer:
 
     def removals(self, parts: Names) -> Iterator[Removal[str, Insertion]]:
         """Yield the bricks that may be removed, and how they would be put back."""
-        names = parts | self.fixed
         layers = groupby(
             self._candidates(parts), key=lambda n: self._structures.bricks[n].cell.z
         )
-        for _, bricks in layers:
-            for way, brick in product(self._ways, tuple(bricks)):
+        yield from self._removals(parts, (tuple(bricks) for _, bricks in layers))
+
+    def hanging_first(self, parts: Names) -> Iterator[Removal[str, Insertion]]:
+        """Yield the same as ``removals``, those with nothing below them first."""
+        names = parts | self.fixed
+        hanging = tuple(
+            name
+            for name in self._candidates(parts)
+            if not self._structures.below(names, name)
+        )
+        yield from self._removals(parts, (hanging,))
+        for removal in self.removals(parts):
+            if removal.part not in hanging:
+                yield removal
+
+    def _removals(
+        self, parts: Names, groups: Iterable[tuple[str, ...]]
+    ) -> Iterator[Removal[str, Insertion]]:
+        names = parts | self.fixed
+        for bricks in groups:
+            for way, brick in product(self._ways, bricks):
                 if self._insertion.obstacle(names, brick, way) is not None:
                     continue
                 if not self._structures.standing(names - {brick}).stable:

@@ -27,6 +27,8 @@ from planning.lego.brick_world import (
 )
 from planning.lego.grips import grip_pose
 from planning.lego.skill_targets import (
+    APPROACH_HEIGHT,
+    HIGH_APPROACH,
     held_box,
     pick_targets,
     place_down_targets,
@@ -177,7 +179,12 @@ class SkillOptions:
         return replace(item, name=f"the next brick of {stock}"), at
 
     def place_targets(
-        self, robot: str, step: int, grasp: int, attack: int | None = None
+        self,
+        robot: str,
+        step: int,
+        grasp: int,
+        attack: int | None = None,
+        height: float = APPROACH_HEIGHT,
     ) -> SkillTargets:
         """Return the subgoals of placing the brick of a step.
 
@@ -186,6 +193,7 @@ class SkillOptions:
             step: counted from 1.
             grasp: number of the grip.
             attack: sign of the sideways offset of the approach, the step's own when None.
+            height: of the approach of a place-down [m].
         """
         world = self.world
         work = world.step(step)
@@ -209,6 +217,7 @@ class SkillOptions:
             top,
             press,
             attack=attack or work.attack,
+            height=height,
             twist=world.assembly.twist["place-down"],
         )
 
@@ -268,8 +277,9 @@ class SkillOptions:
         if grasp_number(work.press or press_of(grasp)) != grasp or not work.press:
             attacks.append(-work.attack)  # that of the step belongs to its own press
         reason: Obstruction | None = None
-        for attack in attacks:
-            targets = self.place_targets(robot, step, grasp, attack)
+        heights = (APPROACH_HEIGHT,) if work.up else (APPROACH_HEIGHT, HIGH_APPROACH)
+        for height, attack in product(heights, attacks):
+            targets = self.place_targets(robot, step, grasp, attack, height)
             option = self._resolve(
                 world.cell.robot(robot), targets, scene, world.loose_stock
             )

@@ -31,6 +31,12 @@ DEFAULT_TWIST: Mapping[str, float] = {
 }
 """Twist angles [rad]."""
 
+APPROACH_HEIGHT = 0.010
+"""Height of the approach of a place-down above the goal, as published [m]."""
+
+HIGH_APPROACH = 0.012
+"""The same where bricks stand on all sides: a brick is 9.6 mm high, and must pass over them [m]."""
+
 _LIFT = 0.015
 """Way straight up after a twist [m]."""
 
@@ -71,6 +77,7 @@ def place_down_targets(
     press: Press,
     *,
     attack: int = 1,
+    height: float = APPROACH_HEIGHT,
     twist: float = DEFAULT_TWIST["place-down"],
 ) -> SkillTargets:
     """Return the subgoals of a place-down: approach, above, attach, twist, leave.
@@ -81,12 +88,15 @@ def place_down_targets(
         top: goal pose of the centre of its top face in the world.
         press: the grip, the same as in the pick.
         attack: +1 or -1, the side of the tool's y axis that the approach comes from.
+        height: of the approach above the goal [m].
         twist: angle of the twist that releases it [rad].
     """
     grip = grip_pose(top, brick, press)
     turned = _via(frames, grip, "tool", "assemble") @ rotation("y", -twist)
     subgoals = (
-        Subgoal("approach", "tool", grip @ translation(-0.005, 0.005 * attack, -0.010)),
+        Subgoal(
+            "approach", "tool", grip @ translation(-0.005, 0.005 * attack, -height)
+        ),
         Subgoal("above", "tool", grip @ translation(0.0, 0.0, -0.005)),
         Subgoal("attach", "tool", grip),
         Subgoal("twist", "assemble", turned),
