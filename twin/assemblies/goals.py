@@ -14,7 +14,7 @@ from planning.workcell import CellObject, Fixture, Workcell
 from twin.assemblies.kind import ASSIGNMENT, Prepared, Stages
 from twin.poses import build_transform
 from twin.scenario_goals import GoalsSection, MoveSection
-from twin.scenario_problems import Problem
+from twin.scenario_problems import Problem, mark_problems, unknown_name
 from twin.scenario_yaml import KeyPath, YamlDocument
 
 
@@ -45,8 +45,8 @@ class GoalsKind:
         return None
 
     def problems(self, document: YamlDocument) -> list[Problem]:
-        """Return no problems; robots are looked up when the goals are prepared."""
-        return []
+        """Return the moves of robots that the file does not have."""
+        return mark_problems(document, self._check_robots(document))
 
     def fixtures(self) -> tuple[Fixture, ...]:
         """Return no fixtures: they are all in the cell."""
@@ -66,15 +66,18 @@ class GoalsKind:
         with stages.stage("assignment", ASSIGNMENT):
             return Prepared(goals, prepare_goals(cell, goals))
 
+    def _check_robots(self, document: YamlDocument) -> Iterator[tuple[KeyPath, str]]:
+        names = tuple(robot["name"] for robot in document.data["cell"]["robots"])
+        for k, move in enumerate(self.section.moves):
+            if move.robot not in names:
+                at: KeyPath = ("assembly", "moves", k, "robot")
+                yield at, unknown_name("robot", move.robot, names)
+
 
 def _goal(cell: Workcell, move: MoveSection, number: int) -> RobotGoal:
-    robots = {robot.name: robot for robot in cell.robots}
-    if move.robot not in robots:
-        raise ScenarioError(
-            f"move {number}: no robot {move.robot!r}", choices=tuple(robots)
-        )
+    robot = cell.robot(move.robot)
     if move.to is not None:
-        frames = robots[move.robot].model.frames
+        frames = robot.model.frames
         if move.frame not in {*frames, "flange"}:
             raise ScenarioError(
                 f"move {number}: robot {move.robot!r} has no frame {move.frame!r}",
@@ -87,7 +90,7 @@ def _goal(cell: Workcell, move: MoveSection, number: int) -> RobotGoal:
     if move.to_deg is not None:
         joints = tuple(np.deg2rad(move.to_deg).tolist())
     assert joints is not None
-    dof = robots[move.robot].model.dof
+    dof = robot.model.dof
     if len(joints) != dof:
         raise ScenarioError(
             f"move {number}: robot {move.robot!r} has {dof} joints, not {len(joints)}"
