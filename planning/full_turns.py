@@ -3,7 +3,7 @@
 A wrist that reaches a pose at -170 degrees reaches it at +190 as well. Seen from HOME one of the
 two is a little nearer; seen from where the robot works next, the wrong one costs a whole turn
 once HOME is skipped. So each excursion from HOME to HOME takes the turns that bring it nearest
-to the one before.
+to the one before, among those that are hardly further from HOME.
 """
 
 from __future__ import annotations
@@ -19,6 +19,9 @@ from planning.transforms import Array
 from planning.workcell import Workcell
 
 _SAME = 1e-9
+
+_HARDLY = 0.7
+"""Extra travel from HOME that turning towards the next work is worth [rad]."""
 
 
 def take_near_turns(
@@ -73,6 +76,7 @@ def _turn(
                 * _turns(
                     waypoints[:, joint],
                     float(reached[robot][joint]),
+                    float(cell.robot(robot).home[joint]),
                     float(model.lower[joint]),
                     float(model.upper[joint]),
                 )
@@ -82,12 +86,15 @@ def _turn(
     reached[robot] = excursion[-1].path[-1] + shift
 
 
-def _turns(values: Array, near: float, lower: float, upper: float) -> int:
+def _turns(values: Array, near: float, home: float, lower: float, upper: float) -> int:
     """Return the turns within the limits that bring the first value nearest to ``near``."""
     least = int(np.ceil((lower - values.min()) / (2 * np.pi) - 1e-12))
     most = int(np.floor((upper - values.max()) / (2 * np.pi) + 1e-12))
+    turns = range(least, most + 1)
+    reach = [abs(values[0] + 2 * np.pi * k - home) for k in turns]
+    good = [
+        k for k, far in zip(turns, reach, strict=True) if far <= min(reach) + _HARDLY
+    ]
     return min(
-        range(least, most + 1),
-        key=lambda k: (abs(values[0] + 2 * np.pi * k - near), abs(k)),
-        default=0,
+        good, key=lambda k: (abs(values[0] + 2 * np.pi * k - near), abs(k)), default=0
     )

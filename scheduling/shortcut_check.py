@@ -47,8 +47,8 @@ class Surroundings:
 
 def order_against(
     around: Surroundings, chain: int, first: int, last: int, new: Occupancy, count: int
-) -> list[tuple[int, int, int, int]] | None:
-    """Return the edges that new nodes need, or None when they cannot be.
+) -> list[tuple[int, int, int, int]]:
+    """Return the edges that new nodes need.
 
     Args:
         around: the graph.
@@ -64,10 +64,7 @@ def order_against(
     edges: list[tuple[int, int, int, int]] = []
     for other in range(len(around.tpg.chains)):
         if other != chain:
-            found = _against_robot(around, chain, first, last, new, count, other)
-            if found is None:
-                return None
-            edges += found
+            edges += _against_robot(around, chain, first, last, new, count, other)
     return edges
 
 
@@ -79,7 +76,7 @@ def _against_robot(
     new: Occupancy,
     count: int,
     other: int,
-) -> list[tuple[int, int, int, int]] | None:
+) -> list[tuple[int, int, int, int]]:
     done = int(around.order.of(chain)[first - 1, other])
     after = int(around.order.first_after(chain, other)[last])
     turn = int(
@@ -87,9 +84,6 @@ def _against_robot(
     )
     turn = min(max(turn, done + 1), after)
     checker = HullChecker(around.table)
-    # Per new node, the last node before it and the first after it of the other robot.
-    before_of = np.full(count, done)
-    after_of = np.full(count, after)
     edges = []
     tpg, objects = around.tpg, around.objects
     for at, piece in around.pieces.between(tpg, other, done + 1, turn, objects):
@@ -98,7 +92,6 @@ def _against_robot(
         limit = np.full(count, min(turn - at, size))
         for v, u in search_conflicts(new, piece, floor, limit, around.table, checker):
             edges.append((other, at + u, chain, first + v))
-            before_of[v:] = np.maximum(before_of[v:], at + u)
     for at, piece in around.pieces.between(tpg, other, turn, after, objects):
         size = int(piece.sequence.node[-1]) + 1
         floor = np.full(size, -1)
@@ -111,21 +104,69 @@ def _against_robot(
         floor[stop:] = count
         for w, x in search_conflicts(piece, new, floor, limit, around.table, checker):
             edges.append((chain, first + x, other, at + w))
-            after_of[: x + 1] = np.minimum(after_of[: x + 1], at + w)
-    stands = before_of + 1 == after_of
-    for hold in np.unique(after_of[stands]).tolist():
-        where = np.flatnonzero(stands & (after_of == hold))
-        standing = hold_occupancy(
-            tpg, other, np.array([hold]), objects, around.entities
-        )
-        limit = np.zeros(count, dtype=np.int64)
-        limit[where[0] :] = 1
-        floor = np.full(count, -1)
-        if any(
-            True
-            for _ in search_conflicts(
-                new, standing, floor, limit, around.table, checker
-            )
-        ):
-            return None
     return edges
+
+
+def holds_stay_clear(
+    around: Surroundings, chain: int, first: int, new: Occupancy, count: int
+) -> bool:
+    """Tell whether new nodes and robots that stand keep apart, in the graph that has them.
+
+    New nodes may now fall into a stand of another robot, and another robot's nodes into the
+    stand before the first new node. Every other stand is as it was.
+
+    Args:
+        around: the graph with the new nodes; pieces of their chain are not looked at.
+        chain, first: where the new nodes are.
+        new: what they occupy, numbered from 0.
+        count: how many there are.
+    """
+    order, tpg, table = around.order, around.tpg, around.table
+    checker = HullChecker(table)
+    for other in range(len(tpg.chains)):
+        if other == chain:
+            continue
+        before = order.of(chain)[first : first + count, other]
+        after = order.first_after(chain, other)[first : first + count]
+        stands = before + 1 == after
+        for hold in np.unique(after[stands]).tolist():
+            where = np.flatnonzero(stands & (after == hold))
+            standing = hold_occupancy(
+                tpg, other, np.array([hold]), around.objects, around.entities
+            )
+            limit = np.zeros(count, dtype=np.int64)
+            limit[where[0] :] = 1
+            floor = np.full(count, -1)
+            if _any_conflict(new, standing, floor, limit, table, checker):
+                return False
+        waits_for = order.of(other)[:, chain]
+        lo = int(np.searchsorted(waits_for, first - 1, side="left"))
+        hi = min(
+            int(np.searchsorted(waits_for, first - 1, side="right")),
+            int(order.of(chain)[first, other]) + 1,
+        )
+        if lo >= hi:
+            continue
+        standing = hold_occupancy(
+            tpg, chain, np.array([first]), around.objects, around.entities
+        )
+        for at, piece in around.pieces.between(tpg, other, lo, hi, around.objects):
+            size = int(piece.sequence.node[-1]) + 1
+            nodes = np.arange(size) + at
+            limit = (nodes >= lo).astype(np.int64)
+            floor = np.where(nodes >= hi, 1, -1)
+            if _any_conflict(piece, standing, floor, limit, table, checker):
+                return False
+    return True
+
+
+def _any_conflict(
+    a: Occupancy,
+    b: Occupancy,
+    floor: Indices,
+    limit: Indices,
+    table: ContactTable,
+    checker: HullChecker,
+) -> bool:
+    found = search_conflicts(a, b, floor, limit, table, checker)
+    return next(found, None) is not None

@@ -8,7 +8,7 @@ budget is a number of candidates, so the same seed gives the same plan.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,10 +22,15 @@ from planning.workcell import Attachment, Workcell, WorldState
 from scheduling.contacts import EntityNumbers, contact_table
 from scheduling.invariant import check_invariant
 from scheduling.object_spans import ObjectHistory, Rest, trace_objects
+from scheduling.occupancy import Occupancy
 from scheduling.order import planned_ranks
 from scheduling.reduction import NodeOrder, order_and_reduce
 from scheduling.rollout import Rollout, earliest_times
-from scheduling.shortcut_check import Surroundings, order_against
+from scheduling.shortcut_check import (
+    Surroundings,
+    holds_stay_clear,
+    order_against,
+)
 from scheduling.shortcut_edges import splice_edges, splice_index
 from scheduling.shortcut_pieces import Pieces, occupancy_of
 from scheduling.shortcut_spans import Span, find_spans
@@ -190,19 +195,26 @@ class _Board:
             self._history.spans,
             self._entities,
         )
-        around = Surroundings(
-            self.tpg,
-            self._ranks,
-            self._order,
-            self._history.spans,
+        around = self._surroundings(self.tpg, self._ranks, self._order, self._history)
+        edges = order_against(around, index, first, last, occupancy, len(new))
+        return self._replace(which, first, last, new, occupancy, edges)
+
+    def _surroundings(
+        self,
+        tpg: TemporalPlanGraph,
+        ranks: Sequence[Indices],
+        order: NodeOrder,
+        history: ObjectHistory,
+    ) -> Surroundings:
+        return Surroundings(
+            tpg,
+            ranks,
+            order,
+            history.spans,
             self._pieces,
             self._entities,
             self._table,
         )
-        edges = order_against(around, index, first, last, occupancy, len(new))
-        if edges is None:
-            return False
-        return self._replace(which, first, last, new, edges)
 
     def _new_nodes(
         self, chain: NodeChain, first: int, last: int, path: Array
@@ -286,9 +298,9 @@ class _Board:
         for rest in present:
             attachments[rest.object] = Attachment(None, rest.pose)
         for span in self._history.spans:
-            if span.robot == index and span.carried:
-                if span.start <= (first, 0) < span.end:
-                    attachments[span.object] = Attachment(robot, span.pose)
+            there = span.start <= (first, 0) < span.end
+            if span.robot == index and span.carried and there:
+                attachments[span.object] = Attachment(robot, span.pose)
         robots = tuple(
             r for r in tpg.cell.robots if r.name == robot or r.name not in busy
         )
@@ -307,6 +319,7 @@ class _Board:
         first: int,
         last: int,
         new: NodeChain,
+        occupancy: Occupancy,
         edges: list[tuple[int, int, int, int]],
     ) -> bool:
         tpg, index, count = self.tpg, self._spans[which].chain, len(new)
@@ -346,8 +359,12 @@ class _Board:
         rollout = earliest_times(candidate)
         if rollout.makespan > self.rollout.makespan + _LATER:
             return False
+        history = trace_objects(candidate, ranks)
+        around = self._surroundings(candidate, ranks, order, history)
+        if not holds_stay_clear(around, index, first, occupancy, count):
+            return False
         self.tpg, self._ranks, self._order = candidate, ranks, order
-        self._history = trace_objects(candidate, ranks)
+        self._history = history
         self._pieces.splice(index, first, last, count)
         shift = count - (last - first + 1)
         self._spans = [
@@ -379,9 +396,8 @@ class _Board:
                 after = np.nextafter(chains[robot].planned_start[node], np.inf)
                 planned[at - first] = max(planned[at - first], after)
         planned[-1] = max(planned[-1], chains[index].planned_start[last])
-        return np.minimum(
-            np.maximum.accumulate(planned), chains[index].planned_start[last]
-        )
+        latest = float(chains[index].planned_start[last])
+        return np.asarray(np.minimum(np.maximum.accumulate(planned), latest))
 
 
 def splice_chain(chain: NodeChain, first: int, last: int, new: NodeChain) -> NodeChain:
@@ -415,7 +431,9 @@ def latest_ends(tpg: TemporalPlanGraph, rollout: Rollout) -> list[Array]:
 
     The graph with all arrows turned round is rolled out by walking the total order backwards.
     """
-    ends = [np.full(len(chain), float(rollout.makespan)) for chain in tpg.chains]
+    ends: list[Array] = [
+        np.full(len(chain), float(rollout.makespan)) for chain in tpg.chains
+    ]
     out_of: list[dict[int, list[tuple[int, int]]]] = [{} for _ in tpg.chains]
     for robot, node, target, at in tpg.edges.tolist():
         out_of[robot].setdefault(node, []).append((target, at))
