@@ -14,6 +14,7 @@ from twin.commands.replay import replay
 from twin.commands.robots import robots
 from twin.commands.run import run
 from twin.commands.schema import schema
+from twin.commands.sequence import sequence
 from twin.commands.validate import validate
 from twin.commands.verify import verify
 
@@ -25,6 +26,7 @@ app = typer.Typer(
 )
 app.command()(run)
 app.command()(validate)
+app.command()(sequence)
 app.command()(replay)
 app.add_typer(import_app, name="import")
 app.command()(verify)

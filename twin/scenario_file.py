@@ -13,6 +13,7 @@ from twin.scenario import Scenario
 from twin.scenario_checks import find_problems
 from twin.scenario_problems import InvalidScenarioError, Problem, schema_problems
 from twin.scenario_yaml import Mark, read_yaml
+from twin.structure_file import check_structure_file, include_structure
 
 
 def load_scenario(path: Path) -> Scenario:
@@ -29,12 +30,15 @@ def load_scenario(path: Path) -> Scenario:
     if document.data is None:
         problems = problems or [Problem(Mark(1, 1), "the file is empty")]
         raise InvalidScenarioError(path, problems, document.lines)
+    document, included = include_structure(document)
     try:
         # Validating JSON text, not Python objects: strict mode then takes lists for tuples.
         scenario = Scenario.model_validate_json(json.dumps(document.data))
     except ValidationError as error:
         problems += schema_problems(document, scenario_schema(), error.errors())
         raise InvalidScenarioError(path, problems, document.lines) from None
+    if included is not None:
+        check_structure_file(scenario, included)
     problems += find_problems(scenario, document)
     if problems:
         raise InvalidScenarioError(path, problems, document.lines)

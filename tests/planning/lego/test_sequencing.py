@@ -225,9 +225,12 @@ def test_a_brick_in_a_pit_has_no_room_for_the_tool():
 
 
 def test_limit_of_the_search_is_told():
-    structure = [_brick(f"b{k}", "2x2", 4 * k, 4, 1) for k in range(4)]
+    beam = _brick("beam", "1x8", 23, 20, 2)
+    post = _brick("post", "1x1", 23, 20, 1)
+    others = [_brick(f"b{k}", "2x2", 4 * k, 4, 1) for k in range(4)]
+    rules = SequencingRules(support=False, search_limit=3)
     with pytest.raises(InfeasibleStepError, match="cut short"):
-        sequence_structure(structure, rules=SequencingRules(search_limit=3))
+        sequence_structure([beam, post, *others], rules=rules)
 
 
 @settings(max_examples=8, deadline=None)

@@ -1,0 +1,118 @@
+"""Structures as drawings: what is read, what is refused, and the way back."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.lego.bricks import BRICKS
+from planning.lego.grid import footprint, occupied_studs
+from planning.lego.structure import BrickType, Cell
+from planning.lego.structure_text import (
+    draw_layers,
+    name_bricks,
+    read_elevation,
+    read_layer,
+    type_of_size,
+)
+
+
+def cells(drawing):
+    assert drawing.problems == []
+    return {(b.letter, b.brick.name, b.cell) for b in drawing.bricks}
+
+
+def test_a_layer_is_seen_from_above():
+    """The last line is the least y; a brick that is longer along x is turned."""
+    drawing = read_layer("BBBB..\nBBBBAA\n....AA\n", (10, 20), 3, BRICKS)
+    assert cells(drawing) == {
+        ("B", "2x4", Cell(10, 21, 3, turned=True)),
+        ("A", "2x2", Cell(14, 20, 3)),
+    }
+
+
+def test_patches_of_one_letter_that_do_not_touch_are_bricks_of_their_own():
+    drawing = read_layer("AA.AA\nAA.AA", (0, 0), 1, BRICKS)
+    assert [b.cell.x for b in drawing.bricks] == [0, 3]
+    assert [b.name for b in name_bricks(drawing.bricks)] == ["A1", "A1_2"]
+
+
+def test_an_elevation_has_a_layer_a_line():
+    """Equal letters above each other are different bricks."""
+    drawing = read_elevation("AAAA..\n..AAAA", (23, 14, 5), "y", 2, BRICKS)
+    assert cells(drawing) == {
+        ("A", "2x4", Cell(23, 14, 6)),
+        ("A", "2x4", Cell(23, 16, 5)),
+    }
+
+
+def test_an_elevation_along_x_turns_its_bricks():
+    drawing = read_elevation("AAAAAA", (4, 5, 1), "x", 2, BRICKS)
+    assert cells(drawing) == {("A", "2x6", Cell(4, 5, 1, turned=True))}
+
+
+@pytest.mark.parametrize(
+    ("text", "spot", "message"),
+    [
+        ("AA\nA.", (0, 0), "'A' is no rectangle"),
+        ("....\n.AAA", (1, 1), "no brick type has 3 x 1 studs"),
+        ("A-\n..", (0, 1), "'-' is neither a letter"),
+        ("AAAA\nAAA", (1, 0), "this line has 3 characters"),
+        ("\n", (0, 0), "empty"),
+    ],
+)
+def test_what_is_no_brick_is_told_with_its_place(text, spot, message):
+    drawing = read_layer(text, (0, 0), 1, BRICKS)
+    assert [p.spot for p in drawing.problems] == [spot]
+    assert message in drawing.problems[0].message
+
+
+def test_a_size_that_two_types_have_needs_a_list():
+    types = {**BRICKS, "red": BrickType("red", (4, 2), 0.002)}
+    assert "2x4, red" in str(type_of_size((2, 4), types))
+    assert type_of_size((2, 6), types) == (BRICKS["2x6"], False)
+    assert type_of_size((6, 2), types) == (BRICKS["2x6"], True)
+
+
+@st.composite
+def structures(draw) -> list[tuple[Cell, BrickType]]:
+    """Bricks anywhere in a small space, none inside another."""
+    filled: set[tuple[int, int, int]] = set()
+    out = []
+    for _ in range(draw(st.integers(1, 12))):
+        kind = BRICKS[draw(st.sampled_from(sorted(BRICKS)))]
+        x, y = draw(st.integers(-3, 9)), draw(st.integers(0, 9))
+        turned = draw(st.booleans()) and kind.studs[0] != kind.studs[1]
+        cell = Cell(x, y, draw(st.integers(1, 3)), turned)
+        studs = occupied_studs(cell, kind)
+        if filled.isdisjoint(studs):
+            filled |= studs
+            out.append((cell, kind))
+    return out
+
+
+@settings(max_examples=150, deadline=None)
+@given(structures())
+def test_what_is_drawn_is_read_back(structure):
+    origin, layers = draw_layers(structure)
+    back = []
+    for z, text in enumerate(layers, start=1):
+        if set(text) <= {".", "\n"}:
+            continue
+        drawing = read_layer(text, origin, z, BRICKS)
+        assert drawing.problems == []
+        back += [(b.cell, b.brick.name) for b in drawing.bricks]
+    assert sorted(back, key=str) == sorted(((c, k.name) for c, k in structure), key=str)
+
+
+@settings(max_examples=60, deadline=None)
+@given(structures())
+def test_every_drawn_character_belongs_to_one_brick(structure):
+    """Count of letters and of studs agree, layer by layer."""
+    _, layers = draw_layers(structure)
+    for z, text in enumerate(layers, start=1):
+        studs = sum(
+            footprint(c, k)[0] * footprint(c, k)[1] for c, k in structure if c.z == z
+        )
+        assert sum(ch not in ".\n" for ch in text) == studs

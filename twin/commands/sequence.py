@@ -1,0 +1,171 @@
+"""``twin sequence``: in which order a structure can be assembled, and how each brick goes in."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from planning.errors import InfeasibleStepError, OutputError, ScenarioError
+from twin.commands.guard import BAD_INPUT, COMPLETED, guarded, print_error
+
+if TYPE_CHECKING:
+    from planning.lego.sequencing import SequencedStep, SequencedStructure
+    from planning.lego.structure import Press, Support
+
+File = Annotated[Path, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        "--output", "-o", help="Write the scenario with these steps to a file."
+    ),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+@guarded
+def sequence(scenario: File, output: Output = None, as_json: AsJson = False) -> int:
+    """Find the sequence of a LEGO assembly from its finished structure.
+
+    Where the scenario gives steps, only what they build counts, not their order.
+    """
+    from planning.lego.finished_structure import resequence, sequenced
+    from twin.assemblies.lego import build_lego, build_structure
+    from twin.scenario import LegoSection
+    from twin.scenario_file import load_scenario
+
+    lego = load_scenario(scenario).assembly
+    if not isinstance(lego, LegoSection):
+        raise ScenarioError(f"{scenario}: only a LEGO assembly has a sequence to find")
+    assembly, structure = build_lego(lego), build_structure(lego)
+    try:
+        if structure is None:
+            _, found = resequence(assembly)
+        else:
+            _, found = sequenced(assembly, structure)
+    except InfeasibleStepError as error:
+        print_error(f"{scenario}: {error}")
+        return BAD_INPUT
+    if output is not None:
+        _write(scenario, output, found)
+    if as_json:
+        rows = [_row(k, item) for k, item in enumerate(found.sequence, start=1)]
+        typer.echo(json.dumps(rows, indent=2))
+    else:
+        _print_table(found)
+        if output is not None:
+            typer.echo(f"written: {output}")
+    return COMPLETED
+
+
+def _row(number: int, item: SequencedStep) -> dict[str, Any]:
+    return {
+        "step": number,
+        "name": item.name,
+        **step_section(item),
+        "kind": _kind(item),
+        "score": round(item.score, 4),
+        "reason": item.reason,
+    }
+
+
+def step_section(item: SequencedStep) -> dict[str, Any]:
+    """Return a step as a scenario file writes it."""
+    step = item.step
+    out: dict[str, Any] = {
+        "brick": step.brick,
+        "at": [step.cell.x, step.cell.y, step.cell.z],
+    }
+    if step.cell.turned:
+        out["turned"] = True
+    if step.up:
+        out["place"] = "up"
+    out["press"] = _press(item.presses[0])
+    if len(item.presses) > 1:
+        out["presses"] = [_press(press) for press in item.presses]
+    if item.supports:
+        out["support"] = _support(item.supports[0])
+    if len(item.supports) > 1:
+        out["supports"] = [_support(support) for support in item.supports]
+    if step.attack != 1:
+        out["attack"] = step.attack
+    return out
+
+
+def _press(press: Press) -> dict[str, Any]:
+    return {"side": press.side, "offset": press.offset}
+
+
+def _support(support: Support) -> dict[str, Any]:
+    at = [support.x, support.y, support.z]
+    return {"at": at, "orientation": support.orientation}
+
+
+def _kind(item: SequencedStep) -> str:
+    if item.step.up:
+        return "place-up"
+    return "support-bottom" if item.step.support is not None else "plain"
+
+
+def _print_table(found: SequencedStructure) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table()
+    for heading in ("step", "name", "brick", "cell", "kind", "press", "support"):
+        table.add_column(heading, no_wrap=True)
+    table.add_column("why", min_width=24)
+    for number, item in enumerate(found.sequence, start=1):
+        step = item.step
+        cell = f"{step.cell.x}, {step.cell.y}, {step.cell.z}"
+        cell += " turned" if step.cell.turned else ""
+        press = "" if step.press is None else f"{step.press.side}/{step.press.offset}"
+        if len(item.presses) > 1:
+            press += f" (of {len(item.presses)})"
+        support = ""
+        if step.support is not None:
+            s = step.support
+            support = f"{s.x}, {s.y}, {s.z} way {s.orientation}"
+            if len(item.supports) > 1:
+                support += f" (of {len(item.supports)})"
+        table.add_row(
+            str(number),
+            item.name,
+            step.brick,
+            cell,
+            _kind(item),
+            press,
+            support,
+            item.reason,
+        )
+    console = Console()
+    if not console.is_terminal:
+        console.width = max(console.width, 120)
+    console.print(table)
+    kinds = [_kind(item) for item in found.sequence]
+    counts = ", ".join(
+        f"{kinds.count(kind)} {kind}"
+        for kind in ("plain", "support-bottom", "place-up")
+        if kind in kinds
+    )
+    console.print(f"{len(kinds)} steps: {counts}")
+
+
+def _write(source: Path, output: Path, found: SequencedStructure) -> None:
+    """Write the scenario with explicit steps, and read it again."""
+    from twin.scenario_file import load_scenario
+    from twin.scenario_text import scenario_text
+    from twin.scenario_yaml import read_yaml
+
+    content = read_yaml(source, source.read_text(encoding="utf-8-sig")).data
+    assembly = {k: v for k, v in content["assembly"].items() if k != "structure"}
+    assembly["steps"] = [step_section(item) for item in found.sequence]
+    note = f"The sequence that twin sequence found for {source.name}."
+    text = scenario_text({**content, "assembly": assembly}, note)
+    try:
+        output.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{output}: cannot be written: {error.strerror}") from None
+    load_scenario(output)
