@@ -48,6 +48,5 @@ def test_shipped_scenarios_survive_with_short_lines(path: Path) -> None:
     assert read_yaml(path, text).data == content
     assert max(len(line) for line in text.splitlines()) <= 130
     assert yaml.safe_load(text)["name"] == content["name"]
-    # An entry of a list of the assembly takes about one line.
-    lists = [v for v in content["assembly"].values() if isinstance(v, list)]
-    assert len(text.splitlines()) < 6 * sum(len(entries) for entries in lists)
+    # People wrote these files by hand; ours may not be much longer.
+    assert len(text.splitlines()) < 2 * len(path.read_text().splitlines())
