@@ -19,6 +19,7 @@ from planning.task_plan import TaskPlan
 from planning.transit import RrtConnect
 from planning.workcell import PlacedRobot, Workcell
 from scheduling.construction import build_nodes, build_tpg
+from scheduling.shortcutting import shorten_tpg
 from scheduling.task_conflicts import SweptTaskConflicts
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.assemblies.kinds import assembly_kind
@@ -28,6 +29,7 @@ from twin.progress import Report, report_nothing
 from twin.scenario import PlanningSection, Scenario
 
 MOTION, SLOTS, ORDER = "motions", "who moves at once", "what waits for what"
+SHORTCUTS = "shortcuts"
 """Names of the stages for progress displays."""
 
 
@@ -43,7 +45,7 @@ class Planned:
         tpg: what must wait for what.
         planning_s: wall-clock seconds a stage: sequence (where the scenario gives a structure),
             assignment, motion, synchronous (where the plan is made in slots), tpg.
-        turns: nodes of the sequential plan, without edges, where the plan is made in slots;
+        turns: nodes of the sequential plan, where the plan is made in slots or shortened;
             None where ``tpg`` has the same nodes.
     """
 
@@ -134,6 +136,17 @@ def plan_scenario(
         if slots is not None:
             tpg = replace(tpg, slots=slots)
         progress(ORDER, 1, 1)
+    if scenario.planning.shortcut_candidates:
+        turns = turns or tpg
+        with watch.stage("shortcut"):
+            tpg = shorten_tpg(
+                tpg,
+                settings.speeds,
+                step=settings.step,
+                candidates=scenario.planning.shortcut_candidates,
+                seed=scenario.seed,
+                progress=lambda done, total: progress(SHORTCUTS, done, total),
+            ).tpg
     return Planned(
         cell,
         ready.assembly,

@@ -16,6 +16,7 @@ _STAGES = {
     "motion": "motions",
     "tpg": "what waits for what",
     "shortcut": "shortcuts",
+    "shortcut": "shortcuts",
 }
 
 

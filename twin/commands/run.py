@@ -43,6 +43,14 @@ Stalls = Annotated[
         min=0, help="Random standstills of each robot, in place of the scenario's."
     ),
 ]
+Shortcuts = Annotated[
+    int | None,
+    typer.Option(
+        "--shortcuts",
+        min=0,
+        help="Shortcuts tried on the plan, in place of the scenario's.",
+    ),
+]
 Audit = Annotated[
     bool,
     typer.Option("--audit/--no-audit", help="Check what was executed with PyBullet."),
@@ -68,6 +76,7 @@ def run(
     plan: Plan = None,
     policy: PolicyName = None,
     stalls: Stalls = None,
+    shortcuts: Shortcuts = None,
     audit: Audit = True,
     recording: Recording = True,
     as_json: AsJson = False,
@@ -79,7 +88,7 @@ def run(
     from twin.run_folder import prepare_run_folder
     from twin.scenario_file import load_scenario
 
-    chosen = _changed(load_scenario(scenario), seed, policy, stalls)
+    chosen = _changed(load_scenario(scenario), seed, policy, stalls, shortcuts)
     silent = quiet or as_json
     with StageDisplay(enabled=not silent) as progress:
         base = scenario.parent
@@ -120,7 +129,11 @@ def run(
 
 
 def _changed(
-    scenario: Scenario, seed: int | None, policy: str | None, stalls: int | None
+    scenario: Scenario,
+    seed: int | None,
+    policy: str | None,
+    stalls: int | None,
+    shortcuts: int | None,
 ) -> Scenario:
     """Return the scenario with what the options say in place of what the file says."""
     from pydantic import ValidationError
@@ -138,6 +151,8 @@ def _changed(
         execution["policy"] = policy
     if stalls is not None:
         execution["stalls"]["count_per_robot"] = stalls
+    if shortcuts is not None:
+        content["planning"]["shortcut_candidates"] = shortcuts
     try:
         return Scenario.model_validate_json(json.dumps(content))
     except ValidationError as error:
