@@ -15,14 +15,13 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from planning.geometry.exact import come_close, distance_at
-from planning.geometry.separation import make_scratch
+from planning.geometry.exact import TOLERANCE, come_close, distance_at
 from planning.transforms import Array
 from scheduling.contacts import ContactTable
 from scheduling.occupancy import Occupancy
 from scheduling.order import nodes_before
 from scheduling.reduction import NodeOrder
-from scheduling.staircase import ROOM, next_proposal, raise_floor
+from scheduling.staircase import next_proposal, raise_floor, start_descent
 from scheduling.temporal_plan_graph import Indices
 
 
@@ -90,7 +89,8 @@ class HullChecker:
             b_from, b_to = b.hulls.q_a[t], b.hulls.q_b[t]
             if not np.isnan(x):
                 q_a, q_b = a_from + x * (a_to - a_from), b_from + y * (b_to - b_from)
-                if distance_at(solid_a, q_a, solid_b, q_b) < limit:
+                # Where the hulls could not be separated they mostly are too close.
+                if distance_at(solid_a, q_a, solid_b, q_b) < limit + TOLERANCE:
                     return True
             if come_close(solid_a, a_from, a_to, solid_b, b_from, b_to, limit):
                 return True
@@ -133,15 +133,12 @@ def search_conflicts(
         table: allowed contacts and clearances.
         checker: decides what the capsules propose.
     """
-    stack = np.zeros((4096, 2), dtype=np.int64)
-    pairs = np.empty((ROOM, 2), dtype=np.int64)
-    where = np.full((ROOM, 2), np.nan)
-    scratch = make_scratch(a.hulls, b.hulls)
+    descent = start_descent(a.hulls, b.hulls)
     depth = 1
     # A checker that decides by hulls need not be asked about hulls proved to be apart.
     slack = checker.slack if isinstance(checker, HullChecker) else np.nan
     while True:
-        depth, s, t, count = next_proposal(
+        depth, s, t, first, count = next_proposal(
             a.sequence,
             a.hulls,
             b.sequence,
@@ -150,15 +147,13 @@ def search_conflicts(
             slack,
             floor,
             limit,
-            stack,
+            descent,
             depth,
-            pairs,
-            where,
-            scratch,
         )
         if count == 0:
             return
-        if checker.conflict(a, s, b, t, pairs[:count], where[:count]):
+        which = slice(first, first + count)
+        if checker.conflict(a, s, b, t, descent.pairs[which], descent.where[which]):
             v, u = int(a.sequence.node[s]), int(b.sequence.node[t])
             raise_floor(floor, v, u)
             yield v, u

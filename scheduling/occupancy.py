@@ -1,8 +1,8 @@
 """The space that nodes occupy: robot, tool and handled objects, segment by segment.
 
 Every node is cut into straight joint-space segments short enough that no point of the robot
-moves further than MOTION in one. A segment's capsules stand at its middle, grown by a rigorous
-bound of the motion within it: nothing between two samples goes unseen.
+moves further than MOTION in one. What is proved of a segment holds for the whole motion within
+it: nothing between two samples goes unseen.
 
 An object that a node picks up or puts down is part of the whole node's occupancy: resting before
 or after, carried in between. So what conflicts with the resting object conflicts with that node.
@@ -17,20 +17,16 @@ import numpy as np
 
 from planning.geometry.body import ConvexBody
 from planning.geometry.exact import Solid, carried_solid, resting_solid
+from planning.geometry.hull_table import HullTable, hull_table, placed_capsules
 from planning.geometry.kernel import RobotKernel, robot_kernel
 from planning.geometry.scene import entity as robot_entity
 from planning.geometry.scene import robot_solids
-from planning.geometry.separation import (
-    HullTable,
-    hull_table,
-    placed_capsules,
-)
-from planning.geometry.swept import sweep_segments
+from planning.geometry.swept import bound_travel
 from planning.transforms import Array, Transform
 from planning.workcell import PlacedRobot
 from scheduling.contacts import ALWAYS, EntityNumbers
 from scheduling.object_spans import ObjectSpan, Rest
-from scheduling.swept_sequence import INACTIVE, SweptSequence, swept_sequence
+from scheduling.swept_sequence import LEAF, SweptSequence, swept_sequence
 from scheduling.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
 
 MOTION = 0.02
@@ -42,7 +38,7 @@ class Occupancy:
     """What one robot, or one resting object, occupies.
 
     Attributes:
-        sequence: the swept capsules and their tree.
+        sequence: the segments and the tree of swept capsules over them.
         solids: the bodies that occur.
         hulls: their corners, and which of them are where.
     """
@@ -69,35 +65,51 @@ def cut_nodes(
         node that each segment leads to, counted from 1, shape (s,).
     """
     q_b = np.array(chain.waypoints, dtype=np.float64)
-    q_a = np.ascontiguousarray(np.vstack([chain.start[None], q_b[:-1]]))
-    count = len(q_b)
+    q_a = np.vstack([chain.start[None], q_b[:-1]])
     node = np.repeat(np.arange(len(chain)), np.diff(chain.first)).astype(np.int64)
-    waypoint = np.arange(count) - chain.first[node] + 1
-    kernel = _kernel(robot, held)
-    pieces = np.ones(count, dtype=np.int64)
-    todo = np.arange(count)
-    # The bound grows faster than the motion, so what was cut is measured again.
-    while len(todo):
-        length = (q_b[todo] - q_a[todo]) / pieces[todo, None]
-        worst = np.zeros(len(todo))
-        for share in (0.0, 0.5, 1.0):
-            first = q_a[todo] + share * (pieces[todo, None] - 1) * length
-            radius = sweep_segments(kernel, first, first + length)[2]
-            worst = np.maximum(worst, 2.0 * np.max(radius - kernel.radius, axis=1))
-        bad = worst > MOTION
-        todo = todo[bad]
-        pieces[todo] = np.maximum(
-            pieces[todo] + 1, np.ceil(pieces[todo] * worst[bad] / MOTION)
-        ).astype(np.int64)
-    of = np.repeat(np.arange(count), pieces)
-    k = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    step = (q_b - q_a)[of] / pieces[of, None]
-    cut_a = q_a[of] + k[:, None] * step
-    cut_b = np.where((k + 1 == pieces[of])[:, None], q_b[of], cut_a + step)
-    # The end of a piece is the start of the next one, to the last bit.
-    inner = np.flatnonzero(k > 0)
-    cut_a[inner] = cut_b[inner - 1]
-    return cut_a, cut_b, node[of], waypoint[of]
+    waypoint = np.arange(len(q_b)) - chain.first[node] + 1
+    kernel = _with_ball(_kernel(robot), robot, held)
+    while True:
+        travel = bound_travel(kernel, q_a, q_b)
+        pieces = np.ceil(travel / MOTION).astype(np.int64)
+        if np.max(pieces, initial=0) <= 1:
+            return q_a, q_b, node, waypoint
+        # The bound grows faster than the motion, so what was cut is measured again.
+        np.maximum(pieces, 1, out=pieces)
+        of = np.repeat(np.arange(len(pieces)), pieces)
+        k = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+        step = (q_b - q_a)[of] / pieces[of, None]
+        cut_a = q_a[of] + k[:, None] * step
+        q_b = np.where((k + 1 == pieces[of])[:, None], q_b[of], cut_a + step)
+        # The end of a piece is the start of the next one, to the last bit.
+        inner = np.flatnonzero(k > 0)
+        cut_a[inner] = q_b[inner - 1]
+        q_a, node, waypoint = cut_a, node[of], waypoint[of]
+
+
+def _with_ball(
+    kernel: RobotKernel,
+    robot: PlacedRobot,
+    held: Sequence[tuple[ConvexBody, Transform]],
+) -> RobotKernel:
+    """Add a ball that contains what is ever held to a robot's capsules."""
+    if not held:
+        return kernel
+    poses = [robot.model.flange @ pose for _, pose in held]
+    placed = [
+        placed_capsules(body, pose) for (body, _), pose in zip(held, poses, strict=True)
+    ]
+    ends = np.concatenate([end for p in placed for end in p[:2]])
+    radius = np.concatenate([np.tile(p[2], 2) for p in placed])[:, None]
+    low, high = (ends - radius).min(axis=0), (ends + radius).max(axis=0)
+    centre = 0.5 * (low + high)[None]
+    return kernel._replace(
+        joint=np.append(kernel.joint, robot.model.dof - 1),
+        start=np.concatenate([kernel.start, centre]),
+        end=np.concatenate([kernel.end, centre]),
+        radius=np.append(kernel.radius, 0.5 * np.linalg.norm(high - low)),
+        body=np.append(kernel.body, kernel.body[-1] + 1),
+    )
 
 
 def chain_occupancy(
@@ -170,6 +182,7 @@ def hold_occupancy(
         (chain.task[np.clip(holds - 1, 0, last)], chain.task[np.clip(holds, 0, last)]),
         runs,
         entities,
+        leaf=1,
     )
 
 
@@ -188,26 +201,16 @@ def rest_occupancy(
 ) -> Occupancy:
     """Return what one object at rest, or in the hand of a robot that stands, occupies."""
     body = tpg.cell.object(rest.object).body
-    start, end, radius = placed_capsules(body, rest.pose)
     none = np.full(1, ALWAYS, dtype=np.int64)
-    sequence = swept_sequence(
-        np.zeros(1, dtype=np.int64),
-        none,
-        none,
-        start[None],
-        end[None],
-        radius[None],
-        np.zeros(len(radius), dtype=np.int64),
-        np.full((1, 1), entities[rest.object], dtype=np.int32),
-        np.ones((1, 1), dtype=np.bool_),
-    )
     solids = (resting_solid(rest.object, body, rest.pose),)
     # No robot carries it; any one's kernel will do.
     kernel = _kernel(tpg.cell.robots[0])
     q = np.array(tpg.cell.robots[0].home[None], dtype=np.float64)
     only = np.zeros((1, 1), dtype=np.int32)
     hulls = hull_table(kernel, q, q, only, solids, (body,))
-    return Occupancy(sequence, solids, hulls)
+    entity = np.full((1, 1), entities[rest.object], dtype=np.int32)
+    nodes = np.zeros(1, dtype=np.int64)
+    return Occupancy(swept_sequence(nodes, none, none, entity, hulls), solids, hulls)
 
 
 def _kernel(
@@ -244,79 +247,37 @@ def _assemble(
     tasks: tuple[Indices, Indices],
     runs: Sequence[tuple[ObjectSpan, int, int]],
     entities: EntityNumbers,
+    *,
+    leaf: int = LEAF,
 ) -> Occupancy:
-    """Sweep the robot and, in slots, the objects of each run of segments."""
+    """Collect the bodies of the robot and, in slots, the objects of each run of segments."""
     kernel = _kernel(robot)
     solids = robot_solids(robot, kernel)
     parts = robot.model.parts
     bodies = [part.body for part in parts]
-    count = len(q_a)
     slots = _assign_slots(runs)
-    depth = max(slots, default=-1) + 1
-    room = max(
-        (len(tpg.cell.object(span.object).body.capsules.radius) for span, _, _ in runs),
-        default=0,
-    )
-    own = len(kernel.radius)
-    total = own + depth * room
-    start, end = np.zeros((count, total, 3)), np.zeros((count, total, 3))
-    radius = np.full((count, total), INACTIVE)
-    start[:, :own], end[:, :own], radius[:, :own] = sweep_segments(kernel, q_a, q_b)
-    count_bodies = len(parts) + depth
-    entity = np.full((count, count_bodies), -1, dtype=np.int32)
+    shape = (len(q_a), len(parts) + max(slots, default=-1) + 1)
+    entity = np.full(shape, -1, dtype=np.int32)
     entity[:, : len(parts)] = [
         entities[robot_entity(robot.name, part.group)] for part in parts
     ]
-    still = np.zeros((count, count_bodies), dtype=np.bool_)
-    still[:, : len(parts)] = [part.joint < 0 for part in parts]
-    solid = np.full((count, count_bodies), -1, dtype=np.int32)
+    solid = np.full(shape, -1, dtype=np.int32)
     solid[:, : len(parts)] = np.arange(len(parts))
     for (span, first, stop), slot in zip(runs, slots, strict=True):
         body = tpg.cell.object(span.object).body
-        which = slice(first, stop)
-        column = own + slot * room
-        columns = slice(column, column + len(body.capsules.radius))
         if span.carried:
             local = robot.model.flange @ span.pose
             joint = robot.model.dof - 1
-            (
-                start[which, columns],
-                end[which, columns],
-                radius[which, columns],
-            ) = sweep_segments(
-                _only(kernel, joint, *placed_capsules(body, local)),
-                q_a[which],
-                q_b[which],
-            )
             item = carried_solid(span.object, body, kernel, joint, local)
         else:
-            start[which, columns], end[which, columns], radius[which, columns] = (
-                placed_capsules(body, span.pose)
-            )
             item = resting_solid(span.object, body, span.pose)
-        entity[which, len(parts) + slot] = entities[span.object]
-        still[which, len(parts) + slot] = not span.carried
-        solid[which, len(parts) + slot] = len(solids)
+        entity[first:stop, len(parts) + slot] = entities[span.object]
+        solid[first:stop, len(parts) + slot] = len(solids)
         solids.append(item)
         bodies.append(body)
-    body_of = np.concatenate(
-        [kernel.body, len(parts) + np.repeat(np.arange(depth), room)]
-    )
-    sequence = swept_sequence(node, *tasks, start, end, radius, body_of, entity, still)
     hulls = hull_table(kernel, q_a, q_b, solid, solids, bodies)
-    return Occupancy(sequence, tuple(solids), hulls)
-
-
-def _only(
-    kernel: RobotKernel, joint: int, start: Array, end: Array, radius: Array
-) -> RobotKernel:
-    """Return the kernel of what a joint carries, without the robot itself."""
-    return kernel._replace(
-        joint=np.full(len(radius), joint),
-        start=np.ascontiguousarray(start),
-        end=np.ascontiguousarray(end),
-        radius=np.ascontiguousarray(radius),
-        body=np.zeros(len(radius), dtype=np.int64),
+    return Occupancy(
+        swept_sequence(node, *tasks, entity, hulls, leaf=leaf), tuple(solids), hulls
     )
 
 

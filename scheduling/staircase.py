@@ -3,29 +3,85 @@
 With two robots the conflicts that matter form a staircase: for each node the last node of the
 other robot before it that comes too close, unless an earlier node waits for as much already.
 Blocks are pruned when their volumes are apart, when nothing in them is at stake (outside the
-window from ``floor`` to ``limit``), and, as edges are found, when these imply the rest.
+window from ``floor`` to ``limit``), and, as edges are found, when these imply the rest. Below
+the leaves separating planes dismiss pairs of bodies, for ever shorter stretches of both motions.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from planning.geometry.distance import segment_segment
+from planning.geometry.distance import segment_distance, segment_segment
+from planning.geometry.gjk import ROUNDING
+from planning.geometry.hull_table import HullTable
 from planning.geometry.separation import (
-    HullTable,
     Scratch,
     hulls_stay_apart,
+    make_scratch,
     pose_segments,
+)
+from planning.geometry.stretches import (
+    MIXED,
+    Stretch,
+    make_stretch,
+    measure_body,
+    pose_stretch,
+    stretch_stray,
+    stretches_stay_apart,
 )
 from planning.transforms import Array
 from scheduling.contacts import ContactTable, may_touch
-from scheduling.swept_sequence import SweptSequence
+from scheduling.swept_sequence import LEAF, SweptSequence, place_ends
 from scheduling.temporal_plan_graph import Indices
 
-ROOM = 4096
-"""Pairs of bodies that a proposal has room for; the rest is never needed to refuse it."""
+_BLOCKS = -1
+"""Marks a row of the stack as a pair of blocks."""
+
+_LEVELS = 2 * LEAF.bit_length() + 2
+"""Lists of bodies that are needed at once: one a halving of two leaves, and two more."""
+
+
+class Descent(NamedTuple):
+    """How far a descent has come, and room to go on.
+
+    Attributes:
+        stack: what is still to be looked at: (block, -1, other block, -1, 0, 0), or two
+            stretches and a list of bodies, (first, last, first, last, list, its length), shape
+            (room, 6).
+        pairs: lists of pairs (body of a, body of b), shape (room, 2).
+        where: shares of both motions at which proposed pairs come close, NaN where that is
+            not known, shape (room, 2).
+        a, b: stretches, posed.
+        planes: direction in which two bodies were apart last, shape (bodies, bodies, 3).
+        scratch: room for the hulls.
+    """
+
+    stack: Indices
+    pairs: Indices
+    where: Array
+    a: Stretch
+    b: Stretch
+    planes: Array
+    scratch: Scratch
+
+
+def start_descent(a: HullTable, b: HullTable) -> Descent:
+    """Return a descent that begins at both roots, the first row of the stack."""
+    stack = np.zeros((512, 6), dtype=np.int64)
+    stack[0, 1] = stack[0, 3] = _BLOCKS
+    room = _LEVELS * a.solid.shape[1] * b.solid.shape[1]
+    return Descent(
+        stack,
+        np.empty((room, 2), dtype=np.int64),
+        np.full((room, 2), np.nan),
+        make_stretch(a),
+        make_stretch(b),
+        np.zeros((a.solid.shape[1], b.solid.shape[1], 3)),
+        make_scratch(a, b),
+    )
 
 
 @njit(cache=True)
@@ -39,165 +95,263 @@ def _boxes_apart(
 
 
 @njit(cache=True)
-def _capsule_off_box(p: Array, q: Array, r: float, low: Array, high: Array) -> bool:
-    for k in range(3):
-        if min(p[k], q[k]) - r > high[k] or max(p[k], q[k]) + r < low[k]:
-            return True
-    return False
+def _close_blocks(
+    a: SweptSequence,
+    i: int,
+    b: SweptSequence,
+    j: int,
+    gap: float,
+    every: bool,
+    out: Indices,
+) -> int:
+    """Write the pairs of bodies of two blocks whose capsules come too close.
 
-
-@njit(cache=True)
-def _blocks_apart(
-    a: SweptSequence, i: int, b: SweptSequence, j: int, gap: float
-) -> bool:
+    Returns:
+        Their number; with ``every`` unset, 1 as soon as there is one.
+    """
     if _boxes_apart(
         a.block_low[i], a.block_high[i], b.block_low[j], b.block_high[j], gap
     ):
-        return True
-    for c in range(a.block_radius.shape[1]):
-        r = a.block_radius[i, c]
-        if r < 0.0 or _capsule_off_box(
-            a.block_start[i, c],
-            a.block_end[i, c],
-            r + gap,
-            b.block_low[j],
-            b.block_high[j],
-        ):
-            continue
-        for d in range(b.block_radius.shape[1]):
-            s = b.block_radius[j, d]
-            if s < 0.0:
-                continue
-            near = r + s + gap
-            if _capsules_boxes_apart(
-                a.block_start[i, c],
-                a.block_end[i, c],
-                b.block_start[j, d],
-                b.block_end[j, d],
-                near,
-            ):
-                continue
-            if (
-                segment_segment(
-                    a.block_start[i, c],
-                    a.block_end[i, c],
-                    b.block_start[j, d],
-                    b.block_end[j, d],
-                )
-                < near * near
-            ):
-                return False
-    return True
-
-
-@njit(cache=True)
-def _capsules_boxes_apart(
-    a0: Array, a1: Array, b0: Array, b1: Array, near: float
-) -> bool:
-    for k in range(3):
-        if min(a0[k], a1[k]) - max(b0[k], b1[k]) > near:
-            return True
-        if min(b0[k], b1[k]) - max(a0[k], a1[k]) > near:
-            return True
-    return False
-
-
-@njit(cache=True)
-def close_bodies(
-    a: SweptSequence,
-    s: int,
-    b: SweptSequence,
-    t: int,
-    table: ContactTable,
-    out: npt.NDArray[np.int64],
-) -> int:
-    """Write the pairs of bodies of two segments whose capsules come too close.
-
-    Args:
-        a, s: a sequence and a segment of it.
-        b, t: the other sequence and a segment of it.
-        table: allowed contacts and clearances.
-        out: room for pairs (body of a, body of b), shape (room, 2).
-
-    Returns:
-        The number of pairs.
-    """
+        return 0
     count = 0
-    gap = max(table.clearance[0], table.clearance[1])
-    for c in range(a.radius.shape[1]):
-        r = a.radius[s, c]
-        if r < 0.0 or _capsule_off_box(
-            a.start[s, c], a.end[s, c], r + gap, b.low[t], b.high[t]
-        ):
-            continue
-        body = a.body[c]
-        x = a.entity[s, body]
-        for d in range(b.radius.shape[1]):
-            q = b.radius[t, d]
-            if q < 0.0:
+    start, end, radius = b.block_start[j], b.block_end[j], b.block_radius[j]
+    low, high = b.block_low[j], b.block_high[j]
+    for x in range(len(a.column) - 1):
+        begin = count
+        for c in range(a.column[x], a.column[x + 1]):
+            r = a.block_radius[i, c] + gap
+            if a.block_radius[i, c] < 0.0:
                 continue
-            other = b.body[d]
-            y = b.entity[t, other]
-            limit = (
-                table.clearance[0]
-                if x < table.robots and y < table.robots
-                else table.clearance[1]
+            p0, p1, p2 = (
+                a.block_start[i, c, 0],
+                a.block_start[i, c, 1],
+                a.block_start[i, c, 2],
             )
-            near = r + q + limit
-            if near < 0.0 or _capsules_boxes_apart(
-                a.start[s, c], a.end[s, c], b.start[t, d], b.end[t, d], near
-            ):
+            q0, q1, q2 = (
+                a.block_end[i, c, 0],
+                a.block_end[i, c, 1],
+                a.block_end[i, c, 2],
+            )
+            x0, x1, x2 = min(p0, q0) - r, min(p1, q1) - r, min(p2, q2) - r
+            y0, y1, y2 = max(p0, q0) + r, max(p1, q1) + r, max(p2, q2) + r
+            if x0 > high[0] or x1 > high[1] or x2 > high[2]:
                 continue
-            if a.still[s, body] and b.still[t, other]:
+            if y0 < low[0] or y1 < low[1] or y2 < low[2]:
                 continue
-            if (
-                segment_segment(a.start[s, c], a.end[s, c], b.start[t, d], b.end[t, d])
-                >= near * near
-            ):
-                continue
-            seen = False
-            for e in range(count):
-                if out[e, 0] == body and out[e, 1] == other:
-                    seen = True
-                    break
-            if seen or may_touch(
-                table, x, y, a.task[s], a.other_task[s], b.task[t], b.other_task[t]
-            ):
-                continue
-            if count < out.shape[0]:
-                out[count, 0], out[count, 1] = body, other
-                count += 1
+            for y in range(len(b.column) - 1):
+                seen = False
+                for e in range(begin, count):
+                    if out[e, 1] == y:
+                        seen = True
+                        break
+                if seen:
+                    continue
+                for d in range(b.column[y], b.column[y + 1]):
+                    s = radius[d]
+                    if s < 0.0:
+                        continue
+                    u0, v0 = start[d, 0], end[d, 0]
+                    if min(u0, v0) - s > y0 or max(u0, v0) + s < x0:
+                        continue
+                    u1, v1 = start[d, 1], end[d, 1]
+                    if min(u1, v1) - s > y1 or max(u1, v1) + s < x1:
+                        continue
+                    u2, v2 = start[d, 2], end[d, 2]
+                    if min(u2, v2) - s > y2 or max(u2, v2) + s < x2:
+                        continue
+                    apart = segment_distance(
+                        q0 - p0,
+                        q1 - p1,
+                        q2 - p2,
+                        v0 - u0,
+                        v1 - u1,
+                        v2 - u2,
+                        p0 - u0,
+                        p1 - u1,
+                        p2 - u2,
+                    )
+                    if apart < (r + s) * (r + s):
+                        out[count, 0], out[count, 1] = x, y
+                        count += 1
+                        if not every:
+                            return count
+                        break
     return count
 
 
 @njit(cache=True)
-def _keep_close_hulls(
+def _segments_near(
+    a: HullTable,
+    s: int,
+    x: int,
+    b: HullTable,
+    t: int,
+    y: int,
+    clearance: float,
+    descent: Descent,
+) -> bool:
+    """Tell whether the swept capsules of two bodies come too close in two segments, posed."""
+    one, other = a.solid[s, x], b.solid[t, y]
+    first_a, last_a = a.capsule_first[one], a.capsule_first[one + 1]
+    first_b, last_b = b.capsule_first[other], b.capsule_first[other + 1]
+    start, end = np.empty((last_a - first_a, 3)), np.empty((last_a - first_a, 3))
+    begin, stop = np.empty((last_b - first_b, 3)), np.empty((last_b - first_b, 3))
+    place_ends(a, one, descent.a.middle, start, end)
+    place_ends(b, other, descent.b.middle, begin, stop)
+    moved = stretch_stray(a, one, descent.a)[0] + stretch_stray(b, other, descent.b)[0]
+    for c in range(last_a - first_a):
+        for d in range(last_b - first_b):
+            near = a.radius[first_a + c] + b.radius[first_b + d] + moved + clearance
+            if near > 0.0 and (
+                segment_segment(start[c], end[c], begin[d], stop[d]) < near * near
+            ):
+                return True
+    return False
+
+
+@njit(cache=True)
+def _keep_close_bodies(
     a: SweptSequence,
     a_hulls: HullTable,
     s: int,
+    s_last: int,
     b: SweptSequence,
     b_hulls: HullTable,
     t: int,
+    t_last: int,
     table: ContactTable,
     slack: float,
-    out: npt.NDArray[np.int64],
-    where: Array,
+    descent: Descent,
+    first: int,
     count: int,
-    scratch: Scratch,
 ) -> int:
-    """Drop the pairs of bodies whose hulls are proved to stay apart; return what is left."""
-    left = 0
-    if count > 0:
+    """Copy a list of bodies behind itself but for those that stay apart on two stretches.
+
+    Returns:
+        How many are left.
+    """
+    pairs, where, scratch = descent.pairs, descent.where, descent.scratch
+    single = s_last - s == 1 and t_last - t == 1
+    pose_stretch(a_hulls, s, s_last, descent.a)
+    pose_stretch(b_hulls, t, t_last, descent.b)
+    solid_a, solid_b = descent.a.solid, descent.b.solid
+    one_task = (
+        a.task[s] == a.task[s_last - 1]
+        and a.other_task[s] == a.other_task[s_last - 1]
+        and b.task[t] == b.task[t_last - 1]
+        and b.other_task[t] == b.other_task[t_last - 1]
+    )
+    begin = end = first + count
+    for e in range(first, begin):
+        x, y = pairs[e, 0], pairs[e, 1]
+        one, other = solid_a[x], solid_b[y]
+        least = np.inf  # not the same all along: look at shorter stretches
+        if one != MIXED and other != MIXED:
+            if one < 0 or other < 0:
+                continue
+            if a_hulls.joint[one] < 0 and b_hulls.joint[other] < 0:
+                continue
+            u, v = a.entity[s, x], b.entity[t, y]
+            if u == v:
+                continue
+            if (
+                one_task
+                and table.head[u, v] >= 0
+                and may_touch(
+                    table, u, v, a.task[s], a.other_task[s], b.task[t], b.other_task[t]
+                )
+            ):
+                continue
+            robots = u < table.robots and v < table.robots
+            least = table.clearance[0] if robots else table.clearance[1]
+        pairs[end, 0], pairs[end, 1] = x, y
+        where[end, 0] = least
+        end += 1
+    if not np.isnan(slack):
+        end = _keep_unseparated(a_hulls, s, b_hulls, t, slack, descent, begin, end)
+    if not single:
+        return end - begin
+    kept = begin
+    if begin < end:
         pose_segments(a_hulls, s, b_hulls, t, scratch)
-    for e in range(count):
-        i, j = out[e, 0], out[e, 1]
-        robots = a.entity[s, i] < table.robots and b.entity[t, j] < table.robots
-        limit = table.clearance[0] if robots else table.clearance[1]
-        if not hulls_stay_apart(a_hulls, s, i, b_hulls, t, j, limit - slack, scratch):
-            out[left, 0], out[left, 1] = i, j
-            where[left, 0], where[left, 1] = scratch.where[0], scratch.where[1]
-            left += 1
-    return left
+    for e in range(begin, end):
+        x, y, least = pairs[e, 0], pairs[e, 1], where[e, 0]
+        where[kept] = np.nan
+        if np.isnan(slack):
+            if not _segments_near(a_hulls, s, x, b_hulls, t, y, least, descent):
+                continue
+        else:
+            if hulls_stay_apart(a_hulls, s, x, b_hulls, t, y, least - slack, scratch):
+                continue
+            where[kept] = scratch.where
+        pairs[kept, 0], pairs[kept, 1] = x, y
+        kept += 1
+    return kept - begin
+
+
+@njit(cache=True)
+def _keep_unseparated(
+    a: HullTable,
+    s: int,
+    b: HullTable,
+    t: int,
+    slack: float,
+    descent: Descent,
+    first: int,
+    end: int,
+) -> int:
+    """Drop the pairs of bodies that planes separate on two stretches, posed.
+
+    A plane found for one pair is tried on all others: few pairs need one of their own.
+
+    Args:
+        a, s: an occupancy and the first segment of its stretch.
+        b, t: likewise for the other.
+        slack: taken off the clearances [m].
+        descent: with the clearances of the pairs in ``where``, infinite to keep a pair.
+        first, end: the list of pairs.
+
+    Returns:
+        The new end of the list.
+    """
+    pairs, where = descent.pairs, descent.where
+    on_a, on_b = descent.a, descent.b
+    least_a, least_b = on_a.least, on_b.least
+    known_a, known_b = on_a.measured, on_b.measured
+    at = first
+    while at < end:
+        x, y, least = pairs[at, 0], pairs[at, 1], where[at, 0] - slack
+        at += 1
+        if least == np.inf:
+            continue
+        plane = descent.planes[x, y]
+        for attempt in range(2):
+            if attempt == 1 and not stretches_stay_apart(
+                a, on_a.solid[x], on_a, b, on_b.solid[y], on_b, least, plane
+            ):
+                break
+            on_a.span[3] += 1
+            on_b.span[3] += 1
+            measure_body(a, x, on_a, plane, 1.0)
+            measure_body(b, y, on_b, plane, -1.0)
+            if attempt == 0 and least_a[x] + least_b[y] < max(least, 0.0) + ROUNDING:
+                continue
+            at -= 1
+            kept = at
+            for e in range(at + 1, end):
+                u, v, clear = pairs[e, 0], pairs[e, 1], where[e, 0]
+                if clear < np.inf:
+                    if known_a[u] != on_a.span[3]:
+                        measure_body(a, u, on_a, plane, 1.0)
+                    if known_b[v] != on_b.span[3]:
+                        measure_body(b, v, on_b, plane, -1.0)
+                    if least_a[u] + least_b[v] >= max(clear - slack, 0.0) + ROUNDING:
+                        continue
+                pairs[kept, 0], pairs[kept, 1], where[kept, 0] = u, v, clear
+                kept += 1
+            end = kept
+            break
+    return end
 
 
 @njit(cache=True)
@@ -210,12 +364,9 @@ def next_proposal(
     slack: float,
     floor: Indices,
     limit: Indices,
-    stack: npt.NDArray[np.int64],
+    descent: Descent,
     depth: int,
-    out: npt.NDArray[np.int64],
-    where: Array,
-    scratch: Scratch,
-) -> tuple[int, int, int, int]:
+) -> tuple[int, int, int, int, int]:
     """Go on with a descent until two segments may conflict.
 
     Args:
@@ -226,78 +377,78 @@ def next_proposal(
             dropped [m]; NaN to propose whatever the capsules do.
         floor: last u that each v waits for already, never falling, by node of ``a``.
         limit: first u that is not at stake for each v, never falling, by node of ``a``.
-        stack: pairs still to be looked at: blocks, or segments when negative, shape (room, 2).
-        depth: filled rows of ``stack``.
-        out: room for the pairs of bodies.
-        where: room for the shares of both motions at which each pair comes close; written
-            unless ``slack`` is NaN, shape (room, 2).
-        scratch: room for the hulls.
+        descent: how far it has come.
+        depth: filled rows of its stack.
 
     Returns:
-        The new depth, the two segments, and the number of pairs of bodies; a number of 0 says
-        that the descent is over.
+        The new depth, the two segments, and where in ``descent.pairs`` the close pairs of
+        bodies begin and how many they are; a number of 0 says that the descent is over.
     """
     gap = max(table.clearance[0], table.clearance[1])
     leaf_a, leaf_b = len(a.block_first) // 2, len(b.block_first) // 2
+    stack = descent.stack
     while depth > 0:
         depth -= 1
-        i, j = stack[depth, 0], stack[depth, 1]
-        if i < 0:
-            s, t = -1 - i, -1 - j
-            v, u = a.node[s], b.node[t]
-            if u <= floor[v] or u >= limit[v]:
-                continue
-            if _boxes_apart(a.low[s], a.high[s], b.low[t], b.high[t], gap):
-                continue
-            count = close_bodies(a, s, b, t, table, out)
-            if not np.isnan(slack):
-                count = _keep_close_hulls(
-                    a,
-                    a_hulls,
-                    s,
-                    b,
-                    b_hulls,
-                    t,
-                    table,
-                    slack,
-                    out,
-                    where,
-                    count,
-                    scratch,
-                )
-            if count > 0:
-                return depth, s, t, count
-            continue
-        a_first, a_last = a.block_first[i], a.block_last[i]
-        b_first, b_last = b.block_first[j], b.block_last[j]
-        if a_first >= a_last or b_first >= b_last:
-            continue
-        if b.node[b_last - 1] <= floor[a.node[a_first]]:
-            continue
-        if b.node[b_first] >= limit[a.node[a_last - 1]]:
-            continue
-        if _blocks_apart(a, i, b, j, gap):
-            continue
-        if i >= leaf_a and j >= leaf_b:
-            # The top of the stack comes next: earliest v first, latest u first.
-            for s in range(a_last - 1, a_first - 1, -1):
-                v = a.node[s]
-                for t in range(b_first, b_last):
-                    u = b.node[t]
-                    if floor[v] < u < limit[v] and not _boxes_apart(
-                        a.low[s], a.high[s], b.low[t], b.high[t], gap
-                    ):
-                        stack[depth, 0], stack[depth, 1] = -1 - s, -1 - t
-                        depth += 1
-        elif j >= leaf_b or (i < leaf_a and a_last - a_first >= b_last - b_first):
-            stack[depth, 0], stack[depth, 1] = 2 * i + 2, j
-            stack[depth + 1, 0], stack[depth + 1, 1] = 2 * i + 1, j
-            depth += 2
+        if stack[depth, 1] == _BLOCKS:
+            i, j = stack[depth, 0], stack[depth, 2]
+            s, s_last = a.block_first[i], a.block_last[i]
+            t, t_last = b.block_first[j], b.block_last[j]
+            begin = 0
+            leaves = i >= leaf_a and j >= leaf_b
         else:
-            stack[depth, 0], stack[depth, 1] = i, 2 * j + 1
-            stack[depth + 1, 0], stack[depth + 1, 1] = i, 2 * j + 2
-            depth += 2
-    return 0, 0, 0, 0
+            i = j = -1
+            s, s_last, t, t_last, begin, count = stack[depth]
+            leaves = True
+        if s >= s_last or t >= t_last:
+            continue
+        if b.node[t_last - 1] <= floor[a.node[s]]:
+            continue
+        if b.node[t] >= limit[a.node[s_last - 1]]:
+            continue
+        if i >= 0:
+            count = _close_blocks(a, i, b, j, gap, leaves, descent.pairs)
+            if count == 0:
+                continue
+        if leaves:
+            kept = _keep_close_bodies(
+                a,
+                a_hulls,
+                s,
+                s_last,
+                b,
+                b_hulls,
+                t,
+                t_last,
+                table,
+                slack,
+                descent,
+                begin,
+                count,
+            )
+            begin += count
+            if kept == 0:
+                continue
+            if s_last - s == 1 and t_last - t == 1:
+                return depth, s, t, begin, kept
+            # The top of the stack comes next: earliest v first, latest u first.
+            for k in range(2):
+                row = stack[depth + k]
+                row[0], row[1], row[2], row[3] = s, s_last, t, t_last
+                row[4], row[5] = begin, kept
+            if s_last - s >= t_last - t:
+                stack[depth, 0] = stack[depth + 1, 1] = (s + s_last) // 2
+            else:
+                stack[depth, 3] = stack[depth + 1, 2] = (t + t_last) // 2
+        else:
+            for k in range(2):
+                stack[depth + k, 0], stack[depth + k, 2] = i, j
+                stack[depth + k, 1] = stack[depth + k, 3] = _BLOCKS
+            if j >= leaf_b or (i < leaf_a and s_last - s >= t_last - t):
+                stack[depth, 0], stack[depth + 1, 0] = 2 * i + 2, 2 * i + 1
+            else:
+                stack[depth, 2], stack[depth + 1, 2] = 2 * j + 1, 2 * j + 2
+        depth += 2
+    return 0, 0, 0, 0, 0
 
 
 @njit(cache=True)

@@ -1,7 +1,10 @@
 """What is occupied, segment after segment, with a binary tree of bounding blocks over it.
 
-A block bounds a run of consecutive segments twice: by one box, and capsule by capsule. Each of
-its capsules is that of one segment of the run, grown until it holds those of all the others.
+A block bounds a run of consecutive segments twice: by one box, and capsule by capsule. The
+capsules of a leaf stand where the joints are in the middle of all they do in it, grown by a
+rigorous bound of how far any point gets from there; those of a larger block are those of one of
+its halves, grown until they hold the other's. Capsules of single segments are not kept: what
+they could tell the hulls tell better.
 """
 
 from __future__ import annotations
@@ -12,6 +15,14 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from planning.geometry.hull_table import AT_REST, HullTable
+from planning.geometry.stretches import (
+    MIXED,
+    Stretch,
+    make_stretch,
+    pose_box,
+    stretch_stray,
+)
 from planning.transforms import Array
 from scheduling.temporal_plan_graph import Indices
 
@@ -27,29 +38,20 @@ class SweptSequence(NamedTuple):
 
     Attributes:
         node: node of each segment, never falling, shape (s,).
-        task, other_task: tasks of each segment, see ``may_touch``, shape (s,).
-        start, end: world ends of the capsules, shape (s, c, 3) [m].
-        radius: swept radii, shape (s, c) [m]; INACTIVE where there is none.
-        body: body of each capsule, shape (c,).
+        task, other_task: tasks of each segment, see ``may_touch``, never falling, shape (s,).
         entity: entity of each body, -1 where there is none, shape (s, bodies).
-        still: True where the body does not move whatever the robot does, shape (s, bodies).
-        low, high: box around each segment, shape (s, 3) [m].
+        column: where the capsules of each body begin, shape (bodies + 1,).
         block_first, block_last: segments of each block, ``range(first, last)``, shape (b,).
         block_low, block_high: box around each block, shape (b, 3) [m].
-        block_start, block_end, block_radius: capsules of each block.
+        block_start, block_end: world ends of the capsules, shape (b, c, 3) [m].
+        block_radius: their radii, shape (b, c) [m]; INACTIVE where there is none.
     """
 
     node: Indices
     task: Indices
     other_task: Indices
-    start: Array
-    end: Array
-    radius: Array
-    body: Indices
     entity: npt.NDArray[np.int32]
-    still: npt.NDArray[np.bool_]
-    low: Array
-    high: Array
+    column: Indices
     block_first: Indices
     block_last: Indices
     block_low: Array
@@ -63,103 +65,177 @@ def swept_sequence(
     node: Indices,
     task: Indices,
     other_task: Indices,
-    start: Array,
-    end: Array,
-    radius: Array,
-    body: Indices,
     entity: npt.NDArray[np.int32],
-    still: npt.NDArray[np.bool_],
+    hulls: HullTable,
+    *,
+    leaf: int = LEAF,
 ) -> SweptSequence:
-    """Build the tree over a sequence of at least one segment; see SweptSequence."""
-    count, capsules = radius.shape
+    """Build the tree over a sequence of at least one segment.
+
+    Args:
+        node, task, other_task, entity: see SweptSequence.
+        hulls: the bodies in motion.
+        leaf: most segments in a leaf, up to LEAF; 1 where they have nothing in common.
+    """
+    count = len(node)
     leaves = 1
-    while leaves * LEAF < count:
+    while leaves * leaf < count:
         leaves *= 2
     blocks = 2 * leaves - 1
-    low, high = np.empty((count, 3)), np.empty((count, 3))
+    widths = np.append(np.diff(hulls.capsule_first), 0)  # the last one stands for none
+    column = np.cumsum([0, *np.max(widths[hulls.solid], axis=0)]).astype(np.int64)
+    capsules = int(column[-1])
     out = SweptSequence(
         np.ascontiguousarray(node, dtype=np.int64),
         np.ascontiguousarray(task, dtype=np.int64),
         np.ascontiguousarray(other_task, dtype=np.int64),
-        np.ascontiguousarray(start),
-        np.ascontiguousarray(end),
-        np.ascontiguousarray(radius),
-        np.ascontiguousarray(body, dtype=np.int64),
         np.ascontiguousarray(entity, dtype=np.int32),
-        np.ascontiguousarray(still, dtype=np.bool_),
-        low,
-        high,
+        column,
         np.zeros(blocks, dtype=np.int64),
         np.zeros(blocks, dtype=np.int64),
-        np.zeros((blocks, 3)),
-        np.zeros((blocks, 3)),
+        np.full((blocks, 3), np.inf),
+        np.full((blocks, 3), -np.inf),
         np.zeros((blocks, capsules, 3)),
         np.zeros((blocks, capsules, 3)),
         np.full((blocks, capsules), INACTIVE),
     )
-    _build(out, leaves)
+    _build(out, hulls, leaves, make_stretch(hulls))
     return out
 
 
 @njit(cache=True)
-def _build(seq: SweptSequence, leaves: int) -> None:
-    count, capsules = seq.radius.shape
-    for s in range(count):
-        for k in range(3):
-            seq.low[s, k] = np.inf
-            seq.high[s, k] = -np.inf
-        for c in range(capsules):
-            r = seq.radius[s, c]
-            if r < 0.0:
-                continue
-            for k in range(3):
-                a, b = seq.start[s, c, k], seq.end[s, c, k]
-                seq.low[s, k] = min(seq.low[s, k], min(a, b) - r)
-                seq.high[s, k] = max(seq.high[s, k], max(a, b) + r)
-    level = leaves
+def _build(seq: SweptSequence, hulls: HullTable, leaves: int, room: Stretch) -> None:
+    count = len(seq.node)
     size = (count + leaves - 1) // leaves
-    while level >= 1:
-        for i in range(level):
-            block = level - 1 + i
-            first, last = min(i * size, count), min((i + 1) * size, count)
-            seq.block_first[block], seq.block_last[block] = first, last
-            _bound(seq, block, first, last)
-        level //= 2
-        size *= 2
+    for i in range(leaves):
+        block = leaves - 1 + i
+        first, last = min(i * size, count), min((i + 1) * size, count)
+        seq.block_first[block], seq.block_last[block] = first, last
+        if first < last:
+            _bound_leaf(seq, hulls, block, room)
+    for block in range(leaves - 2, -1, -1):
+        left, right = 2 * block + 1, 2 * block + 2
+        seq.block_first[block] = seq.block_first[left]
+        seq.block_last[block] = max(seq.block_last[left], seq.block_last[right])
+        for k in range(3):
+            seq.block_low[block, k] = min(
+                seq.block_low[left, k], seq.block_low[right, k]
+            )
+            seq.block_high[block, k] = max(
+                seq.block_high[left, k], seq.block_high[right, k]
+            )
+        for c in range(seq.block_radius.shape[1]):
+            _bound_both(seq, block, left, right, c)
 
 
 @njit(cache=True)
-def _bound(seq: SweptSequence, block: int, first: int, last: int) -> None:
-    for k in range(3):
-        seq.block_low[block, k] = np.inf
-        seq.block_high[block, k] = -np.inf
-    for s in range(first, last):
-        for k in range(3):
-            seq.block_low[block, k] = min(seq.block_low[block, k], seq.low[s, k])
-            seq.block_high[block, k] = max(seq.block_high[block, k], seq.high[s, k])
-    for c in range(seq.radius.shape[1]):
-        middle = (first + last) // 2
-        chosen = -1
-        for s in range(first, last):
-            if seq.radius[s, c] >= 0.0 and (
-                chosen < 0 or abs(s - middle) < abs(chosen - middle)
-            ):
-                chosen = s
-        if chosen < 0:
+def _bound_leaf(
+    seq: SweptSequence, hulls: HullTable, block: int, room: Stretch
+) -> None:
+    first, last = seq.block_first[block], seq.block_last[block]
+    pose_box(hulls, first, last, room)
+    for i in range(hulls.solid.shape[1]):
+        solid = int(room.solid[i])
+        c = seq.column[i]
+        if solid != MIXED:
+            if solid >= 0:
+                _place_capsules(seq, hulls, block, c, solid, room)
             continue
-        grown = 0.0
+        # Objects that come and go: the first capsule becomes a ball around them all.
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        before = -1
         for s in range(first, last):
-            r = seq.radius[s, c]
-            if r < 0.0:
-                continue
-            a2 = b2 = 0.0
-            for k in range(3):
-                da = seq.start[s, c, k] - seq.start[chosen, c, k]
-                db = seq.end[s, c, k] - seq.end[chosen, c, k]
-                a2 += da * da
-                b2 += db * db
-            grown = max(grown, np.sqrt(max(a2, b2)) + r)
-        seq.block_radius[block, c] = grown
+            solid = int(hulls.solid[s, i])
+            if solid >= 0 and solid != before:
+                _place_capsules(seq, hulls, block, c, solid, room)
+                for e in range(
+                    hulls.capsule_first[solid + 1] - hulls.capsule_first[solid]
+                ):
+                    r = seq.block_radius[block, c + e]
+                    for k in range(3):
+                        p = seq.block_start[block, c + e, k]
+                        q = seq.block_end[block, c + e, k]
+                        low[k] = min(low[k], min(p, q) - r)
+                        high[k] = max(high[k], max(p, q) + r)
+                    seq.block_radius[block, c + e] = INACTIVE
+            before = solid
+        size = 0.0
         for k in range(3):
-            seq.block_start[block, c, k] = seq.start[chosen, c, k]
-            seq.block_end[block, c, k] = seq.end[chosen, c, k]
+            seq.block_start[block, c, k] = 0.5 * (low[k] + high[k])
+            seq.block_end[block, c, k] = 0.5 * (low[k] + high[k])
+            size += (high[k] - low[k]) ** 2
+        seq.block_radius[block, c] = 0.5 * np.sqrt(size)
+    for c in range(seq.block_radius.shape[1]):
+        r = seq.block_radius[block, c]
+        if r < 0.0:
+            continue
+        for k in range(3):
+            p, q = seq.block_start[block, c, k], seq.block_end[block, c, k]
+            seq.block_low[block, k] = min(seq.block_low[block, k], min(p, q) - r)
+            seq.block_high[block, k] = max(seq.block_high[block, k], max(p, q) + r)
+
+
+@njit(cache=True)
+def _place_capsules(
+    seq: SweptSequence,
+    hulls: HullTable,
+    block: int,
+    column: int,
+    solid: int,
+    stretch: Stretch,
+) -> None:
+    """Write the capsules of a body on a stretch, from a column on."""
+    moved = stretch_stray(hulls, solid, stretch)[0]
+    first, last = hulls.capsule_first[solid], hulls.capsule_first[solid + 1]
+    place_ends(
+        hulls,
+        solid,
+        stretch.middle,
+        seq.block_start[block, column:],
+        seq.block_end[block, column:],
+    )
+    for e in range(first, last):
+        seq.block_radius[block, column + e - first] = hulls.radius[e] + moved
+
+
+@njit(cache=True)
+def place_ends(
+    hulls: HullTable, solid: int, poses: Array, start: Array, end: Array
+) -> None:
+    """Write the world ends of the capsules of a body, shape (at least its capsules, 3)."""
+    first, last = hulls.capsule_first[solid], hulls.capsule_first[solid + 1]
+    joint = hulls.joint[solid]
+    for e in range(first, last):
+        for r in range(3):
+            if joint == AT_REST:
+                p, q = hulls.ends[e, 0, r], hulls.ends[e, 1, r]
+            else:
+                pose = poses[joint + 1]
+                p = q = pose[r, 3]
+                for k in range(3):
+                    p += pose[r, k] * hulls.ends[e, 0, k]
+                    q += pose[r, k] * hulls.ends[e, 1, k]
+            start[e - first, r], end[e - first, r] = p, q
+
+
+@njit(cache=True)
+def _bound_both(seq: SweptSequence, block: int, left: int, right: int, c: int) -> None:
+    """Write a capsule that holds those of two blocks: one of them, grown."""
+    r, s = seq.block_radius[left, c], seq.block_radius[right, c]
+    chosen, grown = left, r
+    if r < 0.0:
+        chosen, grown = right, s
+    elif s >= 0.0:
+        a2 = b2 = 0.0
+        for k in range(3):
+            da = seq.block_start[left, c, k] - seq.block_start[right, c, k]
+            db = seq.block_end[left, c, k] - seq.block_end[right, c, k]
+            a2 += da * da
+            b2 += db * db
+        apart = np.sqrt(max(a2, b2))
+        chosen = left if s <= r else right
+        grown = max(max(r, s), apart + min(r, s))
+    seq.block_radius[block, c] = grown
+    for k in range(3):
+        seq.block_start[block, c, k] = seq.block_start[chosen, c, k]
+        seq.block_end[block, c, k] = seq.block_end[chosen, c, k]

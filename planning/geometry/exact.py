@@ -8,6 +8,7 @@ close; what is left is split in two, down to a tolerance below which closeness i
 from __future__ import annotations
 
 from dataclasses import dataclass
+from heapq import heappop, heappush
 from typing import Any
 
 import coal
@@ -202,9 +203,11 @@ def come_close(
     """
     if a.carrier is None and b.carrier is not None:
         a, a_from, a_to, b, b_from, b_to = b, b_from, b_to, a, a_from, a_to
-    stack = [(a_from, a_to, b_from, b_to)]
-    while stack:
-        a0, a1, b0, b1 = stack.pop()
+    # Closest parts first: where the bodies do come close, that is soon found.
+    parts = [(0.0, 0, a_from, a_to, b_from, b_to)]
+    made = 0
+    while parts:
+        _, _, a0, a1, b0, b1 = heappop(parts)
         pose_a, moved_a = place(a, a0, a1)
         pose_b, moved_b = place(b, b0, b1)
         gap = distance(a, pose_a, b, pose_b)
@@ -216,12 +219,13 @@ def come_close(
             return True
         if moved_a >= moved_b:
             middle = 0.5 * (a0 + a1)
-            stack.append((a0, middle, b0, b1))
-            stack.append((middle, a1, b0, b1))
+            halves = ((a0, middle, b0, b1), (middle, a1, b0, b1))
         else:
             middle = 0.5 * (b0 + b1)
-            stack.append((a0, a1, b0, middle))
-            stack.append((a0, a1, middle, b1))
+            halves = ((a0, a1, b0, middle), (a0, a1, middle, b1))
+        for half in halves:
+            made += 1
+            heappush(parts, (gap, -made, *half))
     return False
 
 

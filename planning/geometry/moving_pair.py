@@ -15,12 +15,11 @@ from numba import njit
 
 from planning.geometry.distance import segment_segment
 from planning.geometry.exact import Solid, carried_solid
+from planning.geometry.hull_table import HullTable, hull_table
 from planning.geometry.kernel import RobotKernel, robot_kernel
 from planning.geometry.scene import robot_solids
 from planning.geometry.separation import (
-    HullTable,
     Scratch,
-    hull_table,
     hulls_stay_apart,
     make_scratch,
     pose_segments,

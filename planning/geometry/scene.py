@@ -16,6 +16,7 @@ from planning.geometry.exact import (
     distance_at,
     resting_solid,
 )
+from planning.geometry.hull_table import HullTable, hull_table
 from planning.geometry.kernel import RobotKernel, robot_kernel
 from planning.geometry.proposals import (
     BOX,
@@ -25,12 +26,7 @@ from planning.geometry.proposals import (
     Scene,
     propose,
 )
-from planning.geometry.separation import (
-    HullTable,
-    hull_table,
-    make_scratch,
-    not_proved_apart,
-)
+from planning.geometry.separation import make_scratch, not_proved_apart
 from planning.geometry.swept import sweep_segments
 from planning.transforms import Array
 from planning.workcell import PlacedRobot, Workcell, WorldState

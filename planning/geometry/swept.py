@@ -110,3 +110,48 @@ def sweep_segments(
         for k in range(c):
             radius[i, k] = kernel.radius[k] + moved[k, 0]
     return start, end, radius
+
+
+@njit(cache=True)
+def bound_travel(kernel: RobotKernel, q_a: Array, q_b: Array) -> Array:
+    """Return how far any point of the robot travels in each of many segments, at most.
+
+    Neighbours are bounded together: how far a capsule gets from a joint's axis while the
+    joints are anywhere within the box of their values, times how far the joint goes.
+
+    Args:
+        kernel: the robot, with what it holds.
+        q_a, q_b: ends of the segments, shape (s, n).
+
+    Returns:
+        Bounds, shape (s,) [m].
+    """
+    together = 8
+    count, n = q_a.shape
+    c = kernel.radius.shape[0]
+    start, end = np.empty((c, 3)), np.empty((c, 3))
+    poses = np.empty((n + 1, 4, 4))
+    q_mid, low, high = np.empty(n), np.empty(n), np.empty(n)
+    moved = np.empty((c, n + 1))
+    out = np.zeros(count)
+    for first in range(0, count, together):
+        last = min(first + together, count)
+        for j in range(n):
+            low[j] = high[j] = q_a[first, j]
+            for i in range(first, last):
+                low[j] = min(low[j], q_a[i, j], q_b[i, j])
+                high[j] = max(high[j], q_a[i, j], q_b[i, j])
+        place_capsules(kernel, low, high, poses, q_mid, start, end, moved)
+        for j in range(n):
+            half = 0.5 * (high[j] - low[j])
+            for k in range(c):
+                if half > 0.0:
+                    moved[k, j] = (moved[k, j] - moved[k, j + 1]) / half
+        for i in range(first, last):
+            for k in range(c):
+                travel = 0.0
+                for j in range(n):
+                    if high[j] > low[j]:
+                        travel += abs(q_b[i, j] - q_a[i, j]) * moved[k, j]
+                out[i] = max(out[i], travel)
+    return out

@@ -8,14 +8,13 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from planning.geometry.exact import come_close, distance_at
+from planning.geometry.gjk import CLOSE, FAR, gap_class
 from planning.geometry.separation import (
-    CLOSE,
-    FAR,
-    gap_class,
     hulls_stay_apart,
     make_scratch,
     pose_segments,
 )
+from planning.geometry.swept import sweep_segments
 from planning.transforms import Array
 from scheduling.construction import build_chains, occupancies_of
 from scheduling.occupancy import MOTION, Occupancy
@@ -55,7 +54,7 @@ def test_gaps_agree_with_coal() -> None:
         b = np.ascontiguousarray(b + rng.normal(size=3) * rng.uniform(0, 4))
         gap = _coal_distance(a, b)
         clearance, enough = sorted(rng.uniform(0.0, 2.0, 2))
-        answer = gap_class(a, len(a), b, len(b), clearance, enough)
+        answer = gap_class(a, len(a), b, len(b), clearance, enough, np.empty(3))
         seen[answer] += 1
         if answer == FAR:
             assert gap >= enough - 1e-7
@@ -130,7 +129,6 @@ def test_segments_are_short_and_join(occupancies: list[Occupancy]) -> None:
         node = occupancy.sequence.node
         assert np.all(np.diff(node) >= 0)
         kernel = hulls.kernel
-        own = len(kernel.radius)
-        grown = occupancy.sequence.radius[:, :own] - kernel.radius
+        grown = sweep_segments(kernel, hulls.q_a, hulls.q_b)[2] - kernel.radius
         assert grown.min() >= 0.0
         assert 2.0 * grown.max() <= 1.05 * MOTION

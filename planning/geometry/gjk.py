@@ -1,0 +1,175 @@
+"""How far apart two convex hulls are, compiled: GJK that proves what it says.
+
+GJK walks towards the shortest vector between two hulls. Any direction it tries proves a lower
+bound of their distance (the gap between their supporting planes), whatever rounding does to the
+walk. So "apart" is certain; everything else is left to the exact decision.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from planning.transforms import Array
+
+FAR, BETWEEN, CLOSE = 1, 0, -1
+
+_STEPS = 24
+ROUNDING = 1e-9
+"""Added to every distance that must be proved [m]."""
+
+
+@njit(cache=True)
+def _support(corners: Array, count: int, x: float, y: float, z: float) -> int:
+    best, at = -np.inf, 0
+    for v in range(count):
+        d = x * corners[v, 0] + y * corners[v, 1] + z * corners[v, 2]
+        if d > best:
+            best, at = d, v
+    return at
+
+
+@njit(cache=True)
+def gap_class(
+    a: Array,
+    a_count: int,
+    b: Array,
+    b_count: int,
+    clearance: float,
+    enough: float,
+    direction: Array,
+) -> int:
+    """Tell how far apart two hulls are.
+
+    Args:
+        a, a_count: corners of the one hull, the first ``a_count`` rows of shape (.., 3).
+        b, b_count: likewise for the other.
+        clearance: below this they are too close [m]; where not positive, when they overlap.
+        enough: from this on they are far enough, at least ``clearance`` [m].
+        direction: where FAR, the direction from b to a in which they are, of length 1, is
+            written here, shape (3,).
+
+    Returns:
+        FAR when they are proved to be at least ``enough`` apart, CLOSE when they are closer
+        than ``clearance`` or that cannot be ruled out, BETWEEN otherwise.
+    """
+    near = max(clearance, 0.0) + ROUNDING
+    far = max(enough, 0.0) + ROUNDING
+    simplex = np.empty((4, 3))
+    size = 0
+    lower = -1.0
+    v = np.zeros(3)
+    for k in range(3):
+        for i in range(a_count):
+            v[k] += a[i, k] / a_count
+        for j in range(b_count):
+            v[k] -= b[j, k] / b_count
+    for _ in range(_STEPS):
+        norm = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+        # From the second round on v is a point of the difference: its length bounds the gap.
+        if norm < near:
+            break
+        if lower >= near and size > 0 and norm < far:
+            return BETWEEN
+        i = _support(a, a_count, -v[0], -v[1], -v[2])
+        j = _support(b, b_count, v[0], v[1], v[2])
+        w0, w1, w2 = a[i, 0] - b[j, 0], a[i, 1] - b[j, 1], a[i, 2] - b[j, 2]
+        lower = max(lower, (v[0] * w0 + v[1] * w1 + v[2] * w2) / norm)
+        if lower >= far:
+            for k in range(3):
+                direction[k] = v[k] / norm
+            return FAR
+        again = False
+        for s in range(size):
+            if simplex[s, 0] == w0 and simplex[s, 1] == w1 and simplex[s, 2] == w2:
+                again = True
+        if again:
+            break
+        simplex[size, 0], simplex[size, 1], simplex[size, 2] = w0, w1, w2
+        size = _nearest(simplex, size + 1, v)
+        if size == 4:
+            return CLOSE
+    return BETWEEN if lower >= near else CLOSE
+
+
+@njit(cache=True)
+def _nearest(simplex: Array, size: int, v: Array) -> int:
+    """Write the point of a simplex nearest to the origin; keep only the corners it needs.
+
+    The newest corner is the last one. Every face, edge and corner is tried, and of those that
+    hold the origin's projection the nearest wins: few operations, and no case to get wrong.
+    """
+    if size == 4 and _inside(simplex):
+        return 4
+    best = np.inf
+    ki, kj, kk = 0, -1, -1
+    wi, wj, wk = 1.0, 0.0, 0.0
+    for i in range(size):
+        p0, p1, p2 = simplex[i, 0], simplex[i, 1], simplex[i, 2]
+        pp = p0 * p0 + p1 * p1 + p2 * p2
+        if pp < best:
+            best, ki, kj, kk, wi = pp, i, -1, -1, 1.0
+        for j in range(i + 1, size):
+            e0, e1, e2 = simplex[j, 0] - p0, simplex[j, 1] - p1, simplex[j, 2] - p2
+            ee = e0 * e0 + e1 * e1 + e2 * e2
+            ep = -(e0 * p0 + e1 * p1 + e2 * p2)
+            if 0.0 < ep < ee:
+                d = pp - ep * ep / ee
+                if d < best:
+                    best, ki, kj, kk = d, i, j, -1
+                    wj = ep / ee
+                    wi = 1.0 - wj
+            for k in range(j + 1, size):
+                f0 = simplex[k, 0] - p0
+                f1 = simplex[k, 1] - p1
+                f2 = simplex[k, 2] - p2
+                ff = f0 * f0 + f1 * f1 + f2 * f2
+                ef = e0 * f0 + e1 * f1 + e2 * f2
+                fp = -(f0 * p0 + f1 * p1 + f2 * p2)
+                det = ee * ff - ef * ef
+                if det <= 1e-14 * ee * ff:
+                    continue
+                x, y = (ff * ep - ef * fp) / det, (ee * fp - ef * ep) / det
+                if x <= 0.0 or y <= 0.0 or x + y >= 1.0:
+                    continue
+                d = pp - x * ep - y * fp
+                if d < best:
+                    best, ki, kj, kk = d, i, j, k
+                    wi, wj, wk = 1.0 - x - y, x, y
+    for r in range(3):
+        v[r] = wi * simplex[ki, r]
+        if kj >= 0:
+            v[r] += wj * simplex[kj, r]
+        if kk >= 0:
+            v[r] += wk * simplex[kk, r]
+    # ki < kj < kk: nothing is overwritten before it is read.
+    kept = 1
+    for r in range(3):
+        simplex[0, r] = simplex[ki, r]
+    if kj >= 0:
+        kept = 2
+        for r in range(3):
+            simplex[1, r] = simplex[kj, r]
+    if kk >= 0:
+        kept = 3
+        for r in range(3):
+            simplex[2, r] = simplex[kk, r]
+    return kept
+
+
+@njit(cache=True)
+def _inside(simplex: Array) -> bool:
+    """Tell whether the origin is inside a tetrahedron."""
+    side = np.empty(4)
+    for s in range(4):
+        p = simplex[(s + 1) % 4]
+        q = simplex[(s + 2) % 4]
+        r = simplex[(s + 3) % 4]
+        ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+        wx, wy, wz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
+        nx, ny, nz = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
+        origin = -(nx * p[0] + ny * p[1] + nz * p[2])
+        o = simplex[s]
+        corner = nx * (o[0] - p[0]) + ny * (o[1] - p[1]) + nz * (o[2] - p[2])
+        side[s] = origin * corner
+    return bool(side[0] >= 0 and side[1] >= 0 and side[2] >= 0 and side[3] >= 0)

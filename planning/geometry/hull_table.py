@@ -1,0 +1,203 @@
+"""Corners of moving convex bodies for compiled code, and how far they stray on a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from planning.geometry.body import ConvexBody
+from planning.geometry.chain import joint_poses
+from planning.geometry.exact import Solid
+from planning.geometry.kernel import RobotKernel
+from planning.transforms import Array, Transform
+
+Indices = npt.NDArray[np.int64]
+
+AT_REST = -2
+"""Stands for the joint of a body that rests in the world."""
+
+
+class HullTable(NamedTuple):
+    """The bodies of an occupancy, for compiled code.
+
+    Attributes:
+        kernel: the robot.
+        q_a, q_b: ends of the segments, shape (s, n).
+        solid: index of the solid of every body of every segment, -1 for none, shape
+            (s, bodies).
+        joint: joint that carries a solid, -1 for the base, AT_REST for none, shape (solids,).
+        corner_first: where the corners of a solid begin, shape (solids + 1,).
+        corners: hull corners in the joint's frame, or in the world, shape (all, 3) [m].
+        capsule_first: where the capsules of a solid begin, shape (solids + 1,).
+        ends: capsule starts and ends in the same frame, shape (capsules, 2, 3) [m].
+        radius: capsule radii, shape (capsules,) [m].
+    """
+
+    kernel: RobotKernel
+    q_a: Array
+    q_b: Array
+    solid: npt.NDArray[np.int32]
+    joint: Indices
+    corner_first: Indices
+    corners: Array
+    capsule_first: Indices
+    ends: Array
+    radius: Array
+
+
+def hull_table(
+    kernel: RobotKernel,
+    q_a: Array,
+    q_b: Array,
+    solid: npt.NDArray[np.int32],
+    solids: Sequence[Solid],
+    bodies: Sequence[ConvexBody],
+) -> HullTable:
+    """Collect bodies for compiled code.
+
+    Args:
+        kernel: the robot that carries them; any, where none does.
+        q_a, q_b: ends of the segments, shape (s, n).
+        solid: index of the solid of every body of every segment, shape (s, bodies).
+        solids: the bodies as solids.
+        bodies: the same ones with their capsules.
+    """
+    placed = [
+        placed_capsules(body, item.local)
+        for item, body in zip(solids, bodies, strict=True)
+    ]
+    # There may be no bodies at all: a robot alone in an empty cell.
+    none = np.empty((0, 3))
+    starts, ends = [none, *(p[0] for p in placed)], [none, *(p[1] for p in placed)]
+    corners = [
+        s.vertices
+        if s.carrier is not None
+        else s.vertices @ s.local[:3, :3].T + s.local[:3, 3]
+        for s in solids
+    ]
+    return HullTable(
+        kernel,
+        q_a,
+        q_b,
+        solid,
+        np.array(
+            [AT_REST if s.carrier is None else s.joint for s in solids], dtype=np.int64
+        ),
+        np.cumsum([0, *(len(c) for c in corners)]).astype(np.int64),
+        np.ascontiguousarray(np.concatenate([none, *corners])),
+        np.cumsum([0, *(len(b.capsules.radius) for b in bodies)]).astype(np.int64),
+        np.ascontiguousarray(
+            np.stack([np.concatenate(starts), np.concatenate(ends)], 1)
+        ),
+        np.concatenate([np.empty(0), *(b.capsules.radius for b in bodies)]),
+    )
+
+
+def placed_capsules(body: ConvexBody, pose: Transform) -> tuple[Array, Array, Array]:
+    """Return starts, ends and radii of a body's capsules at a pose, in writable arrays."""
+    turn, shift = pose[:3, :3].T, pose[:3, 3]
+    capsules = body.capsules
+    return (
+        capsules.start @ turn + shift,
+        capsules.end @ turn + shift,
+        np.array(capsules.radius),
+    )
+
+
+@njit(cache=True)
+def pose_joints(table: HullTable, q: Array, poses: Array) -> None:
+    """Write the joint poses at a configuration."""
+    kernel = table.kernel
+    joint_poses(kernel.placement, kernel.axis, kernel.prismatic, kernel.base, q, poses)
+
+
+@njit(cache=True)
+def place_corners(
+    table: HullTable, solid: int, poses: Array, out: Array, offset: int
+) -> int:
+    """Write a body's corners from row ``offset`` on; return how many there are then."""
+    first, last = table.corner_first[solid], table.corner_first[solid + 1]
+    joint = table.joint[solid]
+    if joint == AT_REST:
+        for v in range(first, last):
+            for r in range(3):
+                out[offset + v - first, r] = table.corners[v, r]
+        return int(offset + last - first)
+    pose = poses[joint + 1]
+    for v in range(first, last):
+        for r in range(3):
+            total = pose[r, 3]
+            for k in range(3):
+                total += pose[r, k] * table.corners[v, k]
+            out[offset + v - first, r] = total
+    return int(offset + last - first)
+
+
+@njit(cache=True)
+def stray(
+    table: HullTable, solid: int, travel: Array, aside: Array, poses: Array
+) -> tuple[float, float, float]:
+    """Return how far any point of a body strays on a motion, at most.
+
+    Args:
+        table: the bodies.
+        solid: the body.
+        travel: how far each joint goes, none of them further than half of it from ``poses``,
+            shape (n,).
+        aside: how far each joint is from a straight line at most, shape (n,).
+        poses: joint poses in the middle.
+
+    Returns:
+        First from its place in the middle: the argument of planning.geometry.swept. Second,
+        on a straight joint-space motion, from the straight line between its places at the
+        ends: an eighth of its largest second derivative, to which each pair of joints adds the
+        product of their travels times the point's distance from the axis of the one nearer to
+        the tip. Third from where it is on the straight joint-space motion.
+    """
+    joint = table.joint[solid]
+    if joint == AT_REST:
+        return 0.0, 0.0, 0.0
+    kernel = table.kernel
+    pose = poses[joint + 1]
+    first, last = table.capsule_first[solid], table.capsule_first[solid + 1]
+    moved = bend = off = 0.0
+    for j in range(joint, -1, -1):
+        if travel[j] == 0.0 and aside[j] == 0.0:
+            continue
+        turned = 0.0
+        for i in range(j):
+            if not kernel.prismatic[i]:
+                turned += travel[i]
+        if kernel.prismatic[j]:
+            moved += 0.5 * travel[j]
+            bend += 2.0 * travel[j] * turned
+            off += aside[j]
+            continue
+        frame = poses[j + 1]
+        ax = ay = az = 0.0
+        for k in range(3):
+            ax += frame[0, k] * kernel.axis[j, k]
+            ay += frame[1, k] * kernel.axis[j, k]
+            az += frame[2, k] * kernel.axis[j, k]
+        reach = 0.0
+        for c in range(first, last):
+            for e in range(2):
+                x = pose[0, 3] - frame[0, 3]
+                y = pose[1, 3] - frame[1, 3]
+                z = pose[2, 3] - frame[2, 3]
+                for k in range(3):
+                    x += pose[0, k] * table.ends[c, e, k]
+                    y += pose[1, k] * table.ends[c, e, k]
+                    z += pose[2, k] * table.ends[c, e, k]
+                cx, cy, cz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
+                far = np.sqrt(cx * cx + cy * cy + cz * cz) + table.radius[c]
+                reach = max(reach, far)
+        reach += moved
+        moved += 0.5 * travel[j] * reach
+        bend += travel[j] * (travel[j] + 2.0 * turned) * reach
+        off += aside[j] * reach
+    return moved, 0.125 * bend, off

@@ -1,0 +1,250 @@
+"""Separating planes of whole stretches of motion, compiled: many segments dismissed at once.
+
+A stretch is a run of segments. Its joint values stay in a box, and near the straight line from
+its beginning to its end: two bounds of where its bodies can be. What neither proves apart is
+looked at in parts, down to single segments (planning.geometry.separation).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from planning.geometry.gjk import BETWEEN, FAR, gap_class
+from planning.geometry.hull_table import (
+    AT_REST,
+    HullTable,
+    Indices,
+    place_corners,
+    pose_joints,
+    stray,
+)
+from planning.transforms import Array
+
+MIXED = -2
+"""Stands for the solid of a body that is not the same on all of a stretch."""
+
+
+class Stretch(NamedTuple):
+    """A stretch of an occupancy, posed.
+
+    Attributes:
+        span: its segments, ``range(first, last)``, how many stretches were posed, and how many
+            directions measured, shape (4,).
+        low, high: least and greatest joint values, shape (n,).
+        travel: the difference, shape (n,).
+        aside: how far each joint is from the straight line at most, shape (n,).
+        middle, start, end: joint poses in the middle of the box and at both ends, shape
+            (n + 1, 4, 4).
+        strays: see ``stray``, shape (solids, 3).
+        known: for which stretch ``strays`` was measured, shape (solids,).
+        solid: solid of each body, -1 for none, MIXED where not the same all along, shape
+            (bodies,).
+        least: lower bound of each body's extent along a direction, shape (bodies,) [m].
+        measured: for which direction ``least`` was measured, shape (bodies,).
+        corners: shape (twice the most corners of a solid, 3).
+    """
+
+    span: Indices
+    low: Array
+    high: Array
+    travel: Array
+    aside: Array
+    middle: Array
+    start: Array
+    end: Array
+    strays: Array
+    known: Indices
+    solid: Indices
+    least: Array
+    measured: Indices
+    corners: Array
+
+
+def make_stretch(table: HullTable) -> Stretch:
+    """Return room for a stretch of an occupancy."""
+    n, solids, bodies = table.q_a.shape[1], len(table.joint), table.solid.shape[1]
+    return Stretch(
+        np.zeros(4, dtype=np.int64),
+        np.empty(n),
+        np.empty(n),
+        np.empty(n),
+        np.empty(n),
+        np.empty((n + 1, 4, 4)),
+        np.empty((n + 1, 4, 4)),
+        np.empty((n + 1, 4, 4)),
+        np.empty((solids, 3)),
+        np.zeros(solids, dtype=np.int64),
+        np.empty(bodies, dtype=np.int64),
+        np.empty(bodies),
+        np.zeros(bodies, dtype=np.int64),
+        np.empty((2 * int(np.max(np.diff(table.corner_first), initial=0)), 3)),
+    )
+
+
+@njit(cache=True)
+def pose_box(table: HullTable, first: int, last: int, out: Stretch) -> None:
+    """Write the box of the joint values of some segments and the poses in its middle."""
+    n = len(out.low)
+    out.span[0], out.span[1] = first, last
+    out.span[2] += 1
+    for j in range(n):
+        low = high = table.q_a[first, j]
+        for s in range(first, last):
+            a, b = table.q_a[s, j], table.q_b[s, j]
+            low, high = min(low, a, b), max(high, a, b)
+        out.low[j], out.high[j], out.travel[j] = low, high, high - low
+        out.aside[j] = 0.0
+    pose_joints(table, 0.5 * (out.low + out.high), out.middle)
+    for i in range(len(out.solid)):
+        solid = int(table.solid[first, i])
+        for s in range(first + 1, last):
+            if table.solid[s, i] != solid:
+                solid = MIXED
+                break
+        out.solid[i] = solid
+
+
+@njit(cache=True)
+def pose_stretch(table: HullTable, first: int, last: int, out: Stretch) -> None:
+    """Prepare a stretch for ``stretches_stay_apart``, unless it is the one posed last."""
+    if out.span[0] == first and out.span[1] == last:
+        return
+    pose_box(table, first, last, out)
+    q_a, q_b = table.q_a[first], table.q_b[last - 1]
+    pose_joints(table, q_a, out.start)
+    pose_joints(table, q_b, out.end)
+    n = len(out.low)
+    length = 0.0
+    for j in range(n):
+        length += (q_b[j] - q_a[j]) ** 2
+    # Between its ends each segment is no further aside than at one of them.
+    for s in range(first, last):
+        for q in (table.q_a[s], table.q_b[s]):
+            share = 0.0
+            if length > 0.0:
+                for j in range(n):
+                    share += (q[j] - q_a[j]) * (q_b[j] - q_a[j])
+                share = min(max(share / length, 0.0), 1.0)
+            for j in range(n):
+                off = abs(q[j] - q_a[j] - share * (q_b[j] - q_a[j]))
+                out.aside[j] = max(out.aside[j], off)
+
+
+@njit(cache=True)
+def stretch_stray(table: HullTable, solid: int, stretch: Stretch) -> Array:
+    """Return how far a body strays on a stretch, see ``stray``, shape (3,)."""
+    if stretch.known[solid] != stretch.span[2]:
+        stretch.known[solid] = stretch.span[2]
+        moved, bend, off = stray(
+            table, solid, stretch.travel, stretch.aside, stretch.middle
+        )
+        stretch.strays[solid, 0] = moved
+        stretch.strays[solid, 1] = bend
+        stretch.strays[solid, 2] = off
+    strays: Array = stretch.strays[solid]
+    return strays
+
+
+@njit(cache=True)
+def stretches_stay_apart(
+    a: HullTable,
+    x: int,
+    on_a: Stretch,
+    b: HullTable,
+    y: int,
+    on_b: Stretch,
+    clearance: float,
+    direction: Array,
+) -> bool:
+    """Tell whether two bodies are proved to keep a clearance, each anywhere on its stretch.
+
+    Args:
+        a, x, on_a: an occupancy, a solid of it, and the stretch, posed.
+        b, y, on_b: likewise for the other.
+        clearance: least distance [m]; where negative, 0 is proved or nothing.
+        direction: where the answer is True, that of the separating planes, shape (3,).
+    """
+    of_a, of_b = stretch_stray(a, x, on_a), stretch_stray(b, y, on_b)
+    gap = gap_class(
+        on_a.corners,
+        place_corners(a, x, on_a.middle, on_a.corners, 0),
+        on_b.corners,
+        place_corners(b, y, on_b.middle, on_b.corners, 0),
+        clearance,
+        clearance + of_a[0] + of_b[0],
+        direction,
+    )
+    if gap != BETWEEN:
+        return bool(gap == FAR)
+    enough = clearance + of_a[1] + of_a[2] + of_b[1] + of_b[2]
+    gap = gap_class(
+        on_a.corners,
+        _place_both_ends(a, x, on_a),
+        on_b.corners,
+        _place_both_ends(b, y, on_b),
+        enough,
+        enough,
+        direction,
+    )
+    return bool(gap == FAR)
+
+
+@njit(cache=True)
+def _place_both_ends(table: HullTable, solid: int, stretch: Stretch) -> int:
+    """Write a body's corners at both ends of a stretch; return how many there are."""
+    count = place_corners(table, solid, stretch.start, stretch.corners, 0)
+    if table.joint[solid] == AT_REST:
+        return count
+    return place_corners(table, solid, stretch.end, stretch.corners, count)
+
+
+@njit(cache=True)
+def measure_body(
+    table: HullTable, body: int, stretch: Stretch, direction: Array, sign: float
+) -> None:
+    """Write a lower bound of a body's extent along ``sign * direction`` on a stretch."""
+    stretch.measured[body] = stretch.span[3]
+    solid = stretch.solid[body]
+    first, last = table.corner_first[solid], table.corner_first[solid + 1]
+    x, y, z = sign * direction[0], sign * direction[1], sign * direction[2]
+    joint = table.joint[solid]
+    if joint == AT_REST:
+        stretch.least[body] = _least(table.corners, first, last, x, y, z)
+        return
+    strays = stretch_stray(table, solid, stretch)
+    ends = np.inf
+    middle = -np.inf
+    for k in range(3):
+        poses = stretch.start
+        if k == 1:
+            poses = stretch.end
+        elif k == 2:
+            poses = stretch.middle
+        pose = poses[joint + 1]
+        extent = x * pose[0, 3] + y * pose[1, 3] + z * pose[2, 3]
+        extent += _least(
+            table.corners,
+            first,
+            last,
+            x * pose[0, 0] + y * pose[1, 0] + z * pose[2, 0],
+            x * pose[0, 1] + y * pose[1, 1] + z * pose[2, 1],
+            x * pose[0, 2] + y * pose[1, 2] + z * pose[2, 2],
+        )
+        if k < 2:
+            ends = min(ends, extent)
+        else:
+            middle = extent
+    stretch.least[body] = max(ends - strays[1] - strays[2], middle - strays[0])
+
+
+@njit(cache=True)
+def _least(
+    corners: Array, first: int, last: int, x: float, y: float, z: float
+) -> float:
+    least = np.inf
+    for v in range(first, last):
+        least = min(least, x * corners[v, 0] + y * corners[v, 1] + z * corners[v, 2])
+    return float(least)
