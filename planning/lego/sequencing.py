@@ -191,11 +191,11 @@ class _Sequencer:
         yield from self._removals(parts, (tuple(bricks) for _, bricks in layers))
 
     def hanging_first(self, parts: Names) -> Iterator[Removal[str, Insertion]]:
-        """Yield the same as ``removals``, those with nothing below them first."""
+        """Yield the same as ``removals``, those with nothing below them first, from the lowest."""
         names = parts | self.fixed
         hanging = tuple(
             name
-            for name in self._candidates(parts)
+            for name in reversed(self._candidates(parts))
             if not self._structures.below(names, name)
         )
         yield from self._removals(parts, (hanging,))

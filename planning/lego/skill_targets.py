@@ -80,7 +80,10 @@ def place_down_targets(
     height: float = APPROACH_HEIGHT,
     twist: float = DEFAULT_TWIST["place-down"],
 ) -> SkillTargets:
-    """Return the subgoals of a place-down: approach, above, attach, twist, leave.
+    """Return the subgoals of a place-down: approach, above, attach, half twist, twist, leave.
+
+    Half way through the twist is a subgoal of its own: joints turning evenly from one end to the
+    other would press the tool deeper into the brick on the way than at either end.
 
     Args:
         frames: the robot's tool frames in its flange frame.
@@ -92,13 +95,15 @@ def place_down_targets(
         twist: angle of the twist that releases it [rad].
     """
     grip = grip_pose(top, brick, press)
-    turned = _via(frames, grip, "tool", "assemble") @ rotation("y", -twist)
+    axis = _via(frames, grip, "tool", "assemble")
+    turned = axis @ rotation("y", -twist)
     subgoals = (
         Subgoal(
             "approach", "tool", grip @ translation(-0.005, 0.005 * attack, -height)
         ),
         Subgoal("above", "tool", grip @ translation(0.0, 0.0, -0.005)),
         Subgoal("attach", "tool", grip),
+        Subgoal("half twist", "assemble", axis @ rotation("y", -twist / 2)),
         Subgoal("twist", "assemble", turned),
         Subgoal("leave", "assemble", _lifted(turned)),
     )

@@ -40,6 +40,9 @@ GRID = Plate(translation(24 * STUD_PITCH, 24 * STUD_PITCH, 0.0), (48, 48))
 TOUCH = 0.0005
 """Overlap that counts as touching [m]."""
 
+KEPT = 0.0006
+"""What planning keeps between a robot and what it must not touch, and a bit [m]."""
+
 _CONE_SLICES = 8
 
 
@@ -156,7 +159,10 @@ def place_up_blocked(
     """Return what leaves no room to bring a brick in from below, None when there is room."""
     contact = place_up_contact(_top(item), item.brick, press)
     targets = place_up_targets(tool.frames, contact)
-    first = blocking(tool.boxes(tool.poses(targets.subgoals)), others)
+    boxes = tool.boxes(tool.poses(targets.subgoals))
+    # Only what stands beside the brick may be touched; from the others planning keeps off.
+    aloof = others.without(_beside(item, others))
+    first = blocking(boxes, others) or blocking(boxes, aloof, clearance=KEPT)
     return first or blocking(_moved(item, contact, targets.subgoals[:2]), others)
 
 
@@ -226,6 +232,15 @@ def attack_side(
         if blocking(_moved(item, goal, way), others) is None:
             return attack
     return 1
+
+
+def _beside(item: PlacedBrick, others: BrickBoxes) -> set[str]:
+    """Return the bricks of its own layer that touch a brick, corners included."""
+    low, high = brick_box(item)
+    them = others.corners
+    near = (them[:, 0] <= high + TOUCH) & (them[:, 1] >= low - TOUCH)
+    near[:, 2] = np.abs(them[:, 0, 2] - low[2]) < TOUCH
+    return {others.names[k] for k in np.flatnonzero(near.all(axis=1))}
 
 
 def _top(item: PlacedBrick) -> Transform:

@@ -197,7 +197,9 @@ def test_place_downs(task: str) -> None:
         targets = place_down_targets(
             s.frames, s.brick, s.goal, s.press, attack=s.attack
         )
-        assert_reached(s, s.main, targets.subgoals, [9, 10, 11, 12, 13])
+        # Half way through the twist the published rows have no waypoint.
+        subgoals = [g for g in targets.subgoals if g.name != "half twist"]
+        assert_reached(s, s.main, subgoals, [9, 10, 11, 12, 13])
 
 
 @pytest.mark.parametrize("task", TASKS)

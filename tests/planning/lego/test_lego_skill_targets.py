@@ -121,7 +121,14 @@ def test_waypoints_and_handlings_of_each_skill() -> None:
     )
     assert names(pick) == ["approach", "above", "attach", "twist", "leave"]
     assert (pick.attach_at, pick.detach_at, pick.lead) == (2, None, 1)
-    assert names(down) == ["approach", "above", "attach", "twist", "leave"]
+    assert names(down) == [
+        "approach",
+        "above",
+        "attach",
+        "half twist",
+        "twist",
+        "leave",
+    ]
     assert (down.attach_at, down.detach_at, down.lead) == (None, 2, 1)
     assert names(up) == ["pre", "approach", "below", "place", "twist", "leave"]
     assert (up.attach_at, up.detach_at, up.lead) == (None, 3, 2)
@@ -141,12 +148,12 @@ def test_every_twist_turns_by_its_angle_about_its_axis(
 ) -> None:
     brick, press = grip
     contact = place_up_contact(top, brick, press)
-    for targets, before, axis in (
-        (pick_targets(FRAMES, brick, top, press, twist=twist), 2, "disassemble"),
-        (place_down_targets(FRAMES, brick, top, press, twist=twist), 2, "assemble"),
-        (place_up_targets(FRAMES, contact, twist=twist), 3, "alt_assemble"),
+    for targets, before, after, axis in (
+        (pick_targets(FRAMES, brick, top, press, twist=twist), 2, 3, "disassemble"),
+        (place_down_targets(FRAMES, brick, top, press, twist=twist), 2, 4, "assemble"),
+        (place_up_targets(FRAMES, contact, twist=twist), 3, 4, "alt_assemble"),
     ):
-        a, b = flange(targets, before), flange(targets, before + 1)
+        a, b = flange(targets, before), flange(targets, after)
         assert angle(a, b) == pytest.approx(twist, abs=1e-6)
         # The axis of the twist stays where it is, its direction too.
         still_a, still_b = a @ FRAMES[axis], b @ FRAMES[axis]
@@ -165,7 +172,7 @@ def test_the_tool_comes_straight_down_and_leaves_straight_up(
     ):
         down = flange(targets, 2)[:3, 3] - flange(targets, 1)[:3, 3]
         np.testing.assert_allclose(down, [0, 0, -drop], atol=1e-12)
-        leave = flange(targets, 4)[:3, 3] - flange(targets, 3)[:3, 3]
+        leave = flange(targets, -1)[:3, 3] - flange(targets, -2)[:3, 3]
         np.testing.assert_allclose(leave, [0, 0, 0.015], atol=1e-12)
 
 
