@@ -30,12 +30,14 @@ from planning.lego.tool_room import (
     BrickBoxes,
     BrickTool,
     attack_side,
+    blocking,
     brick_box,
     place_down_blocked,
     place_up_blocked,
-    support_blocked,
+    support_boxes,
     support_face,
 )
+from planning.transforms import Array
 
 PLAIN, SUPPORTED, FROM_BELOW = "plain", "supported", "from below"
 WAYS = (PLAIN, SUPPORTED, FROM_BELOW)
@@ -88,6 +90,8 @@ class InsertionRules:
         self._structures = structures
         self._tool = tool
         self._force = force
+        self._faces: dict[tuple[Support, bool], Array] = {}
+        self._rooms: dict[tuple[Support, bool], Array] = {}
         self._boxes = {n: brick_box(item) for n, item in structures.bricks.items()}
 
     def insertions(self, names: Names, brick: str, way: str) -> Iterator[Insertion]:
@@ -208,12 +212,10 @@ class InsertionRules:
             touched = {hold.brick for hold in holds}
             if support.z < 1 or not touched or brick in touched:
                 continue
-            if support_blocked(self._tool, support, boxes, top=up) is not None:
+            room = self._tool_boxes(support, top=up)
+            if blocking(room, boxes) is not None:
                 continue
-            beside = boxes.without(touched)
-            tight = support_blocked(
-                self._tool, support, beside, top=up, clearance=_CLEARANCE
-            )
+            tight = blocking(room, boxes.without(touched), clearance=_CLEARANCE)
             mid = [sum(h.point[k] for h in holds) / len(holds) for k in (0, 1)]
             away = round(abs(mid[0] - x) + abs(mid[1] - y), 9)
             found.append((tight is not None, layers.index(dz), away, support, holds))
@@ -311,7 +313,7 @@ class InsertionRules:
 
     def _holds(self, names: Names, support: Support, *, top: bool) -> tuple[Hold, ...]:
         """Return where a supporting tool touches bricks: the corners of what they share."""
-        low, high = support_face(self._tool, support, top=top)
+        low, high = self._face(support, top=top)
         layer = support.z - 1 if top else support.z + 1
         height = (support.z - 1 if top else support.z) * LAYER_HEIGHT
         xs = range(int(low[0] // STUD_PITCH), int(high[0] // STUD_PITCH) + 1)
@@ -328,6 +330,18 @@ class InsertionRules:
                     for x, y in product((x0, x1), (y0, y1))
                 ]
         return tuple(out)
+
+    def _face(self, support: Support, *, top: bool) -> Array:
+        key = support, top
+        if key not in self._faces:
+            self._faces[key] = support_face(self._tool, support, top=top)
+        return self._faces[key]
+
+    def _tool_boxes(self, support: Support, *, top: bool) -> Array:
+        key = support, top
+        if key not in self._rooms:
+            self._rooms[key] = support_boxes(self._tool, support, top=top)
+        return self._rooms[key]
 
     @cached_property
     def _filled(self) -> dict[tuple[int, int, int], str]:

@@ -183,9 +183,13 @@ def support_blocked(
         top: True for a support-top, False for a support-bottom.
         clearance: distance to keep from those bricks [m].
     """
+    return blocking(support_boxes(tool, support, top=top), others, clearance=clearance)
+
+
+def support_boxes(tool: BrickTool, support: Support, *, top: bool) -> Array:
+    """Return boxes around a supporting tool, before and while it supports, (k, 2, 3) [m]."""
     targets = (support_top_targets if top else support_bottom_targets)(GRID, support)
-    boxes = tool.boxes(tool.poses((targets.pre[0], targets.support)))
-    return blocking(boxes, others, clearance=clearance)
+    return tool.boxes(tool.poses((targets.pre[0], targets.support)))
 
 
 def support_face(tool: BrickTool, support: Support, *, top: bool) -> Array:

@@ -1,0 +1,90 @@
+"""The nine bundled LEGO structures: valid, of the promised size, with the promised kinds of steps."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from planning.lego.finished_structure import scaffold, sequenced
+from planning.lego.grid import occupied_studs
+from twin.assemblies.lego import build_lego, build_structure
+from twin.scenario import LegoSection
+from twin.scenario_file import load_scenario
+
+FOLDER = Path(__file__).parents[3] / "scenarios" / "lego"
+
+# Name: plain steps, steps with a support-bottom, place-ups, layers.
+KINDS = {
+    "cliff": (8, 2, 1, 10),
+    "stairs": (10, 4, 0, 11),
+    "faucet": (11, 2, 1, 17),
+    "bridge": (20, 18, 0, 14),
+    "fish": (14, 9, 6, 16),
+    "chair": (258, 0, 0, 12),
+    "vessel": (36, 0, 0, 5),
+    "guitar": (24, 0, 0, 20),
+    "rss": (39, 6, 2, 15),
+}
+
+
+def load(name: str) -> LegoSection:
+    lego = load_scenario(FOLDER / f"{name}.yaml").assembly
+    assert isinstance(lego, LegoSection)
+    return lego
+
+
+def test_every_bundled_structure_is_held_to_something() -> None:
+    assert {path.stem for path in FOLDER.glob("*.yaml")} == set(KINDS)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_kinds_of_steps(name: str) -> None:
+    lego = load(name)
+    assembly, structure = build_lego(lego), build_structure(lego)
+    if structure is not None:
+        assembly, _ = sequenced(assembly, structure)
+    steps = assembly.steps
+    up = sum(step.up for step in steps)
+    supported = sum(step.support is not None and not step.up for step in steps)
+    layers = max(step.cell.z for step in steps)
+    assert (len(steps) - up - supported, supported, up, layers) == KINDS[name]
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_both_robots_have_what_the_structure_needs(name: str) -> None:
+    """Half of every type or more is on each side, and there are spare bricks."""
+    lego = load(name)
+    structure = build_structure(lego)
+    if structure is None:
+        need = Counter(step.brick for step in lego.steps)
+    else:
+        need = Counter(item.brick.name for item in structure)
+    middle = lego.plate.studs[0] / 2
+    free = [item for item in lego.stock if not item.fixed]
+    stations = {(s.brick, s.at[0] < middle) for s in free if s.station}
+    have = Counter((s.brick, s.at[0] < middle) for s in free)
+    for brick, count in need.items():
+        if stations:
+            assert {(brick, True), (brick, False)} <= stations
+            continue
+        sides = have[brick, True], have[brick, False]
+        assert min(sides) >= count / 2 or name == "cliff", brick
+    assert stations or len(free) >= sum(need.values()) + 4
+
+
+@pytest.mark.parametrize("name", [n for n in KINDS if n != "cliff"])
+def test_the_scaffold_carries_the_structure(name: str) -> None:
+    """Fixed bricks are there where the design has them, and nothing is drawn twice."""
+    lego = load(name)
+    assembly, structure = build_lego(lego), build_structure(lego)
+    assert structure is not None
+    fixed = scaffold(assembly)
+    assert bool(fixed) == (name in ("faucet", "fish", "rss"))
+    places = [
+        place
+        for item in (*structure, *fixed)
+        for place in occupied_studs(item.cell, item.brick)
+    ]
+    assert len(places) == len(set(places))
