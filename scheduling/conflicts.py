@@ -89,8 +89,7 @@ class HullChecker:
             b_from, b_to = b.hulls.q_a[t], b.hulls.q_b[t]
             if not np.isnan(x):
                 q_a, q_b = a_from + x * (a_to - a_from), b_from + y * (b_to - b_from)
-                # Where the hulls could not be separated they mostly are too close.
-                if distance_at(solid_a, q_a, solid_b, q_b) < limit + TOLERANCE:
+                if distance_at(solid_a, q_a, solid_b, q_b) < limit:
                     return True
             if come_close(solid_a, a_from, a_to, solid_b, b_from, b_to, limit):
                 return True
@@ -111,6 +110,15 @@ class CapsuleChecker:
     ) -> bool:
         """Tell whether two segments conflict; see ConflictChecker."""
         return True
+
+
+def proof_slack(checker: ConflictChecker) -> float:
+    """Return what is taken off the clearances that separating planes must prove [m].
+
+    A checker that decides by hulls need not be asked about hulls proved to be apart, further
+    than what it is tolerant of: so it depends on no proof whether it is asked. NaN for others.
+    """
+    return checker.slack - TOLERANCE if isinstance(checker, HullChecker) else np.nan
 
 
 def search_conflicts(
@@ -135,8 +143,7 @@ def search_conflicts(
     """
     descent = start_descent(a.hulls, b.hulls)
     depth = 1
-    # A checker that decides by hulls need not be asked about hulls proved to be apart.
-    slack = checker.slack if isinstance(checker, HullChecker) else np.nan
+    slack = proof_slack(checker)
     while True:
         depth, s, t, first, count = next_proposal(
             a.sequence,

@@ -71,7 +71,7 @@ def build_tpg(
     edges, cause = edges[keep], cause[keep]
     by_edge = np.lexsort(edges.T[::-1])
     tpg = replace(tpg, edges=edges[by_edge], cause=cause[by_edge])
-    check_invariant(tpg, occupancies=occupancies)
+    check_invariant(tpg, occupancies=occupancies, searched=True)
     return tpg
 
 

@@ -27,14 +27,13 @@ from planning.geometry.stretches import (
     MIXED,
     Stretch,
     make_stretch,
-    measure_body,
+    measure_bodies,
     pose_stretch,
-    stretch_stray,
     stretches_stay_apart,
 )
 from planning.transforms import Array
 from scheduling.contacts import ContactTable, may_touch
-from scheduling.swept_sequence import LEAF, SweptSequence, place_ends
+from scheduling.swept_sequence import LEAF, SweptSequence, place_capsules
 from scheduling.temporal_plan_graph import Indices
 
 _BLOCKS = -1
@@ -95,7 +94,7 @@ def _boxes_apart(
 
 
 @njit(cache=True)
-def _close_blocks(
+def close_blocks(
     a: SweptSequence,
     i: int,
     b: SweptSequence,
@@ -192,25 +191,23 @@ def _segments_near(
 ) -> bool:
     """Tell whether the swept capsules of two bodies come too close in two segments, posed."""
     one, other = a.solid[s, x], b.solid[t, y]
-    first_a, last_a = a.capsule_first[one], a.capsule_first[one + 1]
-    first_b, last_b = b.capsule_first[other], b.capsule_first[other + 1]
-    start, end = np.empty((last_a - first_a, 3)), np.empty((last_a - first_a, 3))
-    begin, stop = np.empty((last_b - first_b, 3)), np.empty((last_b - first_b, 3))
-    place_ends(a, one, descent.a.middle, start, end)
-    place_ends(b, other, descent.b.middle, begin, stop)
-    moved = stretch_stray(a, one, descent.a)[0] + stretch_stray(b, other, descent.b)[0]
-    for c in range(last_a - first_a):
-        for d in range(last_b - first_b):
-            near = a.radius[first_a + c] + b.radius[first_b + d] + moved + clearance
-            if near > 0.0 and (
-                segment_segment(start[c], end[c], begin[d], stop[d]) < near * near
-            ):
+    of_a = a.capsule_first[one + 1] - a.capsule_first[one]
+    of_b = b.capsule_first[other + 1] - b.capsule_first[other]
+    start_a, end_a, radius_a = np.empty((of_a, 3)), np.empty((of_a, 3)), np.empty(of_a)
+    start_b, end_b, radius_b = np.empty((of_b, 3)), np.empty((of_b, 3)), np.empty(of_b)
+    place_capsules(a, one, descent.a, start_a, end_a, radius_a)
+    place_capsules(b, other, descent.b, start_b, end_b, radius_b)
+    for c in range(of_a):
+        for d in range(of_b):
+            near = radius_a[c] + radius_b[d] + clearance
+            apart = segment_segment(start_a[c], end_a[c], start_b[d], end_b[d])
+            if near > 0.0 and apart < near * near:
                 return True
     return False
 
 
 @njit(cache=True)
-def _keep_close_bodies(
+def keep_close_bodies(
     a: SweptSequence,
     a_hulls: HullTable,
     s: int,
@@ -332,21 +329,31 @@ def _keep_unseparated(
                 break
             on_a.span[3] += 1
             on_b.span[3] += 1
-            measure_body(a, x, on_a, plane, 1.0)
-            measure_body(b, y, on_b, plane, -1.0)
-            if attempt == 0 and least_a[x] + least_b[y] < max(least, 0.0) + ROUNDING:
-                continue
+            number_a, number_b = on_a.span[3], on_b.span[3]
+            if attempt == 0:
+                known_a[x], known_b[y] = -number_a, -number_b
+                measure_bodies(a, on_a, plane, 1.0)
+                measure_bodies(b, on_b, plane, -1.0)
+                if least_a[x] + least_b[y] < max(least, 0.0) + ROUNDING:
+                    continue
+            for e in range(at, end):
+                if where[e, 0] < np.inf:
+                    u, v = pairs[e, 0], pairs[e, 1]
+                    if known_a[u] != number_a:
+                        known_a[u] = -number_a
+                    if known_b[v] != number_b:
+                        known_b[v] = -number_b
+            measure_bodies(a, on_a, plane, 1.0)
+            measure_bodies(b, on_b, plane, -1.0)
             at -= 1
             kept = at
             for e in range(at + 1, end):
                 u, v, clear = pairs[e, 0], pairs[e, 1], where[e, 0]
-                if clear < np.inf:
-                    if known_a[u] != on_a.span[3]:
-                        measure_body(a, u, on_a, plane, 1.0)
-                    if known_b[v] != on_b.span[3]:
-                        measure_body(b, v, on_b, plane, -1.0)
-                    if least_a[u] + least_b[v] >= max(clear - slack, 0.0) + ROUNDING:
-                        continue
+                if (
+                    clear < np.inf
+                    and least_a[u] + least_b[v] >= max(clear - slack, 0.0) + ROUNDING
+                ):
+                    continue
                 pairs[kept, 0], pairs[kept, 1], where[kept, 0] = u, v, clear
                 kept += 1
             end = kept
@@ -406,11 +413,11 @@ def next_proposal(
         if b.node[t] >= limit[a.node[s_last - 1]]:
             continue
         if i >= 0:
-            count = _close_blocks(a, i, b, j, gap, leaves, descent.pairs)
+            count = close_blocks(a, i, b, j, gap, leaves, descent.pairs)
             if count == 0:
                 continue
         if leaves:
-            kept = _keep_close_bodies(
+            kept = keep_close_bodies(
                 a,
                 a_hulls,
                 s,

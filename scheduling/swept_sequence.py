@@ -2,7 +2,7 @@
 
 A block bounds a run of consecutive segments twice: by one box, and capsule by capsule. The
 capsules of a leaf stand where the joints are in the middle of all they do in it, grown by a
-rigorous bound of how far any point gets from there; those of a larger block are those of one of
+rigorous bound of how far they get from there; those of a larger block are those of one of
 its halves, grown until they hold the other's. Capsules of single segments are not kept: what
 they could tell the hulls tell better.
 """
@@ -20,7 +20,7 @@ from planning.geometry.stretches import (
     MIXED,
     Stretch,
     make_stretch,
-    pose_box,
+    pose_stretch,
     stretch_stray,
 )
 from planning.transforms import Array
@@ -112,7 +112,7 @@ def _build(seq: SweptSequence, hulls: HullTable, leaves: int, room: Stretch) -> 
         first, last = min(i * size, count), min((i + 1) * size, count)
         seq.block_first[block], seq.block_last[block] = first, last
         if first < last:
-            _bound_leaf(seq, hulls, block, room)
+            bound_leaf(seq, hulls, block, room)
     for block in range(leaves - 2, -1, -1):
         left, right = 2 * block + 1, 2 * block + 2
         seq.block_first[block] = seq.block_first[left]
@@ -129,17 +129,18 @@ def _build(seq: SweptSequence, hulls: HullTable, leaves: int, room: Stretch) -> 
 
 
 @njit(cache=True)
-def _bound_leaf(
-    seq: SweptSequence, hulls: HullTable, block: int, room: Stretch
-) -> None:
+def bound_leaf(seq: SweptSequence, hulls: HullTable, block: int, room: Stretch) -> None:
+    """Write the capsules and the box of a block from its segments."""
     first, last = seq.block_first[block], seq.block_last[block]
-    pose_box(hulls, first, last, room)
+    pose_stretch(hulls, first, last, room)
+    start, end = seq.block_start[block], seq.block_end[block]
+    radius = seq.block_radius[block]
     for i in range(hulls.solid.shape[1]):
         solid = int(room.solid[i])
         c = seq.column[i]
         if solid != MIXED:
             if solid >= 0:
-                _place_capsules(seq, hulls, block, c, solid, room)
+                place_capsules(hulls, solid, room, start[c:], end[c:], radius[c:])
             continue
         # Objects that come and go: the first capsule becomes a ball around them all.
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -147,17 +148,15 @@ def _bound_leaf(
         for s in range(first, last):
             solid = int(hulls.solid[s, i])
             if solid >= 0 and solid != before:
-                _place_capsules(seq, hulls, block, c, solid, room)
-                for e in range(
-                    hulls.capsule_first[solid + 1] - hulls.capsule_first[solid]
-                ):
-                    r = seq.block_radius[block, c + e]
+                count = place_capsules(
+                    hulls, solid, room, start[c:], end[c:], radius[c:]
+                )
+                for e in range(c, c + count):
                     for k in range(3):
-                        p = seq.block_start[block, c + e, k]
-                        q = seq.block_end[block, c + e, k]
+                        p, q, r = start[e, k], end[e, k], radius[e]
                         low[k] = min(low[k], min(p, q) - r)
                         high[k] = max(high[k], max(p, q) + r)
-                    seq.block_radius[block, c + e] = INACTIVE
+                    radius[e] = INACTIVE
             before = solid
         size = 0.0
         for k in range(3):
@@ -176,46 +175,54 @@ def _bound_leaf(
 
 
 @njit(cache=True)
-def _place_capsules(
-    seq: SweptSequence,
+def place_capsules(
     hulls: HullTable,
-    block: int,
-    column: int,
     solid: int,
     stretch: Stretch,
-) -> None:
-    """Write the capsules of a body on a stretch, from a column on."""
-    moved = stretch_stray(hulls, solid, stretch)[0]
-    first, last = hulls.capsule_first[solid], hulls.capsule_first[solid + 1]
-    place_ends(
-        hulls,
-        solid,
-        stretch.middle,
-        seq.block_start[block, column:],
-        seq.block_end[block, column:],
-    )
-    for e in range(first, last):
-        seq.block_radius[block, column + e - first] = hulls.radius[e] + moved
+    start: Array,
+    end: Array,
+    radius: Array,
+) -> int:
+    """Write capsules that hold a body on a stretch; return how many.
 
+    The ends of a capsule stay as near to where they are in the middle as any point does, and
+    as near as they are at both ends of the stretch, but for the bend in between.
 
-@njit(cache=True)
-def place_ends(
-    hulls: HullTable, solid: int, poses: Array, start: Array, end: Array
-) -> None:
-    """Write the world ends of the capsules of a body, shape (at least its capsules, 3)."""
+    Args:
+        hulls: the bodies.
+        solid: the body.
+        stretch: the stretch, posed.
+        start, end: written here, shape (at least its capsules, 3) [m].
+        radius: likewise, shape (at least its capsules,) [m].
+    """
+    strays = stretch_stray(hulls, solid, stretch)
     first, last = hulls.capsule_first[solid], hulls.capsule_first[solid + 1]
     joint = hulls.joint[solid]
     for e in range(first, last):
-        for r in range(3):
-            if joint == AT_REST:
-                p, q = hulls.ends[e, 0, r], hulls.ends[e, 1, r]
-            else:
-                pose = poses[joint + 1]
-                p = q = pose[r, 3]
-                for k in range(3):
-                    p += pose[r, k] * hulls.ends[e, 0, k]
-                    q += pose[r, k] * hulls.ends[e, 1, k]
-            start[e - first, r], end[e - first, r] = p, q
+        c = e - first
+        radius[c] = hulls.radius[e]
+        if joint == AT_REST:
+            for r in range(3):
+                start[c, r], end[c, r] = hulls.ends[e, 0, r], hulls.ends[e, 1, r]
+            continue
+        off = 0.0
+        for k in range(2):
+            out = start if k == 0 else end
+            x, y, z = hulls.ends[e, k, 0], hulls.ends[e, k, 1], hulls.ends[e, k, 2]
+            from_start = from_end = 0.0
+            for r in range(3):
+                pose = stretch.middle[joint + 1]
+                p = pose[r, 0] * x + pose[r, 1] * y + pose[r, 2] * z + pose[r, 3]
+                out[c, r] = p
+                pose = stretch.start[joint + 1]
+                q = pose[r, 0] * x + pose[r, 1] * y + pose[r, 2] * z + pose[r, 3]
+                from_start += (p - q) * (p - q)
+                pose = stretch.end[joint + 1]
+                q = pose[r, 0] * x + pose[r, 1] * y + pose[r, 2] * z + pose[r, 3]
+                from_end += (p - q) * (p - q)
+            off = max(off, from_start, from_end)
+        radius[c] += min(strays[0], np.sqrt(off) + strays[1] + strays[2])
+    return int(last - first)
 
 
 @njit(cache=True)

@@ -46,8 +46,8 @@ def gap_class(
         b, b_count: likewise for the other.
         clearance: below this they are too close [m]; where not positive, when they overlap.
         enough: from this on they are far enough, at least ``clearance`` [m].
-        direction: where FAR, the direction from b to a in which they are, of length 1, is
-            written here, shape (3,).
+        direction: to begin with, from b to a, zeros where there is no guess; what separates
+            them, of length 1, is written here unless they are CLOSE, shape (3,).
 
     Returns:
         FAR when they are proved to be at least ``enough`` apart, CLOSE when they are closer
@@ -59,17 +59,22 @@ def gap_class(
     size = 0
     lower = -1.0
     v = np.zeros(3)
+    guess = direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2
     for k in range(3):
-        for i in range(a_count):
-            v[k] += a[i, k] / a_count
-        for j in range(b_count):
-            v[k] -= b[j, k] / b_count
+        v[k] = direction[k]
+        if guess < 0.5:
+            for i in range(a_count):
+                v[k] += a[i, k] / a_count
+            for j in range(b_count):
+                v[k] -= b[j, k] / b_count
     for _ in range(_STEPS):
         norm = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
         # From the second round on v is a point of the difference: its length bounds the gap.
-        if norm < near:
+        if norm < near and (size > 0 or guess < 0.5):
             break
         if lower >= near and size > 0 and norm < far:
+            for k in range(3):
+                direction[k] = v[k] / norm
             return BETWEEN
         i = _support(a, a_count, -v[0], -v[1], -v[2])
         j = _support(b, b_count, v[0], v[1], v[2])

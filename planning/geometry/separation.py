@@ -32,7 +32,7 @@ class Scratch(NamedTuple):
         posed: the segments that ``whole_a`` and ``whole_b`` belong to, shape (2,).
         where: shares of both motions at which two bodies were not proved apart, shape (2,).
         straight_a, straight_b: zeros: the joints do not leave the straight line, shape (n,).
-        direction: in which two hulls are apart, shape (3,).
+        direction: in which two hulls were apart last: the first guess, shape (3,).
     """
 
     whole_a: Array
@@ -64,7 +64,7 @@ def make_scratch(a: HullTable, b: HullTable) -> Scratch:
         np.empty(2),
         np.zeros(n - 1),
         np.zeros(m - 1),
-        np.empty(3),
+        np.zeros(3),
     )
 
 

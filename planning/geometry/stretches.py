@@ -202,42 +202,68 @@ def _place_both_ends(table: HullTable, solid: int, stretch: Stretch) -> int:
 
 
 @njit(cache=True)
-def measure_body(
-    table: HullTable, body: int, stretch: Stretch, direction: Array, sign: float
+def measure_bodies(
+    table: HullTable, stretch: Stretch, direction: Array, sign: float
 ) -> None:
-    """Write a lower bound of a body's extent along ``sign * direction`` on a stretch."""
-    stretch.measured[body] = stretch.span[3]
-    solid = stretch.solid[body]
-    first, last = table.corner_first[solid], table.corner_first[solid + 1]
+    """Write lower bounds of extents along ``sign * direction`` on a stretch.
+
+    Of the bodies whose ``measured`` is the negative of the direction's number: one call for
+    many of them, as every call with so many arrays has its price.
+    """
+    corners, corner_first, joints = table.corners, table.corner_first, table.joint
+    start, middle, end = stretch.start, stretch.middle, stretch.end
+    measured, solids, least = stretch.measured, stretch.solid, stretch.least
+    known, strays = stretch.known, stretch.strays
+    posed, number = stretch.span[2], stretch.span[3]
     x, y, z = sign * direction[0], sign * direction[1], sign * direction[2]
-    joint = table.joint[solid]
-    if joint == AT_REST:
-        stretch.least[body] = _least(table.corners, first, last, x, y, z)
-        return
-    strays = stretch_stray(table, solid, stretch)
-    ends = np.inf
-    middle = -np.inf
-    for k in range(3):
-        poses = stretch.start
-        if k == 1:
-            poses = stretch.end
-        elif k == 2:
-            poses = stretch.middle
-        pose = poses[joint + 1]
-        extent = x * pose[0, 3] + y * pose[1, 3] + z * pose[2, 3]
-        extent += _least(
-            table.corners,
+    for body in range(len(measured)):
+        if measured[body] != -number:
+            continue
+        measured[body] = number
+        solid = solids[body]
+        first, last = corner_first[solid], corner_first[solid + 1]
+        joint = joints[solid]
+        if joint == AT_REST:
+            least[body] = _least(corners, first, last, x, y, z)
+            continue
+        if known[solid] != posed:
+            stretch_stray(table, solid, stretch)
+        from_ends = np.inf
+        for k in range(2):
+            poses = start if k == 0 else end
+            from_ends = min(
+                from_ends, _extent(corners, first, last, poses, joint + 1, x, y, z)
+            )
+        from_middle = _extent(corners, first, last, middle, joint + 1, x, y, z)
+        least[body] = max(
+            from_ends - strays[solid, 1] - strays[solid, 2],
+            from_middle - strays[solid, 0],
+        )
+
+
+@njit(cache=True)
+def _extent(
+    corners: Array,
+    first: int,
+    last: int,
+    poses: Array,
+    p: int,
+    x: float,
+    y: float,
+    z: float,
+) -> float:
+    at = x * poses[p, 0, 3] + y * poses[p, 1, 3] + z * poses[p, 2, 3]
+    return float(
+        at
+        + _least(
+            corners,
             first,
             last,
-            x * pose[0, 0] + y * pose[1, 0] + z * pose[2, 0],
-            x * pose[0, 1] + y * pose[1, 1] + z * pose[2, 1],
-            x * pose[0, 2] + y * pose[1, 2] + z * pose[2, 2],
+            x * poses[p, 0, 0] + y * poses[p, 1, 0] + z * poses[p, 2, 0],
+            x * poses[p, 0, 1] + y * poses[p, 1, 1] + z * poses[p, 2, 1],
+            x * poses[p, 0, 2] + y * poses[p, 1, 2] + z * poses[p, 2, 2],
         )
-        if k < 2:
-            ends = min(ends, extent)
-        else:
-            middle = extent
-    stretch.least[body] = max(ends - strays[1] - strays[2], middle - strays[0])
+    )
 
 
 @njit(cache=True)
@@ -246,5 +272,7 @@ def _least(
 ) -> float:
     least = np.inf
     for v in range(first, last):
-        least = min(least, x * corners[v, 0] + y * corners[v, 1] + z * corners[v, 2])
-    return float(least)
+        along = x * corners[v, 0] + y * corners[v, 1] + z * corners[v, 2]
+        if along < least:
+            least = along
+    return least

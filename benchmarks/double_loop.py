@@ -1,0 +1,216 @@
+"""Algorithm 1 of APEX-MR as a compiled double loop: what the dual-tree search is measured against.
+
+The same bodies, capsules, separating planes and exact decision as the product; only the tree is
+missing. Each node is held against all earlier nodes of the other robot, latest first, one pair
+of segments at a time, but for those that precede it already: by task dependencies, or also by
+the edges found so far (``growing``), which is the strictest reading of the algorithm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+
+from planning.geometry.hull_table import HullTable
+from planning.geometry.stretches import Stretch, make_stretch
+from scheduling.conflicts import ConflictChecker, proof_slack
+from scheduling.contacts import ContactTable
+from scheduling.occupancy import Occupancy
+from scheduling.order import nodes_before
+from scheduling.reduction import NodeOrder
+from scheduling.staircase import (
+    Descent,
+    close_blocks,
+    keep_close_bodies,
+    raise_floor,
+    start_descent,
+)
+from scheduling.swept_sequence import INACTIVE, SweptSequence, bound_leaf
+from scheduling.temporal_plan_graph import Indices
+
+
+def segment_capsules(occupancy: Occupancy) -> SweptSequence:
+    """Return an occupancy's sequence with every segment a block of its own, without a tree."""
+    tree = occupancy.sequence
+    count, capsules = len(tree.node), tree.block_radius.shape[1]
+    first = np.arange(count)
+    flat = tree._replace(
+        block_first=first,
+        block_last=first + 1,
+        block_low=np.full((count, 3), np.inf),
+        block_high=np.full((count, 3), -np.inf),
+        block_start=np.zeros((count, capsules, 3)),
+        block_end=np.zeros((count, capsules, 3)),
+        block_radius=np.full((count, capsules), INACTIVE),
+    )
+    _bound_segments(flat, occupancy.hulls, make_stretch(occupancy.hulls))
+    return flat
+
+
+@njit(cache=True)
+def _bound_segments(seq: SweptSequence, hulls: HullTable, room: Stretch) -> None:
+    for s in range(len(seq.node)):
+        bound_leaf(seq, hulls, s, room)
+
+
+@njit(cache=True)
+def _scan(
+    a: SweptSequence,
+    a_hulls: HullTable,
+    b: SweptSequence,
+    b_hulls: HullTable,
+    table: ContactTable,
+    slack: float,
+    floor: Indices,
+    stop: Indices,
+    growing: bool,
+    room: Descent,
+    at: Indices,
+    hits: Indices,
+) -> tuple[int, int]:
+    """Go on until hulls have to be decided on, or ``hits`` is full.
+
+    Args:
+        stop: one above the last segment of b at stake for each segment of a.
+        at: segment of a, the segment of b looked at last, and how many pairs were tested.
+        hits: nodes (v, u) in conflict, written where slack is NaN, shape (room, 2).
+
+    Returns:
+        Where in ``room.pairs`` the proposed bodies begin, and how many bodies there are, or
+        hits; 0 at the end.
+    """
+    gap = max(table.clearance[0], table.clearance[1])
+    s, t = at[0], at[1]
+    found = 0
+    while s < len(a.node):
+        v = a.node[s]
+        while t > 0 and b.node[t - 1] > floor[v]:
+            t -= 1
+            at[2] += 1
+            count = close_blocks(a, s, b, t, gap, True, room.pairs)
+            if count == 0:
+                continue
+            kept = keep_close_bodies(
+                a,
+                a_hulls,
+                s,
+                s + 1,
+                b,
+                b_hulls,
+                t,
+                t + 1,
+                table,
+                slack,
+                room,
+                0,
+                count,
+            )
+            if kept == 0:
+                continue
+            if not np.isnan(slack):
+                at[0], at[1] = s, t
+                return count, kept
+            hits[found, 0], hits[found, 1] = v, b.node[t]
+            found += 1
+            if growing:
+                raise_floor(floor, v, b.node[t])
+            else:
+                t = _before_node(b, t)
+            if found == len(hits):
+                at[0], at[1] = s, t
+                return 0, found
+        s += 1
+        if s < len(a.node):
+            t = stop[s]
+    at[0], at[1] = s, 0
+    return 0, found
+
+
+@njit(cache=True)
+def _before_node(b: SweptSequence, t: int) -> int:
+    """Return the first segment of the node that a segment belongs to."""
+    while t > 0 and b.node[t - 1] == b.node[t]:
+        t -= 1
+    return t
+
+
+def search_double_loop(
+    a: Occupancy,
+    a_flat: SweptSequence,
+    b: Occupancy,
+    b_flat: SweptSequence,
+    floor: Indices,
+    limit: Indices,
+    table: ContactTable,
+    checker: ConflictChecker,
+    growing: bool,
+) -> tuple[Indices, int]:
+    """Return conflicting nodes (v, u), shape (found, 2), and how many pairs were tested."""
+    room = start_descent(a.hulls, b.hulls)
+    stop = np.searchsorted(b_flat.node, limit[a_flat.node], side="left")
+    at = np.array([0, stop[0], 0], dtype=np.int64)
+    slack = proof_slack(checker)
+    hits = np.empty((65536, 2), dtype=np.int64)
+    out = [np.empty((0, 2), dtype=np.int64)]
+    while True:
+        first, count = _scan(
+            a_flat,
+            a.hulls,
+            b_flat,
+            b.hulls,
+            table,
+            slack,
+            floor,
+            stop,
+            growing,
+            room,
+            at,
+            hits,
+        )
+        if count == 0:
+            return np.concatenate(out), int(at[2])
+        if np.isnan(slack):
+            out.append(hits[:count].copy())
+            continue
+        s, t = int(at[0]), int(at[1])
+        which = slice(first, first + count)
+        if checker.conflict(a, s, b, t, room.pairs[which], room.where[which]):
+            v, u = int(a_flat.node[s]), int(b_flat.node[t])
+            out.append(np.array([[v, u]]))
+            if growing:
+                raise_floor(floor, v, u)
+            else:
+                at[1] = _before_node(b_flat, t)
+
+
+def find_edges_double_loop(
+    occupancies: Sequence[Occupancy],
+    flat: Sequence[SweptSequence],
+    ranks: Sequence[Indices],
+    order: NodeOrder,
+    table: ContactTable,
+    checker: ConflictChecker,
+    growing: bool,
+) -> tuple[Indices, int]:
+    """Return what ``find_motion_edges`` returns, by the double loop, and the pairs tested."""
+    tests = 0
+    edges = [np.empty((0, 4), dtype=np.int64)]
+    robots = range(len(occupancies))
+    for i, k in ((i, k) for i in robots for k in robots if i != k):
+        pairs, tested = search_double_loop(
+            occupancies[i],
+            flat[i],
+            occupancies[k],
+            flat[k],
+            np.ascontiguousarray(order.last_before(i, k)),
+            nodes_before(ranks, i, k),
+            table,
+            checker,
+            growing,
+        )
+        tests += tested
+        v, u = pairs.T
+        edges.append(np.column_stack([np.full(len(v), k), u, np.full(len(v), i), v]))
+    return np.unique(np.concatenate(edges), axis=0), tests
