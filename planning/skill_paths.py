@@ -11,8 +11,8 @@ from itertools import pairwise
 import numpy as np
 
 from planning.geometry.kernel import robot_kernel
+from planning.geometry.reach import boxes_in_reach
 from planning.geometry.scene import SceneChecker
-from planning.geometry.swept import sweep_segments
 from planning.kinematics import inverse_kinematics
 from planning.sequential import MARGIN
 from planning.skill_targets import SkillTargets, Subgoal
@@ -79,6 +79,12 @@ class SkillContacts:
     during: Pairs
     after: Pairs
 
+    def in_phase(self, phase: Phase) -> Pairs:
+        """Return who may touch whom in a phase."""
+        if phase is Phase.BEFORE:
+            return self.before
+        return self.after if phase is Phase.AFTER else self.during
+
 
 @dataclass(frozen=True)
 class Obstruction:
@@ -131,34 +137,27 @@ class SkillScene:
     def near(self, path: SkillPath) -> SkillScene:
         """Return the scene with only the objects that anything on a path may come near to.
 
-        Nothing that could touch is left out: what counts is the box around every capsule
-        swept along the path, grown by the object's own size and that of the largest held one.
+        Nothing that could touch is left out: what counts are the capsules swept along the
+        path by the robot and by all that it ever holds on it.
         """
         robot = self.cell.robot(path.robot)
-        every = np.vstack([path.lead, path.path])
-        start, end, radius = sweep_segments(robot_kernel(robot), every[:-1], every[1:])
-        carried = [item for item, at in self.objects.values() if at.holder is not None]
-        if self.handed is not None:
-            carried.append(self.objects[self.handed[0]][0])
-        room = radius + max((_diagonal(item) for item in carried), default=0.0) + MARGIN
-        low = np.minimum(start, end).min(axis=0) - room.max(axis=0)[:, None]
-        high = np.maximum(start, end).max(axis=0) + room.max(axis=0)[:, None]
-        names = list(self.objects)
-        items = [self.objects[name][0] for name in names]
-        centre = np.array([self.objects[name][1].pose[:3, 3] for name in names])
-        half = np.array([_diagonal(item) / 2 for item in items])[:, None, None]
-        close = (centre[:, None] >= low - half) & (centre[:, None] <= high + half)
-        keep = {
-            name
-            for item, name in zip(close, names, strict=True)
-            if item.all(axis=1).any()
-        }
-        keep |= {
-            name for name, (_, at) in self.objects.items() if at.holder is not None
-        }
+        held = [(i, at) for i, at in self.objects.values() if at.holder == robot.name]
+        if self.handed is not None and self.handed[1].holder == robot.name:
+            held.append((self.objects[self.handed[0]][0], self.handed[1]))
+        names = [k for k, (_, at) in self.objects.items() if at.holder is None]
+        close = boxes_in_reach(
+            robot_kernel(robot, [(item.body, at.pose) for item, at in held]),
+            np.vstack([path.lead, path.path]),
+            np.array([self.objects[k][1].pose for k in names]).reshape(-1, 4, 4),
+            np.array([self.objects[k][0].size for k in names]).reshape(-1, 3) / 2,
+            self.cell.clearances.robot_object + MARGIN,
+        )
+        keep = {k for k, near in zip(names, close, strict=True) if near}
+        keep |= {k for k, (_, at) in self.objects.items() if at.holder is not None}
         if self.handed is not None:
             keep.add(self.handed[0])
-        return replace(self, objects={k: self.objects[k] for k in names if k in keep})
+        kept = {k: v for k, v in self.objects.items() if k in keep}
+        return replace(self, objects=kept)
 
     def phase_checker(self, robot: str, phase: Phase) -> SceneChecker:
         """Return the collision checker of a robot in a phase of the skill."""
@@ -195,7 +194,19 @@ def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:
     its last configuration, from which the next transit starts.
     """
     near = scene.near(path)
-    return check_skill(path, lambda phase: near.phase_checker(path.robot, phase))
+    built: dict[bool, SceneChecker] = {}
+
+    def checker_of(phase: Phase) -> SceneChecker:
+        """Build one checker while things stay where they are, whatever may touch."""
+        if phase is Phase.AFTER and near.refill is not None:
+            return near.phase_checker(path.robot, phase)
+        handed = phase in (Phase.SINCE_CHANGE, Phase.AFTER) and near.handed is not None
+        if handed not in built:
+            built[handed] = near.phase_checker(path.robot, phase)
+            return built[handed]
+        return built[handed].with_allowed(near.contacts.in_phase(phase))
+
+    return check_skill(path, checker_of)
 
 
 def check_skill(

@@ -66,19 +66,11 @@ def hull_table(
         solids: the bodies as solids.
         bodies: the same ones with their capsules.
     """
-    placed = [
-        placed_capsules(body, item.local)
-        for item, body in zip(solids, bodies, strict=True)
-    ]
+    placed = [_placed(item, body) for item, body in zip(solids, bodies, strict=True)]
     # There may be no bodies at all: a robot alone in an empty cell.
     none = np.empty((0, 3))
     starts, ends = [none, *(p[0] for p in placed)], [none, *(p[1] for p in placed)]
-    corners = [
-        s.vertices
-        if s.carrier is not None
-        else s.vertices @ s.local[:3, :3].T + s.local[:3, 3]
-        for s in solids
-    ]
+    corners = [p[2] for p in placed]
     return HullTable(
         kernel,
         q_a,
@@ -95,6 +87,30 @@ def hull_table(
         ),
         np.concatenate([np.empty(0), *(b.capsules.radius for b in bodies)]),
     )
+
+
+_PLACED: dict[tuple[int, bytes], tuple[ConvexBody, Array, Array, Array]] = {}
+_MOST_PLACED = 50_000
+
+
+def _placed(solid: Solid, body: ConvexBody) -> tuple[Array, Array, Array]:
+    """Return starts and ends of a body's capsules, and its corners, where it is.
+
+    Bodies at rest are worked out once: they stand in the same place in very many scenes.
+    """
+    if solid.carrier is not None:
+        start, end, _ = placed_capsules(body, solid.local)
+        return start, end, solid.vertices
+    key = id(body), solid.local.tobytes()
+    known = _PLACED.get(key)
+    if known is None or known[0] is not body:
+        if len(_PLACED) >= _MOST_PLACED:
+            _PLACED.clear()
+        start, end, _ = placed_capsules(body, solid.local)
+        corners = solid.vertices @ solid.local[:3, :3].T + solid.local[:3, 3]
+        # The body is kept so that its id is not given to another one.
+        known = _PLACED[key] = (body, start, end, corners)
+    return known[1:]
 
 
 def placed_capsules(body: ConvexBody, pose: Transform) -> tuple[Array, Array, Array]:
@@ -116,25 +132,43 @@ def pose_joints(table: HullTable, q: Array, poses: Array) -> None:
 
 
 @njit(cache=True)
-def place_corners(
-    table: HullTable, solid: int, poses: Array, out: Array, offset: int
-) -> int:
-    """Write a body's corners from row ``offset`` on; return how many there are then."""
+def place_corners(table: HullTable, solid: int, poses: Array, out: Array) -> int:
+    """Write the corners of a body in the world; return how many there are."""
     first, last = table.corner_first[solid], table.corner_first[solid + 1]
-    joint = table.joint[solid]
+    return move_corners(table.corners, first, last, table.joint[solid], poses, out, 0)
+
+
+@njit(cache=True)
+def move_corners(
+    corners: Array,
+    first: int,
+    last: int,
+    joint: int,
+    poses: Array,
+    out: Array,
+    offset: int,
+) -> int:
+    """Write the corners ``range(first, last)`` from row ``offset`` on; return where they end.
+
+    Compiled calls cost by the number of arrays, so what is called most takes few.
+    """
+    end = offset + last - first
     if joint == AT_REST:
         for v in range(first, last):
             for r in range(3):
-                out[offset + v - first, r] = table.corners[v, r]
-        return int(offset + last - first)
-    pose = poses[joint + 1]
+                out[offset + v - first, r] = corners[v, r]
+        return int(end)
+    p = joint + 1
     for v in range(first, last):
+        x, y, z = corners[v, 0], corners[v, 1], corners[v, 2]
         for r in range(3):
-            total = pose[r, 3]
-            for k in range(3):
-                total += pose[r, k] * table.corners[v, k]
-            out[offset + v - first, r] = total
-    return int(offset + last - first)
+            out[offset + v - first, r] = (
+                poses[p, r, 0] * x
+                + poses[p, r, 1] * y
+                + poses[p, r, 2] * z
+                + poses[p, r, 3]
+            )
+    return int(end)
 
 
 @njit(cache=True)
@@ -158,21 +192,46 @@ def stray(
         product of their travels times the point's distance from the axis of the one nearer to
         the tip. Third from where it is on the straight joint-space motion.
     """
-    joint = table.joint[solid]
+    return stray_of_capsules(
+        table.ends,
+        table.radius,
+        table.capsule_first[solid],
+        table.capsule_first[solid + 1],
+        table.joint[solid],
+        table.kernel.axis,
+        table.kernel.prismatic,
+        travel,
+        aside,
+        poses,
+    )
+
+
+@njit(cache=True)
+def stray_of_capsules(
+    ends: Array,
+    radius: Array,
+    first: int,
+    last: int,
+    joint: int,
+    axis: Array,
+    prismatic: npt.NDArray[np.bool_],
+    travel: Array,
+    aside: Array,
+    poses: Array,
+) -> tuple[float, float, float]:
+    """Return what ``stray`` does for the capsules ``range(first, last)`` on a joint."""
     if joint == AT_REST:
         return 0.0, 0.0, 0.0
-    kernel = table.kernel
     pose = poses[joint + 1]
-    first, last = table.capsule_first[solid], table.capsule_first[solid + 1]
     moved = bend = off = 0.0
     for j in range(joint, -1, -1):
         if travel[j] == 0.0 and aside[j] == 0.0:
             continue
         turned = 0.0
         for i in range(j):
-            if not kernel.prismatic[i]:
+            if not prismatic[i]:
                 turned += travel[i]
-        if kernel.prismatic[j]:
+        if prismatic[j]:
             moved += 0.5 * travel[j]
             bend += 2.0 * travel[j] * turned
             off += aside[j]
@@ -180,9 +239,9 @@ def stray(
         frame = poses[j + 1]
         ax = ay = az = 0.0
         for k in range(3):
-            ax += frame[0, k] * kernel.axis[j, k]
-            ay += frame[1, k] * kernel.axis[j, k]
-            az += frame[2, k] * kernel.axis[j, k]
+            ax += frame[0, k] * axis[j, k]
+            ay += frame[1, k] * axis[j, k]
+            az += frame[2, k] * axis[j, k]
         reach = 0.0
         for c in range(first, last):
             for e in range(2):
@@ -190,11 +249,11 @@ def stray(
                 y = pose[1, 3] - frame[1, 3]
                 z = pose[2, 3] - frame[2, 3]
                 for k in range(3):
-                    x += pose[0, k] * table.ends[c, e, k]
-                    y += pose[1, k] * table.ends[c, e, k]
-                    z += pose[2, k] * table.ends[c, e, k]
+                    x += pose[0, k] * ends[c, e, k]
+                    y += pose[1, k] * ends[c, e, k]
+                    z += pose[2, k] * ends[c, e, k]
                 cx, cy, cz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
-                far = np.sqrt(cx * cx + cy * cy + cz * cz) + table.radius[c]
+                far = np.sqrt(cx * cx + cy * cy + cz * cz) + radius[c]
                 reach = max(reach, far)
         reach += moved
         moved += 0.5 * travel[j] * reach

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.geometry.body import ConvexBody
+from planning.robots.model import RobotModel
 from planning.transforms import Array, Transform
 from planning.workcell import PlacedRobot
 
@@ -37,6 +38,9 @@ class RobotKernel(NamedTuple):
     body: npt.NDArray[np.int64]
 
 
+_BARE: dict[int, tuple[RobotModel, RobotKernel]] = {}
+
+
 def robot_kernel(
     robot: PlacedRobot, held: Sequence[tuple[ConvexBody, Transform]] = ()
 ) -> RobotKernel:
@@ -46,6 +50,37 @@ def robot_kernel(
         robot: the placed robot.
         held: bodies in the hand, each with its pose in the flange frame.
     """
+    if not held:
+        # Bodies never change. The model is kept so that its id is not given to another one.
+        known = _BARE.get(id(robot.model))
+        if known is not None and known[0] is robot.model:
+            base = np.ascontiguousarray(robot.base, dtype=np.float64)
+            return known[1]._replace(base=base)
+        kernel = _collect(robot, held)
+        _BARE[id(robot.model)] = (robot.model, kernel)
+        return kernel
+    bare = robot_kernel(robot)
+    return _join(bare, _collect(robot, held, parts=False))
+
+
+def _join(first: RobotKernel, second: RobotKernel) -> RobotKernel:
+    """Return a robot with the bodies of both."""
+    return first._replace(
+        joint=np.concatenate([first.joint, second.joint]),
+        start=np.concatenate([first.start, second.start]),
+        end=np.concatenate([first.end, second.end]),
+        radius=np.concatenate([first.radius, second.radius]),
+        body=np.concatenate([first.body, second.body]),
+    )
+
+
+def _collect(
+    robot: PlacedRobot,
+    held: Sequence[tuple[ConvexBody, Transform]],
+    *,
+    parts: bool = True,
+) -> RobotKernel:
+    """Return the arrays of the robot's parts, if wanted, and of what it holds."""
     model = robot.model
     joint: list[npt.NDArray[np.int64]] = []
     start: list[Array] = []
@@ -62,7 +97,7 @@ def robot_kernel(
         radius.append(capsules.radius)
         body.append(np.full(count, which))
 
-    for index, part in enumerate(model.parts):
+    for index, part in enumerate(model.parts if parts else ()):
         add(index, part.joint, part.body, np.eye(4))
     for index, (item, pose) in enumerate(held):
         add(len(model.parts) + index, model.dof - 1, item, model.flange @ pose)

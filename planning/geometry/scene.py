@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,6 +128,16 @@ class SceneChecker:
         self._standing = self._hulls(self._boxes + self._others, bodies)
         self._scratch = make_scratch(self._moving, self._standing)
 
+    def with_allowed(self, allowed: frozenset[frozenset[str]]) -> SceneChecker:
+        """Return the same checker with other pairs that may touch; the two share their memory."""
+        other = copy(self)
+        other._allowed = allowed
+        boxes, solids, own = other._limits()
+        other._scene = self._scene._replace(
+            box_limit=boxes, solid_limit=solids, self_limit=own
+        )
+        return other
+
     def _stand(self, cell: Workcell, state: WorldState) -> list[ConvexBody]:
         """Collect what stands around the robot, boxes first; return the bodies."""
         bodies = []
@@ -167,24 +179,8 @@ class SceneChecker:
 
     def _compile(self, cell: Workcell, state: WorldState) -> Scene:
         """Flatten it, with the least distance of every pair."""
-        own = len(self._own)
-        parts = len(self.robot.model.parts)
-        names = [solid.name.split(":")[0] for solid in self._own]
-        boxes = [solid.name for solid in self._boxes]
-        others = [solid.name.split(":")[0] for solid in self._others]
-        box_limit = np.full((own, len(boxes)), self._to_objects)
-        solid_limit = np.full((own, len(others)), self._between_robots)
-        solid_limit[parts:] = self._to_objects
-        for i, name in enumerate(names):
-            touchable = self._touchable(name)
-            box_limit[i, [b for b, other in enumerate(boxes) if other in touchable]] = (
-                SKIP
-            )
-            solid_limit[
-                i, [s for s, other in enumerate(others) if other in touchable]
-            ] = SKIP
-            if i < parts and self.robot.model.parts[i].joint < 0:
-                box_limit[i, : len(cell.fixtures)] = SKIP
+        self._fixtures = len(cell.fixtures)
+        box_limit, solid_limit, self_limit = self._limits()
         start, end, radius, first = self._other_capsules(cell, state)
         return Scene(
             np.array([s.local for s in self._boxes]).reshape(-1, 4, 4),
@@ -197,9 +193,28 @@ class SceneChecker:
             first,
             _capsule_bounds(start, end, radius, first),
             solid_limit,
-            self._self_limits(names),
-            _ranges(self.kernel.body, own),
+            self_limit,
+            _ranges(self.kernel.body, len(self._own)),
         )
+
+    def _limits(self) -> tuple[Array, Array, Array]:
+        """Return the least distances to boxes, to other robots, and between own bodies."""
+        own = len(self._own)
+        parts = len(self.robot.model.parts)
+        names = [solid.name.split(":")[0] for solid in self._own]
+        boxes = _places(solid.name for solid in self._boxes)
+        others = _places(solid.name.split(":")[0] for solid in self._others)
+        box_limit = np.full((own, len(self._boxes)), self._to_objects)
+        solid_limit = np.full((own, len(self._others)), self._between_robots)
+        solid_limit[parts:] = self._to_objects
+        for i, name in enumerate(names):
+            touchable = self._touchable(name)
+            for entity_name in touchable:
+                box_limit[i, boxes.get(entity_name, [])] = SKIP
+                solid_limit[i, others.get(entity_name, [])] = SKIP
+            if i < parts and self.robot.model.parts[i].joint < 0:
+                box_limit[i, : self._fixtures] = SKIP
+        return box_limit, solid_limit, self._self_limits(names)
 
     def _touchable(self, name: str) -> set[str]:
         """Return the entities that an own entity may touch."""
@@ -388,13 +403,19 @@ def _ranges(bodies: Integers, count: int) -> Integers:
     return np.searchsorted(bodies, np.arange(count + 1)).astype(np.int64)
 
 
+def _places(names: Iterable[str]) -> dict[str, list[int]]:
+    """Return at which places each name stands."""
+    out: dict[str, list[int]] = {}
+    for k, name in enumerate(names):
+        out.setdefault(name, []).append(k)
+    return out
+
+
 def _box_bounds(boxes: list[Solid], half: list[Array]) -> Array:
-    bounds = np.empty((len(boxes), 6))
-    for k, (box, extent) in enumerate(zip(boxes, half, strict=True)):
-        reach = np.abs(box.local[:3, :3]) @ extent
-        bounds[k, :3] = box.local[:3, 3] - reach
-        bounds[k, 3:] = box.local[:3, 3] + reach
-    return bounds
+    pose = np.array([box.local for box in boxes]).reshape(-1, 4, 4)
+    extent = np.array(half).reshape(-1, 3, 1)
+    reach = (np.abs(pose[:, :3, :3]) @ extent)[:, :, 0]
+    return np.hstack([pose[:, :3, 3] - reach, pose[:, :3, 3] + reach])
 
 
 def _capsule_bounds(start: Array, end: Array, radius: Array, first: Integers) -> Array:

@@ -21,6 +21,9 @@ from planning.skill_paths import Obstruction, SkillPath, joint_distance
 from planning.task_plan import StepChoice
 from planning.workcell import Workcell
 
+_MANY_STEPS = 100
+"""Up to so many steps, second best grips and supports are worth the time to find them."""
+
 
 @dataclass(frozen=True)
 class LegoCandidates:
@@ -75,7 +78,7 @@ def find_candidates(
     assembly: LegoAssembly,
     *,
     balance: float = 1.0,
-    alternatives: int = 2,
+    alternatives: int | None = None,
 ) -> LegoCandidates:
     """Find every feasible way to do every step, with its cost.
 
@@ -91,7 +94,7 @@ def find_candidates(
         assembly: the structure and its steps.
         balance: see AssignmentProblem.
         alternatives: for each robot and step, at most so many grips, and so many supports, become
-            candidates. Grips are tried in the order of their joint distance from HOME, supports
+            candidates; by default two, and one in assemblies of more than 100 steps. Grips are tried in the order of their joint distance from HOME, supports
             in that of the step, until enough work. The best plan may lie outside when a grip
             that is far for the place is near for the pick.
 
@@ -101,6 +104,8 @@ def find_candidates(
     world = BrickWorld(cell, assembly)
     skills = SkillOptions(world)
     handovers = HandoverOptions(world, skills)
+    if alternatives is None:
+        alternatives = 2 if len(assembly.steps) <= _MANY_STEPS else 1
     collector = _Collector(world, skills, handovers, alternatives)
     for number in range(1, len(assembly.steps) + 1):
         if world.step(number).up:
