@@ -26,6 +26,7 @@ from scheduling.staircase import (
     keep_close_bodies,
     raise_floor,
     start_descent,
+    wide_gap,
 )
 from scheduling.swept_sequence import INACTIVE, SweptSequence, bound_leaf
 from scheduling.temporal_plan_graph import Indices
@@ -81,7 +82,7 @@ def _scan(
         Where in ``room.pairs`` the proposed bodies begin, and how many bodies there are, or
         hits; 0 at the end.
     """
-    gap = max(table.clearance[0], table.clearance[1])
+    gap = wide_gap(table, slack)
     s, t = at[0], at[1]
     found = 0
     while s < len(a.node):

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from planning.geometry.exact import TOLERANCE, come_close, distance_at
+from planning.geometry.exact import come_close, distance_at
 from planning.transforms import Array
 from scheduling.contacts import ContactTable
 from scheduling.occupancy import Occupancy
@@ -115,10 +115,10 @@ class CapsuleChecker:
 def proof_slack(checker: ConflictChecker) -> float:
     """Return what is taken off the clearances that separating planes must prove [m].
 
-    A checker that decides by hulls need not be asked about hulls proved to be apart, further
-    than what it is tolerant of: so it depends on no proof whether it is asked. NaN for others.
+    A checker that decides by hulls need not be asked about hulls proved to be apart. NaN for
+    any other.
     """
-    return checker.slack - TOLERANCE if isinstance(checker, HullChecker) else np.nan
+    return checker.slack if isinstance(checker, HullChecker) else np.nan
 
 
 def search_conflicts(

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from planning.geometry.distance import segment_distance, segment_segment
+from planning.geometry.exact import TOLERANCE
 from planning.geometry.gjk import ROUNDING
 from planning.geometry.hull_table import HullTable
 from planning.geometry.separation import (
@@ -33,6 +34,7 @@ from planning.geometry.stretches import (
 )
 from planning.transforms import Array
 from scheduling.contacts import ContactTable, may_touch
+from scheduling.occupancy import MOTION
 from scheduling.swept_sequence import LEAF, SweptSequence, place_capsules
 from scheduling.temporal_plan_graph import Indices
 
@@ -81,6 +83,18 @@ def start_descent(a: HullTable, b: HullTable) -> Descent:
         np.zeros((a.solid.shape[1], b.solid.shape[1], 3)),
         make_scratch(a, b),
     )
+
+
+@njit(cache=True)
+def wide_gap(table: ContactTable, slack: float) -> float:
+    """Return how far apart capsules must be to dismiss what they hold [m].
+
+    Hulls are decided on with a tolerance. Where the capsules of segments decide, those of
+    blocks must leave room for them: they stand out of what they hold, by half of what a
+    segment moves at most.
+    """
+    gap = max(table.clearance[0], table.clearance[1])
+    return gap + (MOTION if np.isnan(slack) else TOLERANCE)
 
 
 @njit(cache=True)
@@ -265,7 +279,9 @@ def keep_close_bodies(
         where[end, 0] = least
         end += 1
     if not np.isnan(slack):
-        end = _keep_unseparated(a_hulls, s, b_hulls, t, slack, descent, begin, end)
+        end = _keep_unseparated(
+            a_hulls, b_hulls, slack - TOLERANCE, descent, begin, end
+        )
     if not single:
         return end - begin
     kept = begin
@@ -278,6 +294,7 @@ def keep_close_bodies(
             if not _segments_near(a_hulls, s, x, b_hulls, t, y, least, descent):
                 continue
         else:
+            scratch.direction[:] = 0.0
             if hulls_stay_apart(a_hulls, s, x, b_hulls, t, y, least - slack, scratch):
                 continue
             where[kept] = scratch.where
@@ -289,9 +306,7 @@ def keep_close_bodies(
 @njit(cache=True)
 def _keep_unseparated(
     a: HullTable,
-    s: int,
     b: HullTable,
-    t: int,
     slack: float,
     descent: Descent,
     first: int,
@@ -299,11 +314,12 @@ def _keep_unseparated(
 ) -> int:
     """Drop the pairs of bodies that planes separate on two stretches, posed.
 
-    A plane found for one pair is tried on all others: few pairs need one of their own.
+    A plane found for one pair is tried on all others: few pairs need one of their own. More
+    than the clearance is asked for, as much as the exact decision tolerates: so what it says
+    of two segments does not depend on the stretches they were part of.
 
     Args:
-        a, s: an occupancy and the first segment of its stretch.
-        b, t: likewise for the other.
+        a, b: the occupancies.
         slack: taken off the clearances [m].
         descent: with the clearances of the pairs in ``where``, infinite to keep a pair.
         first, end: the list of pairs.
@@ -391,7 +407,7 @@ def next_proposal(
         The new depth, the two segments, and where in ``descent.pairs`` the close pairs of
         bodies begin and how many they are; a number of 0 says that the descent is over.
     """
-    gap = max(table.clearance[0], table.clearance[1])
+    gap = wide_gap(table, slack)
     leaf_a, leaf_b = len(a.block_first) // 2, len(b.block_first) // 2
     stack = descent.stack
     while depth > 0:

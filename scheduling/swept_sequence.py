@@ -20,8 +20,8 @@ from planning.geometry.stretches import (
     MIXED,
     Stretch,
     make_stretch,
+    measure_stray,
     pose_stretch,
-    stretch_stray,
 )
 from planning.transforms import Array
 from scheduling.temporal_plan_graph import Indices
@@ -124,8 +124,9 @@ def _build(seq: SweptSequence, hulls: HullTable, leaves: int, room: Stretch) -> 
             seq.block_high[block, k] = max(
                 seq.block_high[left, k], seq.block_high[right, k]
             )
-        for c in range(seq.block_radius.shape[1]):
-            _bound_both(seq, block, left, right, c)
+        _bound_both(
+            seq.block_start, seq.block_end, seq.block_radius, block, left, right
+        )
 
 
 @njit(cache=True)
@@ -135,12 +136,30 @@ def bound_leaf(seq: SweptSequence, hulls: HullTable, block: int, room: Stretch) 
     pose_stretch(hulls, first, last, room)
     start, end = seq.block_start[block], seq.block_end[block]
     radius = seq.block_radius[block]
+    ends, radii, joints = hulls.ends, hulls.radius, hulls.joint
+    capsule_first, strays = hulls.capsule_first, room.strays
+    at_start, at_middle, at_end = room.start, room.middle, room.end
     for i in range(hulls.solid.shape[1]):
         solid = int(room.solid[i])
         c = seq.column[i]
         if solid != MIXED:
             if solid >= 0:
-                place_capsules(hulls, solid, room, start[c:], end[c:], radius[c:])
+                _sweep_capsules(
+                    ends,
+                    radii,
+                    capsule_first[solid],
+                    capsule_first[solid + 1],
+                    joints[solid],
+                    at_start,
+                    at_middle,
+                    at_end,
+                    strays,
+                    solid,
+                    start,
+                    end,
+                    radius,
+                    c,
+                )
             continue
         # Objects that come and go: the first capsule becomes a ball around them all.
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -148,6 +167,7 @@ def bound_leaf(seq: SweptSequence, hulls: HullTable, block: int, room: Stretch) 
         for s in range(first, last):
             solid = int(hulls.solid[s, i])
             if solid >= 0 and solid != before:
+                measure_stray(hulls, solid, room)
                 count = place_capsules(
                     hulls, solid, room, start[c:], end[c:], radius[c:]
                 )
@@ -185,64 +205,106 @@ def place_capsules(
 ) -> int:
     """Write capsules that hold a body on a stretch; return how many.
 
-    The ends of a capsule stay as near to where they are in the middle as any point does, and
-    as near as they are at both ends of the stretch, but for the bend in between.
-
     Args:
         hulls: the bodies.
         solid: the body.
-        stretch: the stretch, posed.
+        stretch: the stretch, posed and measured.
         start, end: written here, shape (at least its capsules, 3) [m].
         radius: likewise, shape (at least its capsules,) [m].
     """
-    strays = stretch_stray(hulls, solid, stretch)
     first, last = hulls.capsule_first[solid], hulls.capsule_first[solid + 1]
-    joint = hulls.joint[solid]
-    for e in range(first, last):
-        c = e - first
-        radius[c] = hulls.radius[e]
-        if joint == AT_REST:
-            for r in range(3):
-                start[c, r], end[c, r] = hulls.ends[e, 0, r], hulls.ends[e, 1, r]
-            continue
-        off = 0.0
-        for k in range(2):
-            out = start if k == 0 else end
-            x, y, z = hulls.ends[e, k, 0], hulls.ends[e, k, 1], hulls.ends[e, k, 2]
-            from_start = from_end = 0.0
-            for r in range(3):
-                pose = stretch.middle[joint + 1]
-                p = pose[r, 0] * x + pose[r, 1] * y + pose[r, 2] * z + pose[r, 3]
-                out[c, r] = p
-                pose = stretch.start[joint + 1]
-                q = pose[r, 0] * x + pose[r, 1] * y + pose[r, 2] * z + pose[r, 3]
-                from_start += (p - q) * (p - q)
-                pose = stretch.end[joint + 1]
-                q = pose[r, 0] * x + pose[r, 1] * y + pose[r, 2] * z + pose[r, 3]
-                from_end += (p - q) * (p - q)
-            off = max(off, from_start, from_end)
-        radius[c] += min(strays[0], np.sqrt(off) + strays[1] + strays[2])
+    _sweep_capsules(
+        hulls.ends,
+        hulls.radius,
+        first,
+        last,
+        hulls.joint[solid],
+        stretch.start,
+        stretch.middle,
+        stretch.end,
+        stretch.strays,
+        solid,
+        start,
+        end,
+        radius,
+        0,
+    )
     return int(last - first)
 
 
 @njit(cache=True)
-def _bound_both(seq: SweptSequence, block: int, left: int, right: int, c: int) -> None:
-    """Write a capsule that holds those of two blocks: one of them, grown."""
-    r, s = seq.block_radius[left, c], seq.block_radius[right, c]
-    chosen, grown = left, r
-    if r < 0.0:
-        chosen, grown = right, s
-    elif s >= 0.0:
-        a2 = b2 = 0.0
+def _sweep_capsules(
+    ends: Array,
+    radii: Array,
+    first: int,
+    last: int,
+    joint: int,
+    at_start: Array,
+    at_middle: Array,
+    at_end: Array,
+    strays: Array,
+    solid: int,
+    start: Array,
+    end: Array,
+    radius: Array,
+    column: int,
+) -> None:
+    """Write capsules of a body on a stretch, from a column on.
+
+    The ends of a capsule stay as near to where they are in the middle as any point does, and
+    as near as they are at both ends of the stretch, but for the bend in between.
+    """
+    p = joint + 1
+    for e in range(first, last):
+        c = column + e - first
+        radius[c] = radii[e]
+        if joint == AT_REST:
+            for r in range(3):
+                start[c, r], end[c, r] = ends[e, 0, r], ends[e, 1, r]
+            continue
+        off = 0.0
+        for k in range(2):
+            x, y, z = ends[e, k, 0], ends[e, k, 1], ends[e, k, 2]
+            from_start = from_end = 0.0
+            for r in range(3):
+                m = at_middle[p, r, 0] * x + at_middle[p, r, 1] * y
+                m += at_middle[p, r, 2] * z + at_middle[p, r, 3]
+                if k == 0:
+                    start[c, r] = m
+                else:
+                    end[c, r] = m
+                n = at_start[p, r, 0] * x + at_start[p, r, 1] * y
+                n += at_start[p, r, 2] * z + at_start[p, r, 3]
+                from_start += (m - n) * (m - n)
+                n = at_end[p, r, 0] * x + at_end[p, r, 1] * y
+                n += at_end[p, r, 2] * z + at_end[p, r, 3]
+                from_end += (m - n) * (m - n)
+            off = max(off, from_start, from_end)
+        bent = np.sqrt(off) + strays[solid, 1] + strays[solid, 2]
+        radius[c] += min(strays[solid, 0], bent)
+
+
+@njit(cache=True)
+def _bound_both(
+    start: Array, end: Array, radius: Array, block: int, left: int, right: int
+) -> None:
+    """Write capsules that hold those of two blocks: those of one of them, grown."""
+    for c in range(radius.shape[1]):
+        r, s = radius[left, c], radius[right, c]
+        chosen, grown = left, r
+        if r < 0.0:
+            chosen, grown = right, s
+        elif s >= 0.0:
+            a2 = b2 = 0.0
+            for k in range(3):
+                da = start[left, c, k] - start[right, c, k]
+                db = end[left, c, k] - end[right, c, k]
+                a2 += da * da
+                b2 += db * db
+            apart = np.sqrt(max(a2, b2))
+            chosen = left if s <= r else right
+            grown = max(max(r, s), apart + min(r, s))
+        radius[block, c] = grown
         for k in range(3):
-            da = seq.block_start[left, c, k] - seq.block_start[right, c, k]
-            db = seq.block_end[left, c, k] - seq.block_end[right, c, k]
-            a2 += da * da
-            b2 += db * db
-        apart = np.sqrt(max(a2, b2))
-        chosen = left if s <= r else right
-        grown = max(max(r, s), apart + min(r, s))
-    seq.block_radius[block, c] = grown
-    for k in range(3):
-        seq.block_start[block, c, k] = seq.block_start[chosen, c, k]
-        seq.block_end[block, c, k] = seq.block_end[chosen, c, k]
+            start[block, c, k] = start[chosen, c, k]
+            end[block, c, k] = end[chosen, c, k]

@@ -12,6 +12,7 @@ from planning.geometry.hull_table import (
     AT_REST,
     HullTable,
     Indices,
+    move_corners,
     place_corners,
     pose_joints,
     stray,
@@ -126,9 +127,9 @@ def hulls_stay_apart(
         )
         gap = gap_class(
             corners_a,
-            place_corners(a, x, poses_a, corners_a, 0),
+            place_corners(a, x, poses_a, corners_a),
             corners_b,
-            place_corners(b, y, poses_b, corners_b, 0),
+            place_corners(b, y, poses_b, corners_b),
             clearance,
             clearance + a_moved + b_moved,
             scratch.direction,
@@ -163,12 +164,14 @@ def _place_ends(
     table: HullTable, solid: int, q_a: Array, q_b: Array, poses: Array, out: Array
 ) -> int:
     """Write a body's corners at both ends of a motion; return how many there are."""
-    if table.joint[solid] == AT_REST:
-        return place_corners(table, solid, poses, out, 0)
+    joint = table.joint[solid]
+    first, last = table.corner_first[solid], table.corner_first[solid + 1]
+    if joint == AT_REST:
+        return move_corners(table.corners, first, last, joint, poses, out, 0)
     pose_joints(table, q_a, poses)
-    count = place_corners(table, solid, poses, out, 0)
+    count = move_corners(table.corners, first, last, joint, poses, out, 0)
     pose_joints(table, q_b, poses)
-    return place_corners(table, solid, poses, out, count)
+    return move_corners(table.corners, first, last, joint, poses, out, count)
 
 
 @njit(cache=True)

@@ -17,9 +17,10 @@ from planning.geometry.hull_table import (
     AT_REST,
     HullTable,
     Indices,
-    place_corners,
+    move_corners,
     pose_joints,
     stray,
+    stray_of_capsules,
 )
 from planning.transforms import Array
 
@@ -85,7 +86,7 @@ def make_stretch(table: HullTable) -> Stretch:
 
 
 @njit(cache=True)
-def pose_box(table: HullTable, first: int, last: int, out: Stretch) -> None:
+def _pose_box(table: HullTable, first: int, last: int, out: Stretch) -> None:
     """Write the box of the joint values of some segments and the poses in its middle."""
     n = len(out.low)
     out.span[0], out.span[1] = first, last
@@ -112,7 +113,7 @@ def pose_stretch(table: HullTable, first: int, last: int, out: Stretch) -> None:
     """Prepare a stretch for ``stretches_stay_apart``, unless it is the one posed last."""
     if out.span[0] == first and out.span[1] == last:
         return
-    pose_box(table, first, last, out)
+    _pose_box(table, first, last, out)
     q_a, q_b = table.q_a[first], table.q_b[last - 1]
     pose_joints(table, q_a, out.start)
     pose_joints(table, q_b, out.end)
@@ -131,21 +132,40 @@ def pose_stretch(table: HullTable, first: int, last: int, out: Stretch) -> None:
             for j in range(n):
                 off = abs(q[j] - q_a[j] - share * (q_b[j] - q_a[j]))
                 out.aside[j] = max(out.aside[j], off)
+    _measure_strays(table, out)
 
 
 @njit(cache=True)
-def stretch_stray(table: HullTable, solid: int, stretch: Stretch) -> Array:
-    """Return how far a body strays on a stretch, see ``stray``, shape (3,)."""
-    if stretch.known[solid] != stretch.span[2]:
-        stretch.known[solid] = stretch.span[2]
-        moved, bend, off = stray(
-            table, solid, stretch.travel, stretch.aside, stretch.middle
-        )
-        stretch.strays[solid, 0] = moved
-        stretch.strays[solid, 1] = bend
-        stretch.strays[solid, 2] = off
-    strays: Array = stretch.strays[solid]
-    return strays
+def _measure_strays(table: HullTable, stretch: Stretch) -> None:
+    """Write how far the bodies stray that are the same on all of a stretch."""
+    known, strays, posed = stretch.known, stretch.strays, stretch.span[2]
+    travel, aside, middle = stretch.travel, stretch.aside, stretch.middle
+    ends, radius, first = table.ends, table.radius, table.capsule_first
+    axis, prismatic, joints = table.kernel.axis, table.kernel.prismatic, table.joint
+    for solid in stretch.solid:
+        if solid >= 0 and known[solid] != posed:
+            known[solid] = posed
+            strays[solid, 0], strays[solid, 1], strays[solid, 2] = stray_of_capsules(
+                ends,
+                radius,
+                first[solid],
+                first[solid + 1],
+                joints[solid],
+                axis,
+                prismatic,
+                travel,
+                aside,
+                middle,
+            )
+
+
+@njit(cache=True)
+def measure_stray(table: HullTable, solid: int, stretch: Stretch) -> None:
+    """Write how far a body strays that is not there on all of a stretch."""
+    strays = stretch.strays
+    strays[solid, 0], strays[solid, 1], strays[solid, 2] = stray(
+        table, solid, stretch.travel, stretch.aside, stretch.middle
+    )
 
 
 @njit(cache=True)
@@ -167,38 +187,35 @@ def stretches_stay_apart(
         clearance: least distance [m]; where negative, 0 is proved or nothing.
         direction: where the answer is True, that of the separating planes, shape (3,).
     """
-    of_a, of_b = stretch_stray(a, x, on_a), stretch_stray(b, y, on_b)
+    corners_a, corners_b = on_a.corners, on_b.corners
+    hull_a, first_a, last_a = a.corners, a.corner_first[x], a.corner_first[x + 1]
+    hull_b, first_b, last_b = b.corners, b.corner_first[y], b.corner_first[y + 1]
+    joint_a, joint_b = a.joint[x], b.joint[y]
     gap = gap_class(
-        on_a.corners,
-        place_corners(a, x, on_a.middle, on_a.corners, 0),
-        on_b.corners,
-        place_corners(b, y, on_b.middle, on_b.corners, 0),
+        corners_a,
+        move_corners(hull_a, first_a, last_a, joint_a, on_a.middle, corners_a, 0),
+        corners_b,
+        move_corners(hull_b, first_b, last_b, joint_b, on_b.middle, corners_b, 0),
         clearance,
-        clearance + of_a[0] + of_b[0],
+        clearance + on_a.strays[x, 0] + on_b.strays[y, 0],
         direction,
     )
     if gap != BETWEEN:
         return bool(gap == FAR)
-    enough = clearance + of_a[1] + of_a[2] + of_b[1] + of_b[2]
+    count_a = move_corners(hull_a, first_a, last_a, joint_a, on_a.start, corners_a, 0)
+    count_b = move_corners(hull_b, first_b, last_b, joint_b, on_b.start, corners_b, 0)
+    enough = clearance + on_a.strays[x, 1] + on_a.strays[x, 2]
+    enough += on_b.strays[y, 1] + on_b.strays[y, 2]
     gap = gap_class(
-        on_a.corners,
-        _place_both_ends(a, x, on_a),
-        on_b.corners,
-        _place_both_ends(b, y, on_b),
+        corners_a,
+        move_corners(hull_a, first_a, last_a, joint_a, on_a.end, corners_a, count_a),
+        corners_b,
+        move_corners(hull_b, first_b, last_b, joint_b, on_b.end, corners_b, count_b),
         enough,
         enough,
         direction,
     )
     return bool(gap == FAR)
-
-
-@njit(cache=True)
-def _place_both_ends(table: HullTable, solid: int, stretch: Stretch) -> int:
-    """Write a body's corners at both ends of a stretch; return how many there are."""
-    count = place_corners(table, solid, stretch.start, stretch.corners, 0)
-    if table.joint[solid] == AT_REST:
-        return count
-    return place_corners(table, solid, stretch.end, stretch.corners, count)
 
 
 @njit(cache=True)
@@ -213,8 +230,7 @@ def measure_bodies(
     corners, corner_first, joints = table.corners, table.corner_first, table.joint
     start, middle, end = stretch.start, stretch.middle, stretch.end
     measured, solids, least = stretch.measured, stretch.solid, stretch.least
-    known, strays = stretch.known, stretch.strays
-    posed, number = stretch.span[2], stretch.span[3]
+    strays, number = stretch.strays, stretch.span[3]
     x, y, z = sign * direction[0], sign * direction[1], sign * direction[2]
     for body in range(len(measured)):
         if measured[body] != -number:
@@ -226,8 +242,6 @@ def measure_bodies(
         if joint == AT_REST:
             least[body] = _least(corners, first, last, x, y, z)
             continue
-        if known[solid] != posed:
-            stretch_stray(table, solid, stretch)
         from_ends = np.inf
         for k in range(2):
             poses = start if k == 0 else end
