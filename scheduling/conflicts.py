@@ -10,6 +10,7 @@ the next node, which is clear of v. With the paper's point occupancies that is i
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import count
 from typing import Protocol
 
 import numpy as np
@@ -21,12 +22,13 @@ from scheduling.contacts import ContactTable
 from scheduling.occupancy import Occupancy
 from scheduling.order import nodes_before
 from scheduling.reduction import NodeOrder
+from scheduling.side_by_side import side_by_side
 from scheduling.staircase import next_proposal, raise_floor, start_descent
 from scheduling.temporal_plan_graph import Indices
 
 
 class ConflictChecker(Protocol):
-    """Decides whether what capsules propose is a conflict."""
+    """Decides whether what capsules propose is a conflict; may be asked by several threads."""
 
     def conflict(
         self,
@@ -145,7 +147,7 @@ def search_conflicts(
     depth = 1
     slack = proof_slack(checker)
     while True:
-        depth, s, t, first, count = next_proposal(
+        depth, s, t, first, bodies = next_proposal(
             a.sequence,
             a.hulls,
             b.sequence,
@@ -157,9 +159,9 @@ def search_conflicts(
             descent,
             depth,
         )
-        if count == 0:
+        if bodies == 0:
             return
-        which = slice(first, first + count)
+        which = slice(first, first + bodies)
         if checker.conflict(a, s, b, t, descent.pairs[which], descent.where[which]):
             v, u = int(a.sequence.node[s]), int(b.sequence.node[t])
             raise_floor(floor, v, u)
@@ -182,18 +184,24 @@ def find_motion_edges(
         order: what task dependencies imply; not searched again.
         table: allowed contacts and clearances.
         checker: decides what the capsules propose.
-        progress: called after each ordered pair of robots with pairs done and in all.
+        progress: called after each ordered pair of robots with pairs done and in all, by the
+            thread that searched it.
     """
-    edges: list[tuple[int, int, int, int]] = []
     robots = range(len(occupancies))
     todo = [(i, k) for i in robots for k in robots if i != k]
-    for done, (i, k) in enumerate(todo):
+    done = count()
+
+    def search(pair: tuple[int, int]) -> list[tuple[int, int, int, int]]:
+        i, k = pair
         floor = np.ascontiguousarray(order.last_before(i, k))
         limit = nodes_before(ranks, i, k)
-        for v, u in search_conflicts(
+        found = search_conflicts(
             occupancies[i], occupancies[k], floor, limit, table, checker
-        ):
-            edges.append((k, u, i, v))
+        )
+        edges = [(k, u, i, v) for v, u in found]
         if progress is not None:
-            progress(done + 1, len(todo))
-    return np.array(sorted(set(edges)), dtype=np.int64).reshape(-1, 4)
+            progress(next(done) + 1, len(todo))
+        return edges
+
+    edges = {edge for found in side_by_side(search, todo) for edge in found}
+    return np.array(sorted(edges), dtype=np.int64).reshape(-1, 4)

@@ -18,6 +18,7 @@ from scheduling.object_spans import trace_objects
 from scheduling.occupancy import Occupancy, chain_occupancy
 from scheduling.order import planned_ranks
 from scheduling.reduction import order_and_reduce
+from scheduling.side_by_side import side_by_side
 from scheduling.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
@@ -101,9 +102,9 @@ def occupancies_of(
     handled = dict.fromkeys(handling.object for handling in tpg.handlings)
     entities = EntityNumbers((r.name for r in tpg.cell.robots), handled)
     spans = trace_objects(tpg, ranks).spans
-    return entities, [
-        chain_occupancy(tpg, i, spans, entities) for i in range(len(tpg.chains))
-    ]
+    return entities, side_by_side(
+        lambda i: chain_occupancy(tpg, i, spans, entities), range(len(tpg.chains))
+    )
 
 
 def build_chains(
@@ -187,9 +188,9 @@ class _ChainBuilder:
     def _add_poses(self, task: Task, path: Array, time: Array) -> None:
         handled = {h.waypoint for h in task.handlings}
         where: dict[int, tuple[int, int]] = {}
+        moves = np.any(path[1:] != path[:-1], axis=1).tolist()
         for k in range(1, len(path)):
-            moves = bool(np.max(np.abs(path[k] - path[k - 1])) > 0.0)
-            if not (moves or k in handled or (k == 1 and 0 in handled)):
+            if not (moves[k - 1] or k in handled or (k == 1 and 0 in handled)):
                 continue
             node = self._append(
                 task.index, False, time[k - 1], time[k], path[k : k + 1]

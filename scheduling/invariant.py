@@ -29,6 +29,7 @@ from scheduling.occupancy import (
 )
 from scheduling.order import planned_ranks
 from scheduling.reduction import NodeOrder, order_and_reduce
+from scheduling.side_by_side import side_by_side
 from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
 
 
@@ -149,18 +150,25 @@ class _Check:
 
     def rests(self) -> None:
         """Check (c)."""
-        for rest in self.history.rests:
-            occupancy = rest_occupancy(self.tpg, rest, self.entities)
-            for i in self.robots:
-                floor, limit = self._while_at_rest(rest, i)
-                if floor + 1 >= limit:
-                    continue
-                found = self._search(occupancy, i, np.full(1, floor), np.full(1, limit))
-                for _, v in found:
-                    raise PlanInvariantError(
-                        f"{self._name(i, v)} runs into {rest.object!r}"
-                        f" {self._rest_name(rest)}"
-                    )
+        found = side_by_side(self._node_into_rest, self.history.rests)
+        for rest, node in zip(self.history.rests, found, strict=True):
+            if node is not None:
+                raise PlanInvariantError(
+                    f"{self._name(*node)} runs into {rest.object!r}"
+                    f" {self._rest_name(rest)}"
+                )
+
+    def _node_into_rest(self, rest: Rest) -> Node | None:
+        """Return a node that runs into an object at rest, if there is one."""
+        occupancy = rest_occupancy(self.tpg, rest, self.entities)
+        for i in self.robots:
+            floor, limit = self._while_at_rest(rest, i)
+            if floor + 1 >= limit:
+                continue
+            found = self._search(occupancy, i, np.full(1, floor), np.full(1, limit))
+            for _, v in found:
+                return i, v
+        return None
 
     def _while_at_rest(self, rest: Rest, robot: int) -> tuple[int, int]:
         """Return the nodes of a robot, ``range(floor + 1, limit)``, that meet an object at rest."""

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planning.geometry.distance import segment_distance, segment_segment
+from planning.geometry.distance import segment_distance
 from planning.geometry.exact import TOLERANCE
 from planning.geometry.gjk import ROUNDING
 from planning.geometry.hull_table import HullTable
@@ -31,11 +31,12 @@ from planning.geometry.stretches import (
     measure_bodies,
     pose_stretch,
     stretches_stay_apart,
+    sweep_all_capsules,
 )
 from planning.transforms import Array
 from scheduling.contacts import ContactTable, may_touch
 from scheduling.occupancy import MOTION
-from scheduling.swept_sequence import LEAF, SweptSequence, place_capsules
+from scheduling.swept_sequence import LEAF, SweptSequence
 from scheduling.temporal_plan_graph import Indices
 
 _BLOCKS = -1
@@ -94,7 +95,7 @@ def wide_gap(table: ContactTable, slack: float) -> float:
     segment moves at most.
     """
     gap = max(table.clearance[0], table.clearance[1])
-    return gap + (MOTION if np.isnan(slack) else TOLERANCE)
+    return float(gap + (MOTION if np.isnan(slack) else TOLERANCE))
 
 
 @njit(cache=True)
@@ -193,30 +194,50 @@ def close_blocks(
 
 
 @njit(cache=True)
-def _segments_near(
-    a: HullTable,
-    s: int,
-    x: int,
-    b: HullTable,
-    t: int,
-    y: int,
-    clearance: float,
-    descent: Descent,
+def _any_capsules_near(
+    a: HullTable, b: HullTable, extra: float, descent: Descent, begin: int, end: int
 ) -> bool:
-    """Tell whether the swept capsules of two bodies come too close in two segments, posed."""
-    one, other = a.solid[s, x], b.solid[t, y]
-    of_a = a.capsule_first[one + 1] - a.capsule_first[one]
-    of_b = b.capsule_first[other + 1] - b.capsule_first[other]
-    start_a, end_a, radius_a = np.empty((of_a, 3)), np.empty((of_a, 3)), np.empty(of_a)
-    start_b, end_b, radius_b = np.empty((of_b, 3)), np.empty((of_b, 3)), np.empty(of_b)
-    place_capsules(a, one, descent.a, start_a, end_a, radius_a)
-    place_capsules(b, other, descent.b, start_b, end_b, radius_b)
-    for c in range(of_a):
-        for d in range(of_b):
-            near = radius_a[c] + radius_b[d] + clearance
-            apart = segment_segment(start_a[c], end_a[c], start_b[d], end_b[d])
-            if near > 0.0 and apart < near * near:
-                return True
+    """Tell whether capsules of any pair listed come too close on the stretches posed.
+
+    Args:
+        a, b: the occupancies.
+        extra: added to the clearances, which are in ``descent.where`` [m].
+        descent: with the stretches, posed, and the list of pairs.
+        begin, end: the list.
+    """
+    sweep_all_capsules(a, descent.a)
+    sweep_all_capsules(b, descent.b)
+    ends_a, grown_a, first_a = descent.a.ends, descent.a.radius, a.capsule_first
+    ends_b, grown_b, first_b = descent.b.ends, descent.b.radius, b.capsule_first
+    solid_a, solid_b = descent.a.solid, descent.b.solid
+    pairs, where = descent.pairs, descent.where
+    for e in range(begin, end):
+        gap = where[e, 0] + extra
+        if gap == np.inf:
+            return True
+        x, y = solid_a[pairs[e, 0]], solid_b[pairs[e, 1]]
+        for c in range(first_a[x], first_a[x + 1]):
+            p0, p1, p2 = ends_a[c, 0, 0], ends_a[c, 0, 1], ends_a[c, 0, 2]
+            u0, u1, u2 = (
+                ends_a[c, 1, 0] - p0,
+                ends_a[c, 1, 1] - p1,
+                ends_a[c, 1, 2] - p2,
+            )
+            for d in range(first_b[y], first_b[y + 1]):
+                q0, q1, q2 = ends_b[d, 0, 0], ends_b[d, 0, 1], ends_b[d, 0, 2]
+                near = grown_a[c] + grown_b[d] + gap
+                if near > 0.0 and near * near > segment_distance(
+                    u0,
+                    u1,
+                    u2,
+                    ends_b[d, 1, 0] - q0,
+                    ends_b[d, 1, 1] - q1,
+                    ends_b[d, 1, 2] - q2,
+                    p0 - q0,
+                    p1 - q1,
+                    p2 - q2,
+                ):
+                    return True
     return False
 
 
@@ -239,7 +260,7 @@ def keep_close_bodies(
     """Copy a list of bodies behind itself but for those that stay apart on two stretches.
 
     Returns:
-        How many are left.
+        How many are left; by capsules alone, all of them if any is.
     """
     pairs, where, scratch = descent.pairs, descent.where, descent.scratch
     single = s_last - s == 1 and t_last - t == 1
@@ -278,10 +299,14 @@ def keep_close_bodies(
         pairs[end, 0], pairs[end, 1] = x, y
         where[end, 0] = least
         end += 1
-    if not np.isnan(slack):
-        end = _keep_unseparated(
-            a_hulls, b_hulls, slack - TOLERANCE, descent, begin, end
-        )
+    if np.isnan(slack):
+        extra = 0.0 if single else MOTION
+        if not _any_capsules_near(a_hulls, b_hulls, extra, descent, begin, end):
+            return 0
+        if single:
+            where[begin:end] = np.nan
+        return end - begin
+    end = _keep_unseparated(a_hulls, b_hulls, slack - TOLERANCE, descent, begin, end)
     if not single:
         return end - begin
     kept = begin
@@ -289,16 +314,11 @@ def keep_close_bodies(
         pose_segments(a_hulls, s, b_hulls, t, scratch)
     for e in range(begin, end):
         x, y, least = pairs[e, 0], pairs[e, 1], where[e, 0]
-        where[kept] = np.nan
-        if np.isnan(slack):
-            if not _segments_near(a_hulls, s, x, b_hulls, t, y, least, descent):
-                continue
-        else:
-            scratch.direction[:] = 0.0
-            if hulls_stay_apart(a_hulls, s, x, b_hulls, t, y, least - slack, scratch):
-                continue
-            where[kept] = scratch.where
+        scratch.direction[:] = 0.0
+        if hulls_stay_apart(a_hulls, s, x, b_hulls, t, y, least - slack, scratch):
+            continue
         pairs[kept, 0], pairs[kept, 1] = x, y
+        where[kept] = scratch.where
         kept += 1
     return kept - begin
 
@@ -377,7 +397,7 @@ def _keep_unseparated(
     return end
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def next_proposal(
     a: SweptSequence,
     a_hulls: HullTable,

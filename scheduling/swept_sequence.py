@@ -15,18 +15,20 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from planning.geometry.hull_table import AT_REST, HullTable
+from planning.geometry.hull_table import HullTable
 from planning.geometry.stretches import (
     MIXED,
     Stretch,
     make_stretch,
     measure_stray,
     pose_stretch,
+    sweep_all_capsules,
+    sweep_capsules,
 )
 from planning.transforms import Array
 from scheduling.temporal_plan_graph import Indices
 
-LEAF = 8
+LEAF = 4
 """Segments in a block that is not split any further."""
 
 INACTIVE = -1.0
@@ -103,7 +105,7 @@ def swept_sequence(
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _build(seq: SweptSequence, hulls: HullTable, leaves: int, room: Stretch) -> None:
     count = len(seq.node)
     size = (count + leaves - 1) // leaves
@@ -134,154 +136,42 @@ def bound_leaf(seq: SweptSequence, hulls: HullTable, block: int, room: Stretch) 
     """Write the capsules and the box of a block from its segments."""
     first, last = seq.block_first[block], seq.block_last[block]
     pose_stretch(hulls, first, last, room)
+    sweep_all_capsules(hulls, room)
     start, end = seq.block_start[block], seq.block_end[block]
-    radius = seq.block_radius[block]
-    ends, radii, joints = hulls.ends, hulls.radius, hulls.joint
-    capsule_first, strays = hulls.capsule_first, room.strays
-    at_start, at_middle, at_end = room.start, room.middle, room.end
-    for i in range(hulls.solid.shape[1]):
-        solid = int(room.solid[i])
-        c = seq.column[i]
-        if solid != MIXED:
-            if solid >= 0:
-                _sweep_capsules(
-                    ends,
-                    radii,
-                    capsule_first[solid],
-                    capsule_first[solid + 1],
-                    joints[solid],
-                    at_start,
-                    at_middle,
-                    at_end,
-                    strays,
-                    solid,
-                    start,
-                    end,
-                    radius,
-                    c,
-                )
-            continue
-        # Objects that come and go: the first capsule becomes a ball around them all.
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        before = -1
-        for s in range(first, last):
-            solid = int(hulls.solid[s, i])
-            if solid >= 0 and solid != before:
+    radius, capsule_first = seq.block_radius[block], hulls.capsule_first
+    ends, grown = room.ends, room.radius
+    for i in range(len(room.solid)):
+        solid, c = room.solid[i], seq.column[i]
+        if solid >= 0:
+            for e in range(capsule_first[solid], capsule_first[solid + 1]):
+                for k in range(3):
+                    start[c, k], end[c, k] = ends[e, 0, k], ends[e, 1, k]
+                radius[c] = grown[e]
+                c += 1
+        elif solid == MIXED:
+            # Objects that come and go: the first capsule becomes a ball around them all.
+            low, high = np.full(3, np.inf), np.full(3, -np.inf)
+            for s in range(first, last):
+                solid = int(hulls.solid[s, i])
+                if solid < 0:
+                    continue
                 measure_stray(hulls, solid, room)
-                count = place_capsules(
-                    hulls, solid, room, start[c:], end[c:], radius[c:]
-                )
-                for e in range(c, c + count):
+                sweep_capsules(hulls, solid, room)
+                for e in range(capsule_first[solid], capsule_first[solid + 1]):
                     for k in range(3):
-                        p, q, r = start[e, k], end[e, k], radius[e]
+                        p, q, r = ends[e, 0, k], ends[e, 1, k], grown[e]
                         low[k] = min(low[k], min(p, q) - r)
                         high[k] = max(high[k], max(p, q) + r)
-                    radius[e] = INACTIVE
-            before = solid
-        size = 0.0
-        for k in range(3):
-            seq.block_start[block, c, k] = 0.5 * (low[k] + high[k])
-            seq.block_end[block, c, k] = 0.5 * (low[k] + high[k])
-            size += (high[k] - low[k]) ** 2
-        seq.block_radius[block, c] = 0.5 * np.sqrt(size)
-    for c in range(seq.block_radius.shape[1]):
-        r = seq.block_radius[block, c]
+            start[c], end[c] = 0.5 * (low + high), 0.5 * (low + high)
+            radius[c] = 0.5 * np.sqrt(np.sum((high - low) ** 2))
+    for c in range(len(radius)):
+        r = radius[c]
         if r < 0.0:
             continue
         for k in range(3):
-            p, q = seq.block_start[block, c, k], seq.block_end[block, c, k]
+            p, q = start[c, k], end[c, k]
             seq.block_low[block, k] = min(seq.block_low[block, k], min(p, q) - r)
             seq.block_high[block, k] = max(seq.block_high[block, k], max(p, q) + r)
-
-
-@njit(cache=True)
-def place_capsules(
-    hulls: HullTable,
-    solid: int,
-    stretch: Stretch,
-    start: Array,
-    end: Array,
-    radius: Array,
-) -> int:
-    """Write capsules that hold a body on a stretch; return how many.
-
-    Args:
-        hulls: the bodies.
-        solid: the body.
-        stretch: the stretch, posed and measured.
-        start, end: written here, shape (at least its capsules, 3) [m].
-        radius: likewise, shape (at least its capsules,) [m].
-    """
-    first, last = hulls.capsule_first[solid], hulls.capsule_first[solid + 1]
-    _sweep_capsules(
-        hulls.ends,
-        hulls.radius,
-        first,
-        last,
-        hulls.joint[solid],
-        stretch.start,
-        stretch.middle,
-        stretch.end,
-        stretch.strays,
-        solid,
-        start,
-        end,
-        radius,
-        0,
-    )
-    return int(last - first)
-
-
-@njit(cache=True)
-def _sweep_capsules(
-    ends: Array,
-    radii: Array,
-    first: int,
-    last: int,
-    joint: int,
-    at_start: Array,
-    at_middle: Array,
-    at_end: Array,
-    strays: Array,
-    solid: int,
-    start: Array,
-    end: Array,
-    radius: Array,
-    column: int,
-) -> None:
-    """Write capsules of a body on a stretch, from a column on.
-
-    The ends of a capsule stay as near to where they are in the middle as any point does, and
-    as near as they are at both ends of the stretch, but for the bend in between.
-    """
-    p = joint + 1
-    for e in range(first, last):
-        c = column + e - first
-        radius[c] = radii[e]
-        if joint == AT_REST:
-            for r in range(3):
-                start[c, r], end[c, r] = ends[e, 0, r], ends[e, 1, r]
-            continue
-        off = 0.0
-        for k in range(2):
-            x, y, z = ends[e, k, 0], ends[e, k, 1], ends[e, k, 2]
-            from_start = from_end = 0.0
-            for r in range(3):
-                m = at_middle[p, r, 0] * x + at_middle[p, r, 1] * y
-                m += at_middle[p, r, 2] * z + at_middle[p, r, 3]
-                if k == 0:
-                    start[c, r] = m
-                else:
-                    end[c, r] = m
-                n = at_start[p, r, 0] * x + at_start[p, r, 1] * y
-                n += at_start[p, r, 2] * z + at_start[p, r, 3]
-                from_start += (m - n) * (m - n)
-                n = at_end[p, r, 0] * x + at_end[p, r, 1] * y
-                n += at_end[p, r, 2] * z + at_end[p, r, 3]
-                from_end += (m - n) * (m - n)
-            off = max(off, from_start, from_end)
-        bent = np.sqrt(off) + strays[solid, 1] + strays[solid, 2]
-        radius[c] += min(strays[solid, 0], bent)
 
 
 @njit(cache=True)

@@ -24,7 +24,6 @@ TOLERANCE = 2e-4
 """Hulls that may come within clearance + TOLERANCE of each other are called too close [m]."""
 
 _REQUEST = coal.DistanceRequest()
-_RESULT = coal.DistanceResult()
 _SHAPES: dict[int, tuple[ConvexBody, Any]] = {}
 
 
@@ -172,8 +171,9 @@ def place(solid: Solid, q_a: Array, q_b: Array, root: int = -1) -> tuple[Any, fl
 
 def distance(a: Solid, pose_a: Any, b: Solid, pose_b: Any) -> float:
     """Return the signed distance of two hulls at coal poses; negative is penetration [m]."""
-    _RESULT.clear()
-    return float(coal.distance(a.shape, pose_a, b.shape, pose_b, _REQUEST, _RESULT))
+    # Threads may measure at once, so each needs a result of its own.
+    result = coal.DistanceResult()
+    return float(coal.distance(a.shape, pose_a, b.shape, pose_b, _REQUEST, result))
 
 
 def distance_at(a: Solid, q_a: Array, b: Solid, q_b: Array) -> float:

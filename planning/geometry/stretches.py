@@ -46,6 +46,8 @@ class Stretch(NamedTuple):
         least: lower bound of each body's extent along a direction, shape (bodies,) [m].
         measured: for which direction ``least`` was measured, shape (bodies,).
         corners: shape (twice the most corners of a solid, 3).
+        ends, radius: swept capsules, as in HullTable, in the world.
+        swept: for which stretch a body's capsules were swept, shape (solids,).
     """
 
     span: Indices
@@ -62,6 +64,9 @@ class Stretch(NamedTuple):
     least: Array
     measured: Indices
     corners: Array
+    ends: Array
+    radius: Array
+    swept: Indices
 
 
 def make_stretch(table: HullTable) -> Stretch:
@@ -82,6 +87,9 @@ def make_stretch(table: HullTable) -> Stretch:
         np.empty(bodies),
         np.zeros(bodies, dtype=np.int64),
         np.empty((2 * int(np.max(np.diff(table.corner_first), initial=0)), 3)),
+        np.empty(table.ends.shape),
+        np.empty(table.radius.shape),
+        np.zeros(solids, dtype=np.int64),
     )
 
 
@@ -290,3 +298,92 @@ def _least(
         if along < least:
             least = along
     return least
+
+
+@njit(cache=True)
+def sweep_capsules(table: HullTable, solid: int, stretch: Stretch) -> None:
+    """Write the capsules that hold a body on a stretch, posed and measured.
+
+    The ends of a capsule stay as near to where they are in the middle as any point does, and
+    as near as they are at both ends of the stretch, but for the bend in between.
+    """
+    posed = stretch.span[2]
+    if stretch.swept[solid] == posed:
+        return
+    stretch.swept[solid] = posed
+    _sweep(
+        table.ends,
+        table.radius,
+        table.capsule_first[solid],
+        table.capsule_first[solid + 1],
+        table.joint[solid] + 1,
+        stretch.start,
+        stretch.middle,
+        stretch.end,
+        stretch.strays[solid],
+        stretch.ends,
+        stretch.radius,
+    )
+
+
+@njit(cache=True)
+def sweep_all_capsules(table: HullTable, stretch: Stretch) -> None:
+    """Write the capsules of all bodies that are the same on all of a stretch, posed."""
+    ends, radius, joints = table.ends, table.radius, table.joint
+    first, strays, swept = table.capsule_first, stretch.strays, stretch.swept
+    start, middle, end = stretch.start, stretch.middle, stretch.end
+    out_ends, out_radius, posed = stretch.ends, stretch.radius, stretch.span[2]
+    for solid in stretch.solid:
+        if solid >= 0 and swept[solid] != posed:
+            swept[solid] = posed
+            _sweep(
+                ends,
+                radius,
+                first[solid],
+                first[solid + 1],
+                joints[solid] + 1,
+                start,
+                middle,
+                end,
+                strays[solid],
+                out_ends,
+                out_radius,
+            )
+
+
+@njit(cache=True)
+def _sweep(
+    ends: Array,
+    radius: Array,
+    first: int,
+    last: int,
+    p: int,
+    start: Array,
+    middle: Array,
+    end: Array,
+    strays: Array,
+    out: Array,
+    grown: Array,
+) -> None:
+    """Write the capsules ``range(first, last)`` of a body in the frame of pose ``p``."""
+    for c in range(first, last):
+        grown[c] = radius[c]
+        if p < 0:
+            out[c] = ends[c]
+            continue
+        off = 0.0
+        for k in range(2):
+            x, y, z = ends[c, k, 0], ends[c, k, 1], ends[c, k, 2]
+            from_start = from_end = 0.0
+            for r in range(3):
+                m = middle[p, r, 0] * x + middle[p, r, 1] * y
+                m += middle[p, r, 2] * z + middle[p, r, 3]
+                out[c, k, r] = m
+                n = start[p, r, 0] * x + start[p, r, 1] * y
+                n += start[p, r, 2] * z + start[p, r, 3]
+                from_start += (m - n) * (m - n)
+                n = end[p, r, 0] * x + end[p, r, 1] * y
+                n += end[p, r, 2] * z + end[p, r, 3]
+                from_end += (m - n) * (m - n)
+            off = max(off, from_start, from_end)
+        grown[c] += min(strays[0], np.sqrt(off) + strays[1] + strays[2])

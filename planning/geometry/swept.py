@@ -112,7 +112,7 @@ def sweep_segments(
     return start, end, radius
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def bound_travel(kernel: RobotKernel, q_a: Array, q_b: Array) -> Array:
     """Return how far any point of the robot travels in each of many segments, at most.
 

@@ -37,7 +37,9 @@ def test_edges_are_those_of_the_double_loop(robots: int, seed: int) -> None:
     plan = random_plan(robots, seed, rounds=10, step=0.5)
     tpg = build_tpg(plan)
     plain = PlainGraph(tpg)
-    assert edge_set(tpg) == plain.reduced_edges(dependency_edges(plan.tasks, plan.dependencies, tpg.chains))
+    assert edge_set(tpg) == plain.reduced_edges(
+        dependency_edges(plan.tasks, plan.dependencies, tpg.chains)
+    )
     assert len(edge_set(tpg)) == len(tpg.edges)
 
 
@@ -155,9 +157,13 @@ def test_waits_are_dropped_and_dependencies_carried_on() -> None:
     tpg = build_tpg(plan)
     assert [c.task.tolist() for c in tpg.chains] == [[0, 2], [3]]
     # Task 1 vanishes; the right arm's next node waits for what task 1 waited for.
-    assert dependency_edges(plan.tasks, plan.dependencies, tpg.chains).tolist() == [[0, 0, 1, 0]]
+    assert dependency_edges(plan.tasks, plan.dependencies, tpg.chains).tolist() == [
+        [0, 0, 1, 0]
+    ]
     plan = replace(plan, dependencies=np.array([[0, 1], [1, 3]]))
-    assert dependency_edges(plan.tasks, plan.dependencies, tpg.chains).tolist() == [[0, 0, 1, 0]]
+    assert dependency_edges(plan.tasks, plan.dependencies, tpg.chains).tolist() == [
+        [0, 0, 1, 0]
+    ]
     assert build_tpg(plan).cause.tolist() == [TASK_DEPENDENCY]
 
 
