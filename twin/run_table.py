@@ -16,7 +16,6 @@ _STAGES = {
     "motion": "motions",
     "tpg": "what waits for what",
     "shortcut": "shortcuts",
-    "shortcut": "shortcuts",
 }
 
 
