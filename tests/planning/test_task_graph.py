@@ -39,9 +39,7 @@ DEPENDENCIES = [(1, 2), (2, 3)]
 
 def test_consecutive_tasks_of_a_robot_are_ordered() -> None:
     graph = build_task_graph(handover_tasks(), DEPENDENCIES)
-    order = {
-        (a[1], b[1]) for a, b, kind in graph.edges(data="kind") if kind == "order"
-    }
+    order = {(a[1], b[1]) for a, b, kind in graph.edges(data="kind") if kind == "order"}
     assert order == {(0, 2), (2, 4), (1, 3), (3, 5)}
 
 
