@@ -52,9 +52,13 @@ def find_spans(tpg: TemporalPlanGraph, objects: tuple[ObjectSpan, ...]) -> list[
         for node in changes.tolist():
             before, after = int(chain.task[node - 1]), int(chain.task[node])
             breaks[node] = before in sources or after in targets
+            # Its wait must stay in front of all that follows: the node is not replaced.
+            pose[node] &= after not in targets
         for span in objects:
             if span.robot == index:
                 breaks[min(span.start[0], count)] = True
+                if span.start[0] < count:
+                    pose[span.start[0]] = False
         first = 1
         for node in range(1, count + 1):
             if node == count or not pose[node] or breaks[node]:
