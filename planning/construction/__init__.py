@@ -1,0 +1,1 @@
+"""Long-horizon construction by heterogeneous mobile teams, after Hartmann et al."""
