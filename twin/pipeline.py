@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +12,20 @@ from planning.assignment import HighsAssignmentSolver
 from planning.motion_plan import MotionPlan
 from planning.sequential import MotionSettings, plan_sequential
 from planning.speed import JointSpeed, L1Speed, SpeedModel
-from planning.synchronous import plan_synchronous
+from planning.synchronous import SynchronousPlan, plan_synchronous
 from planning.task_plan import TaskPlan
 from planning.transit import RrtConnect
 from planning.workcell import PlacedRobot, Workcell
 from scheduling.construction import build_nodes, build_tpg
 from scheduling.shortcutting import shorten_tpg
 from scheduling.task_conflicts import SweptTaskConflicts
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
 from twin.assemblies.kinds import assembly_kind
 from twin.cell import build_workcell
 from twin.duration_models import skill_models
 from twin.progress import Report, report_nothing
 from twin.scenario import PlanningSection, Scenario
+from twin.stage_watch import StageWatch
 
 MOTION, SLOTS, ORDER = "motions", "who moves at once", "what waits for what"
 SHORTCUTS = "shortcuts"
@@ -58,31 +57,23 @@ class Planned:
     turns: TemporalPlanGraph | None = None
 
 
-@dataclass
-class _Watch:
-    """Seconds spent, by stage.
+@dataclass(frozen=True)
+class PlannedInTurns:
+    """A scenario planned one task after another: what every coordination starts from.
 
     Attributes:
-        report: told how far each stage has come.
-        seconds: what each stage took; a stage entered again adds up.
+        cell: the workcell.
+        assembly: what is built, such as a ``LegoAssembly``.
+        task_plan: who does what.
+        motion_plan: how everyone moves while all others stand.
+        settings: how tasks were turned into motions.
     """
 
-    report: Report
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def stage(self, key: str, label: str | None = None) -> Iterator[None]:
-        """Measure a stage; with a label, show it as one piece of work."""
-        start = time.perf_counter()
-        if label is not None:
-            self.report(label, 0, 1)
-        try:
-            yield
-        finally:
-            elapsed = time.perf_counter() - start
-            self.seconds[key] = self.seconds.get(key, 0.0) + elapsed
-        if label is not None:
-            self.report(label, 1, 1)
+    cell: Workcell
+    assembly: Any
+    task_plan: TaskPlan
+    motion_plan: MotionPlan
+    settings: MotionSettings
 
 
 def plan_scenario(
@@ -101,7 +92,42 @@ def plan_scenario(
         TransitError: no collision-free path was found.
         PlanInvariantError: the plan breaks a guarantee, which is a fault of this program.
     """
-    watch = _Watch(progress)
+    watch = StageWatch(progress)
+    first = plan_in_turns(scenario, folder, watch)
+    motion_plan, slots, turns = first.motion_plan, None, None
+    if scenario.planning.coordination == "synchronous":
+        synchronous = plan_in_slots(first, watch)
+        motion_plan, slots = synchronous.motion_plan, synchronous.slot_of_task
+        turns = build_nodes(first.motion_plan)
+    tpg = order_motions(motion_plan, watch, slots)
+    if scenario.planning.shortcut_candidates:
+        turns = turns or tpg
+        tpg = shorten(
+            tpg,
+            first.settings,
+            watch,
+            candidates=scenario.planning.shortcut_candidates,
+            seed=scenario.seed,
+        )
+    return Planned(
+        first.cell,
+        first.assembly,
+        first.task_plan,
+        motion_plan,
+        tpg,
+        watch.seconds,
+        turns,
+    )
+
+
+def plan_in_turns(
+    scenario: Scenario, folder: Path, watch: StageWatch
+) -> PlannedInTurns:
+    """Choose who does what, and plan how everyone moves, one task after another.
+
+    The stages are sequence (where the scenario gives a structure), assignment and motion; see
+    plan_scenario for the errors.
+    """
     cell = build_workcell(scenario, folder)
     ready = assembly_kind(scenario.assembly).prepare(cell, watch)
     with watch.stage("assignment"):
@@ -109,53 +135,69 @@ def plan_scenario(
     settings = motion_settings(scenario, cell, folder)
     with watch.stage("motion"):
         steps = StepExpansions(ready.work, task_plan)
-        progress(MOTION, 0, len(task_plan.choices))
+        watch.report(MOTION, 0, len(task_plan.choices))
         motion_plan = plan_sequential(
             cell,
             steps.callables(),
             ready.work.link,
             settings,
-            lambda done, total: progress(MOTION, done, total),
+            watch.reporter(MOTION),
         )
-    slots = turns = None
-    if scenario.planning.coordination == "synchronous":
-        with watch.stage("synchronous"):
-            synchronous = plan_synchronous(
-                motion_plan,
-                settings,
-                SweptTaskConflicts(motion_plan),
-                lambda done, total: progress(SLOTS, done, total),
-            )
-            turns = build_nodes(motion_plan)
-        motion_plan, slots = synchronous.motion_plan, synchronous.slot_of_task
-    with watch.stage("tpg"):
-        progress(ORDER, 0, 1)
-        tpg = build_tpg(
-            motion_plan, progress=lambda done, total: progress(ORDER, done, total)
+    return PlannedInTurns(cell, ready.assembly, steps.plan, motion_plan, settings)
+
+
+def plan_in_slots(turns: PlannedInTurns, watch: StageWatch) -> SynchronousPlan:
+    """Let robots move at once, in slots; the stage is synchronous."""
+    with watch.stage("synchronous"):
+        return plan_synchronous(
+            turns.motion_plan,
+            turns.settings,
+            SweptTaskConflicts(turns.motion_plan),
+            watch.reporter(SLOTS),
         )
-        if slots is not None:
-            tpg = replace(tpg, slots=slots)
-        progress(ORDER, 1, 1)
-    if scenario.planning.shortcut_candidates:
-        turns = turns or tpg
-        with watch.stage("shortcut"):
-            tpg = shorten_tpg(
-                tpg,
-                settings.speeds,
-                step=settings.step,
-                candidates=scenario.planning.shortcut_candidates,
-                seed=scenario.seed,
-                progress=lambda done, total: progress(SHORTCUTS, done, total),
-            ).tpg
-    return Planned(
-        cell,
-        ready.assembly,
-        steps.plan,
-        motion_plan,
-        tpg,
-        watch.seconds,
-        turns,
-    )
+
+
+def order_motions(
+    motion_plan: MotionPlan, watch: StageWatch, slots: Indices | None = None
+) -> TemporalPlanGraph:
+    """Build the temporal plan graph; the stage is tpg.
+
+    Args:
+        motion_plan: how everyone moves.
+        watch: measures the stage.
+        slots: slot of each task, where the plan was made in slots.
+    """
+    with watch.stage("tpg", ORDER):
+        tpg = build_tpg(motion_plan, progress=watch.reporter(ORDER))
+        return tpg if slots is None else replace(tpg, slots=slots)
+
+
+def shorten(
+    tpg: TemporalPlanGraph,
+    settings: MotionSettings,
+    watch: StageWatch,
+    *,
+    candidates: int,
+    seed: int,
+) -> TemporalPlanGraph:
+    """Take shortcuts; the stage is shortcut.
+
+    Args:
+        tpg: the plan.
+        settings: of its motions.
+        watch: measures the stage.
+        candidates: shortcuts tried.
+        seed: of their draws.
+    """
+    with watch.stage("shortcut"):
+        return shorten_tpg(
+            tpg,
+            settings.speeds,
+            step=settings.step,
+            candidates=candidates,
+            seed=seed,
+            progress=watch.reporter(SHORTCUTS),
+        ).tpg
 
 
 def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionSettings:
