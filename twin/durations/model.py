@@ -1,0 +1,27 @@
+"""What a duration model is."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from planning.errors import ScenarioError
+from planning.transforms import Array
+
+
+class DurationModel(Protocol):
+    """A distribution of durations, given by its quantile function."""
+
+    def ppf(self, u: Array) -> Array:
+        """Return the quantiles [s] of probabilities ``u`` in (0, 1), same shape."""
+        ...
+
+    @property
+    def mean(self) -> float:
+        """Expected duration [s]."""
+        ...
+
+
+def require(holds: bool, message: str) -> None:
+    """Raise a ScenarioError unless a condition on parameters holds."""
+    if not holds:
+        raise ScenarioError(message)
