@@ -1,0 +1,195 @@
+"""What a sample of replications says, and how sure one can be of it.
+
+Replications are independent: each has draws of its own. An assembly ends, so there is no warm-up
+to cut off. A share that was never seen, such as 0 failures of 50, still has an upper bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+from planning.errors import TwinError
+from planning.transforms import Array
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An estimate with its confidence interval.
+
+    Attributes:
+        estimate: what was measured.
+        low, high: bounds of the interval; infinite where the sample says nothing.
+        count: replications it rests on.
+    """
+
+    estimate: float
+    low: float
+    high: float
+    count: int
+
+    @property
+    def half_width(self) -> float:
+        """Half the length of the interval."""
+        return 0.5 * (self.high - self.low)
+
+    @property
+    def relative_half_width(self) -> float:
+        """Half the length over the estimate; 0 for a point at 0, infinite for a zero mean."""
+        if self.half_width == 0:
+            return 0.0
+        return self.half_width / abs(self.estimate) if self.estimate else np.inf
+
+
+def mean_interval(
+    values: npt.ArrayLike, *, confidence: float = 0.95, antithetic: bool = False
+) -> Interval:
+    """Return the mean with its Student-t interval.
+
+    Args:
+        values: one a replication, shape (n,).
+        confidence: probability that the interval covers the mean.
+        antithetic: replications 2k and 2k + 1 are mirror images; then their averages are the
+            independent values, and an odd one at the end is left out.
+
+    Raises:
+        TwinError: there are no values.
+    """
+    sample = _sample(values)
+    count = len(sample)
+    if antithetic:
+        if count < 2:
+            raise TwinError("antithetic replications come in pairs: need at least 2")
+        sample = sample[: count // 2 * 2].reshape(-1, 2).mean(axis=1)
+    mean = float(np.mean(sample))
+    if len(sample) < 2:
+        return Interval(mean, -np.inf, np.inf, count)
+    error = float(np.std(sample, ddof=1)) / np.sqrt(len(sample))
+    half = float(stats.t.ppf(0.5 + 0.5 * confidence, len(sample) - 1) * error)
+    return Interval(mean, mean - half, mean + half, count)
+
+
+def quantile_interval(
+    values: npt.ArrayLike, probability: float, *, confidence: float = 0.95
+) -> Interval:
+    """Return a quantile with its percentile-bootstrap interval.
+
+    Resampling is not simulated: the k-th smallest of n draws from the sample is at most its i-th
+    smallest value exactly when k or more draws are among the i smallest, which is binomial. The
+    interval is the one that infinitely many resamples would give.
+
+    Args:
+        values: one a replication, shape (n,).
+        probability: which quantile, within (0, 1); the smallest value with at least this share
+            of the sample at or below it.
+        confidence: probability that the interval covers the quantile.
+
+    Raises:
+        TwinError: there are no values.
+    """
+    ordered = np.sort(_sample(values))
+    n = len(ordered)
+    rank = max(1, int(np.ceil(probability * n - 1e-9)))
+    # Chance that a resample's quantile is at most the i-th smallest value, i = 1..n.
+    chance = stats.binom.sf(rank - 1, n, np.arange(1, n + 1) / n)
+    tail = 0.5 * (1.0 - confidence)
+    low = ordered[min(int(np.searchsorted(chance, tail)), n - 1)]
+    high = ordered[min(int(np.searchsorted(chance, 1.0 - tail)), n - 1)]
+    return Interval(float(ordered[rank - 1]), float(low), float(high), n)
+
+
+def share_interval(hits: int, count: int, *, confidence: float = 0.95) -> Interval:
+    """Return a share with its Wilson interval: of runs done in time, or failed.
+
+    Raises:
+        TwinError: ``count`` is 0 or ``hits`` is not within 0 and ``count``.
+    """
+    if not 0 <= hits <= count or count == 0:
+        raise TwinError(f"a share needs 0 <= hits <= count > 0, not {hits} of {count}")
+    bounds = stats.binomtest(hits, count).proportion_ci(confidence, method="wilson")
+    return Interval(hits / count, float(bounds.low), float(bounds.high), count)
+
+
+def paired_difference(
+    values: npt.ArrayLike,
+    reference: npt.ArrayLike,
+    *,
+    confidence: float = 0.95,
+    antithetic: bool = False,
+) -> Interval:
+    """Return the mean difference between two policies that saw the same draws.
+
+    Args:
+        values, reference: one a replication, in the same order of replications, shape (n,).
+        confidence: probability that the interval covers the difference.
+        antithetic: see mean_interval.
+
+    Raises:
+        TwinError: the samples are empty or of different length.
+    """
+    first, second = np.asarray(values, float), np.asarray(reference, float)
+    if first.shape != second.shape:
+        raise TwinError(
+            f"paired values must be as many on both sides, not {len(first)} and"
+            f" {len(second)}"
+        )
+    return mean_interval(first - second, confidence=confidence, antithetic=antithetic)
+
+
+@dataclass(frozen=True)
+class Precision:
+    """How many replications are enough.
+
+    Attributes:
+        relative_half_width: of the interval of the mean that is asked for.
+        least, most: replications that are done at least and at most.
+        confidence: of the interval.
+    """
+
+    relative_half_width: float = 0.02
+    least: int = 20
+    most: int = 10_000
+    confidence: float = 0.95
+
+    def __post_init__(self) -> None:
+        if not (
+            self.relative_half_width > 0
+            and 2 <= self.least <= self.most
+            and 0 < self.confidence < 1
+        ):
+            raise TwinError(
+                "precision: need relative_half_width > 0, 2 <= least <= most and"
+                f" 0 < confidence < 1, not {self}"
+            )
+
+    def reached(self, values: npt.ArrayLike, *, antithetic: bool = False) -> bool:
+        """Tell whether a sample is enough, or as large as it may become."""
+        count = len(np.asarray(values))
+        if count < self.least:
+            return False
+        if count >= self.most:
+            return True
+        mean = mean_interval(values, confidence=self.confidence, antithetic=antithetic)
+        return mean.relative_half_width <= self.relative_half_width
+
+    def forecast(self, values: npt.ArrayLike) -> int:
+        """Return how many replications it will take, judged by those there are."""
+        sample = np.asarray(values, dtype=float)
+        if len(sample) < 2:
+            return self.least
+        mean = mean_interval(sample, confidence=self.confidence)
+        ratio = mean.relative_half_width / self.relative_half_width
+        if not np.isfinite(ratio):
+            return self.most
+        need = int(np.ceil(len(sample) * ratio**2))
+        return int(np.clip(need, self.least, self.most))
+
+
+def _sample(values: npt.ArrayLike) -> Array:
+    sample = np.asarray(values, dtype=float).ravel()
+    if len(sample) == 0:
+        raise TwinError("no replications to take a statistic of")
+    return sample
