@@ -107,10 +107,12 @@ def try_plan(
     progress(SIMULATION, 0, 1)
     memory = MemoryRecorder()
     log = JsonlRecorder(folder / EVENTS)
-    run = _execute(scenario, tpg, base, scenario.execution.policy, (log, memory))
+    run = execute(
+        scenario, tpg, base, scenario.execution.policy, recorders=(log, memory)
+    )
     sequential_s = None
     if run.outcome == "completed":
-        baseline = _execute(scenario, turns or tpg, base, "sequential", ())
+        baseline = execute(scenario, turns or tpg, base, "sequential")
         sequential_s = baseline.makespan_s
     progress(SIMULATION, 1, 1)
     _write_records(folder, scenario, tpg, run, memory.events, keep, progress)
@@ -129,13 +131,26 @@ def try_plan(
     return Trial(folder, run, summary)
 
 
-def _execute(
+def execute(
     scenario: Scenario,
     tpg: TemporalPlanGraph,
     base: Path,
     policy: Policy,
-    recorders: tuple[Recorder, ...],
+    *,
+    recorders: tuple[Recorder, ...] = (),
 ) -> Run:
+    """Execute a plan once, with the draws that the scenario's seed names.
+
+    Args:
+        scenario: seed, durations and disturbances are taken from it.
+        tpg: the plan.
+        base: where relative paths of the scenario start.
+        policy: how nodes are released.
+        recorders: told of every event.
+
+    Raises:
+        DeadlockError: no robot could go on.
+    """
     execution = scenario.execution
     low, high = execution.stalls.duration_s
     return simulate(
