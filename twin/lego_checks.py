@@ -9,7 +9,7 @@ from planning.lego.grid import occupied_studs
 from planning.lego.structure import BrickType, Cell, Support
 from planning.lego.support import supported_cell
 from twin.assemblies.lego import brick_types
-from twin.scenario import LegoSection, StepSection, StockSection
+from twin.scenario_lego import LegoSection, StepSection, StockSection
 from twin.scenario_problems import Problem, mark_problems, unknown_name
 from twin.scenario_yaml import KeyPath, YamlDocument
 from twin.structure_checks import find_structure_problems

@@ -9,7 +9,7 @@ from planning.lego.contacts import PlacedBrick
 from planning.lego.grid import occupied_studs
 from planning.lego.structure import BrickType, Cell
 from planning.lego.structure_text import Spot
-from twin.scenario import LegoSection
+from twin.scenario_lego import LegoSection
 from twin.scenario_problems import Problem
 from twin.scenario_structure import ReadStructure, mark_of_spot, read_structure
 from twin.scenario_yaml import KeyPath, YamlDocument

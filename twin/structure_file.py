@@ -8,7 +8,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from twin.scenario import LegoSection, Scenario
+from twin.scenario import Scenario
+from twin.scenario_lego import LegoSection
 from twin.scenario_problems import InvalidScenarioError, Problem, schema_problems
 from twin.scenario_structure import StructureSection
 from twin.scenario_yaml import KeyPath, Mark, YamlDocument, read_yaml

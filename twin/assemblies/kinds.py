@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from twin.assemblies.kind import AssemblyKind
-from twin.scenario import LegoSection
 from twin.scenario_goals import GoalsSection
+from twin.scenario_lego import LegoSection
 from twin.scenario_pick_place import PickPlaceSection
 
 

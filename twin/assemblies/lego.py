@@ -21,7 +21,7 @@ from planning.lego.structure import (
 from planning.workcell import CellObject, Fixture, Workcell
 from twin.assemblies.kind import ASSIGNMENT, Prepared, Stages
 from twin.poses import build_transform
-from twin.scenario import (
+from twin.scenario_lego import (
     LegoSection,
     PlateSection,
     PressSection,

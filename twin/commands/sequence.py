@@ -33,8 +33,8 @@ def sequence(scenario: File, output: Output = None, as_json: AsJson = False) -> 
     """
     from planning.lego.finished_structure import resequence, sequenced
     from twin.assemblies.lego import build_lego, build_structure
-    from twin.scenario import LegoSection
     from twin.scenario_file import load_scenario
+    from twin.scenario_lego import LegoSection
 
     lego = load_scenario(scenario).assembly
     if not isinstance(lego, LegoSection):
