@@ -77,6 +77,29 @@ def _uniforms(
         out[i] = (np.float64(block[0] >> _DROP) + 0.5) * _SCALE
 
 
+@njit(cache=True)
+def _uniforms_bulk(
+    seed: np.uint64,
+    replications: Words,
+    index: Words,
+    task: Words,
+    robot: Words,
+    purpose: Words,
+    out: Array,
+) -> None:
+    counter = np.empty(4, np.uint64)
+    key = np.empty(2, np.uint64)
+    block = np.empty(4, np.uint64)
+    key[0] = seed
+    for i in range(out.shape[0]):
+        counter[0], counter[1] = index[i], task[i]
+        counter[2], counter[3] = robot[i], purpose[i]
+        for r in range(out.shape[1]):
+            key[1] = replications[r]
+            philox_block(counter, key, block)
+            out[i, r] = (np.float64(block[0] >> _DROP) + 0.5) * _SCALE
+
+
 @cache
 def stable_hash(*names: str) -> int:
     """Return a 64-bit hash of names that is the same in every process and version."""
@@ -110,22 +133,67 @@ def uniforms(
     Raises:
         ValueError: seed or replication is negative or does not fit into 64 bits.
     """
-    for name, value in (("seed", seed), ("replication", replication)):
-        if not 0 <= value < 2**64:
-            raise ValueError(f"{name} must be within 0 and 2**64 - 1, not {value}")
-    n = len(robots)
+    _require_word("seed", seed)
+    _require_word("replication", replication)
+    out = np.empty(len(robots))
     key = np.array([seed, replication], dtype=np.uint64)
+    _uniforms(key, *_names(robots, tasks, kinds, purpose, indices), out)
+    return out
+
+
+def uniforms_bulk(
+    seed: int,
+    replications: npt.ArrayLike,
+    robots: list[str],
+    tasks: npt.ArrayLike,
+    kinds: list[str],
+    purpose: str,
+    indices: npt.ArrayLike | None = None,
+) -> Array:
+    """Return what uniforms returns for each of several replications, bit by bit.
+
+    Args:
+        seed, robots, tasks, kinds, purpose, indices: as for uniforms.
+        replications: numbers of the replications, such as a range.
+
+    Returns:
+        Shape (n, replications): the values of one named draw are next to each other.
+
+    Raises:
+        ValueError: the seed or a replication is negative or does not fit.
+    """
+    _require_word("seed", seed)
+    numbers = np.asarray(replications, dtype=np.int64)
+    if numbers.size and numbers.min() < 0:
+        raise ValueError(f"replications must be at least 0, not {numbers.min()}")
+    out = np.empty((len(robots), len(numbers)))
+    names = _names(robots, tasks, kinds, purpose, indices)
+    _uniforms_bulk(np.uint64(seed), numbers.astype(np.uint64), *names, out)
+    return out
+
+
+def _require_word(name: str, value: int) -> None:
+    if not 0 <= value < 2**64:
+        raise ValueError(f"{name} must be within 0 and 2**64 - 1, not {value}")
+
+
+def _names(
+    robots: list[str],
+    tasks: npt.ArrayLike,
+    kinds: list[str],
+    purpose: str,
+    indices: npt.ArrayLike | None,
+) -> tuple[Words, Words, Words, Words]:
+    """Return index, task, hash of the robot and hash of the purpose of each draw."""
     task = np.ascontiguousarray(np.asarray(tasks, dtype=np.int64)).view(np.uint64)
-    index = np.zeros(n, np.uint64)
+    index = np.zeros(len(robots), np.uint64)
     if indices is not None:
         index = np.ascontiguousarray(np.asarray(indices, dtype=np.int64)).view(
             np.uint64
         )
     robot = np.array([stable_hash("robot", name) for name in robots], dtype=np.uint64)
     role = np.array([stable_hash(kind, purpose) for kind in kinds], dtype=np.uint64)
-    out = np.empty(n)
-    _uniforms(key, index, task, robot, role, out)
-    return out
+    return index, task, robot, role
 
 
 def uniform(

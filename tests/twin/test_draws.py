@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from twin.draws import philox_block, stable_hash, uniform, uniforms
+from twin.draws import philox_block, stable_hash, uniform, uniforms, uniforms_bulk
 
 WORD = st.integers(min_value=0, max_value=2**64 - 1)
 
@@ -86,6 +86,23 @@ def test_bulk_draws_do_not_depend_on_what_else_is_drawn() -> None:
     assert forward[17] == uniform(4, 2, "right", 17, "pick", "duration")
 
 
+@given(
+    st.integers(0, 2**63),
+    st.lists(st.integers(0, 2**62), max_size=5),
+    st.integers(0, 4),
+)
+def test_many_replications_at_once_are_the_same_draws(
+    seed: int, replications: list[int], n: int
+) -> None:
+    names = ["left", "right", "left", "third"][:n]
+    kinds = ["pick", "pick", "handover", ""][:n]
+    found = uniforms_bulk(seed, replications, names, range(n), kinds, "x", [3] * n)
+    assert found.shape == (n, len(replications))
+    for column, replication in zip(found.T, replications, strict=True):
+        one = uniforms(seed, replication, names, range(n), kinds, "x", [3] * n)
+        assert np.array_equal(column, one)
+
+
 def test_draws_are_uniform_and_open() -> None:
     n = 20_000
     u = uniforms(0, 0, ["left"] * n, np.arange(n), ["pick"] * n, "duration")
@@ -99,3 +116,5 @@ def test_draws_are_uniform_and_open() -> None:
 def test_seeds_must_fit(seed: int, replication: int) -> None:
     with pytest.raises(ValueError, match="must be within"):
         uniform(seed, replication, "left", 0, "pick", "duration")
+    with pytest.raises(ValueError, match="must be"):
+        uniforms_bulk(seed, [0, replication], ["left"], [0], ["pick"], "duration")

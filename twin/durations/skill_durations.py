@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 
-from planning.transforms import Array
-from scheduling.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.draws import uniforms
+from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
 from twin.durations.model import DurationModel
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
+from twin.durations.skill_draws import SkillDraws, bind_draws
 
 
 class NodeDurations(Protocol):
@@ -34,54 +34,66 @@ class SkillDurations:
 
     Attributes:
         models: duration model of each skill; a skill without one keeps its nominal duration.
+        antithetic: draw in pairs: where replication 2k uses the uniform u, replication 2k + 1
+            uses 1 - u. Replications of even number are the same as without it.
     """
 
     models: Mapping[str, DurationModel]
+    antithetic: bool = False
+
+    def bind(self, tpg: TemporalPlanGraph) -> SkillDraws:
+        """Return the draws of one TPG; keep it where the same TPG is asked again and again."""
+        return bind_draws(tpg, self.model_of, antithetic=self.antithetic)
+
+    def model_of(
+        self, skill: str, robot: str, object_kind: str | None
+    ) -> DurationModel | None:
+        """Return the model of a skill done by a robot to an object of a kind, None if none."""
+        return self.models.get(skill)
 
     def sample(
         self, tpg: TemporalPlanGraph, *, seed: int, replication: int = 0
     ) -> tuple[Nanoseconds, ...]:
         """Return durations per chain, each of shape (nodes,) [ns]."""
-        return tuple(
-            self._sample_chain(tpg, chain, seed, replication) for chain in tpg.chains
-        )
+        bulk = self.bind(tpg).durations(seed=seed, replications=[replication])
+        return tuple(np.ascontiguousarray(rows[0]) for rows in bulk)
 
-    def _sample_chain(
-        self, tpg: TemporalPlanGraph, chain: NodeChain, seed: int, replication: int
-    ) -> Nanoseconds:
-        out = to_nanoseconds(chain.duration)
-        nodes = np.flatnonzero(chain.skill)
-        by_skill: dict[str, list[int]] = {}
-        for task in dict.fromkeys(chain.task[nodes].tolist()):
-            if tpg.tasks[task].kind in self.models:
-                by_skill.setdefault(tpg.tasks[task].kind, []).append(task)
-        for skill, tasks in by_skill.items():
-            count = len(tasks)
-            u = uniforms(
-                seed,
-                replication,
-                [chain.robot] * count,
-                tasks,
-                [skill] * count,
-                "duration",
-            )
-            totals = to_nanoseconds(self.models[skill].ppf(u)).tolist()
-            for task, total in zip(tasks, totals, strict=True):
-                low, high = np.searchsorted(chain.task, (task, task + 1))
-                own = np.arange(low, high)[chain.skill[low:high]]
-                out[own] = _share(total, chain.duration[own])
-        return out
+    def sample_bulk(
+        self, tpg: TemporalPlanGraph, *, seed: int, replications: npt.ArrayLike
+    ) -> tuple[Nanoseconds, ...]:
+        """Return what sample returns for several replications, bit by bit.
 
+        Args:
+            tpg: the plan.
+            seed: names the draws.
+            replications: numbers of the replications, such as ``range(1000, 2000)``.
 
-def _share(total: int, weights: Array) -> Nanoseconds:
-    """Split a whole number in proportion to weights; the parts add up to it exactly."""
-    if len(weights) == 1:
-        return np.array([total], dtype=np.int64)
-    cumulative = np.cumsum(weights)
-    if cumulative[-1] <= 0:
-        cumulative = np.arange(1.0, len(weights) + 1)
-    bounds = np.rint(cumulative / cumulative[-1] * total).astype(np.int64)
-    return np.asarray(np.diff(bounds, prepend=0), dtype=np.int64)
+        Returns:
+            Per chain, shape (replications, nodes) [ns]; views whose columns are contiguous.
+            All nodes are there, so ask for some thousand replications at a time.
+        """
+        return self.bind(tpg).durations(seed=seed, replications=replications)
+
+    def sample_totals(
+        self, tpg: TemporalPlanGraph, *, seed: int, replications: npt.ArrayLike
+    ) -> tuple[Indices, Nanoseconds]:
+        """Return the durations of the tasks that vary, the skill nodes of a task together.
+
+        This is far less than sample_bulk returns, and says as much: every other node takes its
+        nominal time, and a task of several skill nodes shares its total among them by
+        ``share_duration(total, nominal durations of its skill nodes)``.
+
+        Args:
+            tpg: the plan.
+            seed: names the draws.
+            replications: numbers of the replications, such as ``range(1000, 2000)``.
+
+        Returns:
+            Indices of the tasks, rising, shape (s,), and their durations in every replication,
+            shape (replications, s) [ns]; a view whose columns are contiguous.
+        """
+        draws = self.bind(tpg)
+        return draws.tasks, draws.totals(seed=seed, replications=replications)
 
 
 def nominal_durations(tpg: TemporalPlanGraph) -> tuple[Nanoseconds, ...]:
