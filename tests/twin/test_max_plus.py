@@ -17,9 +17,11 @@ from scheduling.temporal_plan_graph import (
 )
 from tests.twin.twin_toys import random_tpg
 from twin.contraction import contract
+from twin.critical_paths import OTHER
 from twin.durations import Nanoseconds, SkillDurations, Uniform
 from twin.engine import Simulator
-from twin.max_plus import completions, edge_order, makespans, precedence_arrays
+from twin.max_plus import completions, makespans
+from twin.precedence import edge_order, precedence_arrays
 
 REPLICATIONS = 70
 
@@ -105,6 +107,7 @@ def test_a_wait_has_the_cause_of_the_edge_that_ended_it() -> None:
         found = completions(precedence_arrays(one), busy)
         assert found.waited_ns[:, cause].sum() > 0
         assert found.waited_ns[:, 1 - cause].sum() == 0
+        assert found.waited_ns[:, OTHER].sum() == 0
 
 
 def test_the_clock_holds_nodes_back() -> None:
@@ -119,7 +122,9 @@ def test_the_clock_holds_nodes_back() -> None:
         for n in range(len(tpg.chains[0])):
             clock = max(clock, late[n]) + busy[n, r]
             assert found.end_ns[n, r] == clock
-    assert found.waited_ns.sum() == 0
+    assert found.waited_ns[:, :OTHER].sum() == 0
+    still = found.chain_end_ns.sum() - busy.sum()
+    assert found.waited_ns[:, OTHER].sum() == still > 0
 
 
 def test_edges_can_be_traced_to_the_graph() -> None:
