@@ -18,7 +18,8 @@ from benchmarks.machine import date_line, machine_line
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.pipeline import plan_scenario
 from twin.run_folder import prepare_run_folder
-from twin.scenario import Scenario, StallsSection
+from twin.scenario import Scenario
+from twin.scenario_disturbances import StallsSection
 from twin.scenario_file import load_scenario
 from twin.trial import Keep, try_plan
 

@@ -12,8 +12,13 @@ from scheduling.temporal_plan_graph import NodeChain
 from twin.durations import NANOSECONDS, Nanoseconds
 
 Outcome = Literal["completed", "failed", "aborted"]
-Policy = Literal["asynchronous", "sequential", "synchronous"]
-POLICIES: tuple[Policy, ...] = ("asynchronous", "sequential", "synchronous")
+Policy = Literal["asynchronous", "sequential", "synchronous", "open-loop"]
+POLICIES: tuple[Policy, ...] = (
+    "asynchronous",
+    "sequential",
+    "synchronous",
+    "open-loop",
+)
 
 
 @dataclass(frozen=True)

@@ -12,19 +12,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from twin.scenario_base import Name, PoseSection, Section, Size3
-from twin.scenario_durations import DurationSection
+from twin.scenario_execution import ExecutionSection as ExecutionSection
 from twin.scenario_goals import GoalsSection
 from twin.scenario_lego import LegoSection
 from twin.scenario_pick_place import PickPlaceSection
-
-Skill = Literal[
-    "pick",
-    "place-down",
-    "place-up",
-    "handover",
-    "support-bottom",
-    "support-top",
-]
 
 
 class RobotSection(Section):
@@ -102,46 +93,6 @@ class PlanningSection(Section):
     attempts: Annotated[int, Field(ge=1, le=1000)] = 5
     coordination: Literal["sequential", "synchronous"] = "sequential"
     shortcut_candidates: Annotated[int, Field(ge=0, le=10_000_000)] = 0
-
-
-class StallsSection(Section):
-    """Standstills at random times, as when a robot waits for a person.
-
-    Attributes:
-        count_per_robot: how many each robot suffers.
-        duration_s: shortest and longest [s].
-    """
-
-    count_per_robot: Annotated[int, Field(ge=0, le=100_000)] = 0
-    duration_s: Annotated[
-        tuple[Annotated[float, Field(ge=0)], ...], Field(min_length=2, max_length=2)
-    ] = (1.0, 20.0)
-
-    @model_validator(mode="after")
-    def _ordered(self) -> StallsSection:
-        if self.duration_s[0] > self.duration_s[1]:
-            raise ValueError("duration_s is [shortest, longest]")
-        return self
-
-
-class ExecutionSection(Section):
-    """How the plan is executed.
-
-    Attributes:
-        policy: ``asynchronous`` releases a node as soon as what it waits for is complete;
-            ``sequential`` runs one task at a time; ``synchronous`` runs a plan made in slots
-            slot by slot.
-        queue_depth: nodes that a robot may have been given ahead.
-        latency_s: time from a completion to the release it causes [s].
-        skills: duration models by skill; the packaged synthetic timings where not given.
-        stalls: random standstills.
-    """
-
-    policy: Literal["asynchronous", "sequential", "synchronous"] = "asynchronous"
-    queue_depth: Annotated[int, Field(ge=1, le=100_000)] = 1
-    latency_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
-    skills: dict[Skill, DurationSection] = Field(default_factory=dict)
-    stalls: StallsSection = StallsSection()
 
 
 class Scenario(Section):

@@ -25,6 +25,7 @@ def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
     found += _check_robots(scenario.cell.robots, folder)
     found += _check_names(scenario)
     found += _check_durations(scenario, folder)
+    found += _check_robot_names(scenario)
     assembly = assembly_kind(scenario.assembly)
     return mark_problems(document, found) + assembly.problems(document)
 
@@ -81,6 +82,29 @@ def _check_robots(robots: Sequence[RobotSection], folder: Path) -> Found:
             )
         if robot.home_deg and model.chain.prismatic.any():
             yield (*at, key), f"{robot.model} has sliding joints: use home_rad_or_m"
+
+
+def _check_robot_names(scenario: Scenario) -> Found:
+    """Disturbances happen to robots of the cell."""
+    names = [robot.name for robot in scenario.cell.robots]
+    execution = scenario.execution
+    used: list[tuple[KeyPath, str]] = [
+        (("execution", "speed", "robots", name), name)
+        for name in execution.speed.robots
+    ]
+    if execution.breakdowns is not None:
+        used += [
+            (("execution", "breakdowns", "robots", i), name)
+            for i, name in enumerate(execution.breakdowns.robots or ())
+        ]
+    used += [
+        (("execution", "emergency_stops", i, "robot"), stop.robot)
+        for i, stop in enumerate(execution.emergency_stops)
+        if stop.robot is not None
+    ]
+    for path, name in used:
+        if name not in names:
+            yield path, unknown_name("robot", name, names)
 
 
 def _check_durations(scenario: Scenario, folder: Path) -> Found:

@@ -1,0 +1,187 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planning.errors import ScenarioError
+from tests.twin.twin_toys import random_tpg
+from twin.disturbances import (
+    Breakdowns,
+    Disturbances,
+    EmergencyStop,
+    RandomStalls,
+    SkillFailure,
+    StallRate,
+)
+from twin.draws import uniform
+from twin.durations import Fixed, SkillDurations, Uniform, packaged_timings
+from twin.node_times import NodeTimes, sample_node_times
+
+VARIED = SkillDurations(packaged_timings())
+TPG = random_tpg(16, tasks=20)
+EVERYTHING = Disturbances(
+    speed={"robot_0": Uniform(0.5, 1.0)},
+    jitter=Uniform(0.0, 0.1),
+    stalls=RandomStalls(2),
+    stall_rate=StallRate(600.0, Uniform(1.0, 2.0)),
+    breakdowns=Breakdowns(10.0, 5.0),
+    failures={"pick": SkillFailure(0.5, 3), "handover": SkillFailure(0.9, 1)},
+)
+
+
+def times(disturbances: Disturbances, replication: int = 0, seed: int = 1) -> NodeTimes:
+    return sample_node_times(
+        TPG, VARIED, disturbances, seed=seed, replication=replication
+    )
+
+
+def test_nothing_disturbs_unless_asked_for() -> None:
+    plain = VARIED.sample(TPG, seed=1)
+    for found in (times(Disturbances()), sample_node_times(TPG, VARIED, seed=1)):
+        assert all(map(np.array_equal, found.motion, plain))
+        assert not any(stall.any() for stall in found.stall)
+        assert found.failed == (-1, -1)
+
+
+def test_stall_is_the_sum_of_standstills() -> None:
+    found = times(EVERYTHING)
+    for stall, stands in zip(found.stall, found.standstills, strict=True):
+        total = np.zeros(len(stall), dtype=np.int64)
+        for entry in stands:
+            total[entry.node] += entry.duration_ns
+        assert np.array_equal(total, stall)
+        assert [e.node for e in stands] == sorted(e.node for e in stands)
+    causes = {e.cause for stands in found.standstills for e in stands}
+    assert causes == {"stall", "breakdown", "retry"}
+
+
+def test_a_speed_factor_is_drawn_once_a_transit_and_divides_its_nodes() -> None:
+    found = times(Disturbances(speed={"robot_0": Uniform(0.5, 1.0)}))
+    plain = VARIED.sample(TPG, seed=1)
+    chain = TPG.chains[0]
+    for node in np.flatnonzero(~chain.skill).tolist():
+        task = int(chain.task[node])
+        u = uniform(1, 0, "robot_0", task, "transit", "speed")
+        expected = round(chain.duration[node] / (0.5 + 0.5 * u) * 1e9)
+        assert found.motion[0][node] == expected
+    assert np.array_equal(found.motion[0][chain.skill], plain[0][chain.skill])
+    assert np.array_equal(found.motion[1], plain[1])
+
+
+def test_jitter_lengthens_every_node_by_its_own_draw() -> None:
+    extra = [
+        a - b
+        for a, b in zip(
+            times(Disturbances(jitter=Uniform(0.1, 0.2))).motion,
+            VARIED.sample(TPG, seed=1),
+            strict=True,
+        )
+    ]
+    joined = np.concatenate(extra)
+    assert joined.min() >= 1e8
+    assert joined.max() <= 2e8
+    assert len(np.unique(joined)) == len(joined)
+
+
+def test_stalls_come_at_their_rate() -> None:
+    """Counts of a Poisson process: mean and variance are rate times busy time."""
+    rate = Disturbances(stall_rate=StallRate(360.0, Fixed(1.0)))
+    runs = [times(rate, replication) for replication in range(400)]
+    counts = np.array([len(run.standstills[0]) for run in runs])
+    busy_h = np.mean([run.motion[0].sum() for run in runs]) / 3600e9
+    expected = 360.0 * busy_h
+    assert abs(counts.mean() - expected) < 4 * np.sqrt(expected / 400)
+    assert counts.var() == pytest.approx(expected, rel=0.3)
+    longer = np.zeros(2)
+    for run in runs:  # a node that takes longer is hit more often
+        short = run.motion[0] < np.median(run.motion[0])
+        hit = np.array([entry.node for entry in run.standstills[0]], dtype=int)
+        longer += [np.sum(short[hit]), np.sum(~short[hit])]
+    assert longer[1] > 3 * longer[0]
+
+
+def test_breakdowns_take_exponential_times_and_hit_only_whom_they_may() -> None:
+    broken = Disturbances(breakdowns=Breakdowns(20.0, 7.0, robots=("robot_1",)))
+    runs = [times(broken, replication) for replication in range(300)]
+    assert all(not run.standstills[0] for run in runs)
+    repairs = [e.duration_ns / 1e9 for run in runs for e in run.standstills[1]]
+    assert len(repairs) > 200
+    assert np.mean(repairs) == pytest.approx(7.0, rel=0.2)
+    assert np.std(repairs) == pytest.approx(7.0, rel=0.3)
+    by_clock = replace(broken, breakdowns=Breakdowns(20.0, 7.0, "run"))
+    assert not any(times(by_clock).standstills)
+    assert by_clock.at_absolute_times
+    assert not broken.at_absolute_times
+
+
+def test_attempts_fail_as_often_as_they_should_and_then_for_good() -> None:
+    failing = Disturbances(failures={"pick": SkillFailure(0.3, 1, Fixed(2.5))})
+    picks = [
+        k
+        for k, chain in enumerate(TPG.chains)
+        for t in set(chain.task.tolist())
+        if TPG.tasks[t].kind == "pick"
+    ]
+    runs = [times(failing, replication) for replication in range(500)]
+    first, both = 0, 0
+    for run in runs:
+        for stands in run.standstills:
+            nodes = [entry.node for entry in stands]
+            assert all(entry.duration_ns == 2_500_000_000 for entry in stands)
+            first += len(set(nodes))
+            both += len(nodes) - len(set(nodes))
+        for k, failed in enumerate(run.failed):
+            twice = [
+                n
+                for n in {e.node for e in run.standstills[k]}
+                if [e.node for e in run.standstills[k]].count(n) == 2
+            ]
+            assert failed == min(twice, default=-1)
+    n = 500 * len(picks)
+    assert picks
+    assert abs(first / n - 0.3) < 4 * np.sqrt(0.3 * 0.7 / n)
+    assert abs(both / n - 0.09) < 4 * np.sqrt(0.09 * 0.91 / n)
+
+
+def test_a_failed_attempt_takes_as_long_as_the_skill_unless_said() -> None:
+    run = times(Disturbances(failures={"pick": SkillFailure(1.0, 2)}))
+    for k, stands in enumerate(run.standstills):
+        for entry in stands:
+            assert entry.duration_ns == run.motion[k][entry.node]
+
+
+def test_draws_do_not_depend_on_other_disturbances() -> None:
+    """Common random numbers: one more disturbance leaves the others as they are."""
+    both = times(EVERYTHING)
+    alone = times(replace(EVERYTHING, jitter=None, speed={}, stall_rate=None))
+    for cause in ("retry",):
+        for k in range(2):
+            nodes = [
+                [e.node for e in run.standstills[k] if e.cause == cause]
+                for run in (both, alone)
+            ]
+            assert nodes[0] == nodes[1]
+    again = times(EVERYTHING)
+    assert all(map(np.array_equal, both.motion, again.motion))
+    assert both.standstills == again.standstills
+    other = times(EVERYTHING, replication=1)
+    assert both.standstills != other.standstills
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: StallRate(-1.0, Fixed(1.0)),
+        lambda: Breakdowns(0.0, 1.0),
+        lambda: Breakdowns(1.0, -1.0),
+        lambda: SkillFailure(1.5),
+        lambda: SkillFailure(0.5, -1),
+        lambda: EmergencyStop(None, -1.0, 1.0),
+        lambda: EmergencyStop(None, 1.0, 0.0),
+    ],
+)
+def test_impossible_disturbances_are_refused(make: object) -> None:
+    with pytest.raises(ScenarioError):
+        make()  # type: ignore[operator]
