@@ -7,6 +7,7 @@ import sys
 
 import typer
 
+from twin.commands.compare import compare
 from twin.commands.doctor import doctor
 from twin.commands.guard import FAILED, INTERRUPTED, print_error
 from twin.commands.import_task import app as import_app
@@ -27,6 +28,7 @@ app = typer.Typer(
 app.command()(run)
 app.command()(validate)
 app.command()(sequence)
+app.command()(compare)
 app.command()(replay)
 app.add_typer(import_app, name="import")
 app.command()(verify)

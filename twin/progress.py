@@ -57,9 +57,14 @@ class StageDisplay:
         self._progress.stop()
 
     def __call__(self, stage: str, done: float, total: float) -> None:
-        """Show how far a stage has come; the first call of a stage adds its line."""
+        """Show how far a stage has come; the first call of a stage adds its line.
+
+        A stage that was done and starts again keeps its line and starts its clock again.
+        """
         if not self._live:
             return
         if stage not in self._stages:
             self._stages[stage] = self._progress.add_task(stage, total=total)
+        elif done == 0:
+            self._progress.reset(self._stages[stage], total=total)
         self._progress.update(self._stages[stage], completed=done, total=total)

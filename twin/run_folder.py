@@ -6,7 +6,8 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -24,8 +25,19 @@ OBJECTS = "objects.parquet"
 RECORDING = "run.rrd"
 GANTT = "gantt.png"
 SUMMARY = "summary.json"
+COMPARISON = "compare.json"
+CHART = "compare.png"
 
-_RESULTS = (EVENTS, TRAJECTORY, OBJECTS, RECORDING, GANTT, SUMMARY)
+_RESULTS = (
+    EVENTS,
+    TRAJECTORY,
+    OBJECTS,
+    RECORDING,
+    GANTT,
+    SUMMARY,
+    COMPARISON,
+    CHART,
+)
 _PACKAGES = (
     "assembly-twin",
     "coal",
@@ -66,6 +78,23 @@ def prepare_run_folder(out: Path | None, scenario_name: str) -> Path:
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written to: {error}") from error
     return folder
+
+
+@contextmanager
+def run_folder(out: Path | None, scenario_name: str) -> Iterator[Path]:
+    """Give a folder for results, made as by prepare_run_folder.
+
+    When the work in it fails before there is any result, a folder made for it goes again.
+    """
+    existed = out is not None and out.exists()
+    folder = prepare_run_folder(out, scenario_name)
+    try:
+        yield folder
+    except BaseException:
+        if not existed:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
 
 
 def _new_log_folder(scenario_name: str) -> Path:

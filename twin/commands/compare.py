@@ -1,0 +1,114 @@
+"""``twin compare``: one scenario under every policy, with the same paths and the same draws."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from twin.commands.guard import COMPLETED, guarded
+
+if TYPE_CHECKING:
+    from twin.scenario import Scenario
+
+File = Annotated[Path, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
+Seeds = Annotated[
+    int,
+    typer.Option(min=1, help="How many seeds, counted from the scenario's."),
+]
+Shortcuts = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        help="Shortcuts tried on each plan; default: the scenario's, or 2000.",
+        show_default=False,
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder for the results; default: logs/<scenario>-<UTC time>.",
+        show_default=False,
+    ),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print compare.json only.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+
+_SHORTCUTS = 2000
+
+
+@guarded
+def compare(
+    scenario: File,
+    seeds: Seeds = 4,
+    shortcuts: Shortcuts = None,
+    out: Out = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Plan a scenario with several seeds and execute it under every policy.
+
+    Sequential, synchronous and asynchronous, with and without shortcuts: all from the same
+    paths, with the same skill durations. Shows makespan and wait with what no coordination
+    can beat, and planning time by stage; leaves compare.json and compare.png.
+    """
+    from twin.atomic import write_json
+    from twin.kernel_cache import kernels_are_cached
+    from twin.progress import StageDisplay
+    from twin.run_folder import CHART, COMPARISON, run_folder
+    from twin.scenario_file import load_scenario
+
+    chosen = load_scenario(scenario)
+    candidates = chosen.planning.shortcut_candidates or _SHORTCUTS
+    candidates = candidates if shortcuts is None else shortcuts
+    numbers = range(chosen.seed, chosen.seed + seeds)
+    silent = quiet or as_json
+    compiles = not kernels_are_cached()
+    with (
+        StageDisplay(enabled=not silent) as progress,
+        run_folder(out, chosen.name) as folder,
+    ):
+        if compiles and not silent:
+            typer.echo("compiling kernels, once ...", err=True)
+        from twin.comparison import compare_policies
+        from twin.comparison_chart import draw_comparison
+        from twin.comparison_figures import comparison_figures
+
+        found = compare_policies(
+            chosen,
+            numbers,
+            candidates=candidates,
+            base=scenario.parent,
+            progress=progress,
+        )
+        figures = comparison_figures(found)
+        _write_about(folder, chosen, scenario.parent, list(numbers), candidates)
+        write_json(folder / COMPARISON, figures)
+        counted = f"{seeds} seed" + ("s" if seeds > 1 else "")
+        heading = f"{chosen.name}: {counted}, {candidates} shortcuts tried"
+        draw_comparison(folder / CHART, {chosen.name: figures}, heading)
+    if as_json:
+        typer.echo(json.dumps(figures, indent=2))
+    elif not quiet:
+        from twin.comparison_table import print_comparison
+
+        print_comparison(figures, folder, heading=heading, compiled=compiles)
+    return COMPLETED
+
+
+def _write_about(
+    folder: Path, scenario: Scenario, base: Path, seeds: list[int], candidates: int
+) -> None:
+    """Write what is needed to understand and repeat the comparison."""
+    from twin.atomic import write_json
+    from twin.cell import build_workcell
+    from twin.run_folder import MANIFEST, manifest
+    from twin.scenario import resolved
+
+    cell = build_workcell(scenario, base)
+    about = manifest(resolved(scenario), cell, seed=scenario.seed)
+    write_json(
+        folder / MANIFEST, {**about, "seeds": seeds, "shortcut_candidates": candidates}
+    )
