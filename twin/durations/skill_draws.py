@@ -90,7 +90,8 @@ def bind_draws(
     for k, chain in enumerate(tpg.chains):
         nodes = np.flatnonzero(chain.skill)
         tasks, first = np.unique(chain.task[nodes], return_index=True)
-        for task, own in zip(tasks.tolist(), np.split(nodes, first[1:]), strict=True):
+        # Of no nodes at all np.split makes one empty part.
+        for task, own in zip(tasks.tolist(), np.split(nodes, first)[1:], strict=True):
             place[task] = (k, own, chain.duration[own])
     varying: list[int] = []
     groups: dict[int, tuple[DurationModel, list[int]]] = {}
