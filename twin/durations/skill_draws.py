@@ -89,8 +89,6 @@ def bind_draws(
     place: dict[int, tuple[int, Indices, Array]] = {}
     for k, chain in enumerate(tpg.chains):
         nodes = np.flatnonzero(chain.skill)
-        if len(nodes) == 0:
-            continue
         tasks, first = np.unique(chain.task[nodes], return_index=True)
         # Of no nodes at all np.split makes one empty part.
         for task, own in zip(tasks.tolist(), np.split(nodes, first)[1:], strict=True):
