@@ -90,7 +90,7 @@ def prepare_goals(cell: Workcell, goals: Sequence[RobotGoal]) -> AssemblyWork:
         choice = plan[step]
         build = StepBuilder(step, first_index)
         goal = found[step, choice.grasp]
-        build.transit(choice.robot, goal, f"to goal {step}", None)
+        build.transit(choice.robot, goal, f"to goal {step}", None, goal=True)
         return build.build()
 
     return AssemblyWork(problem, expand, _link)

@@ -29,12 +29,21 @@ class StepBuilder:
     _allowed: dict[frozenset[str], set[int]] = field(default_factory=dict)
     _objects: list[CellObject] = field(default_factory=list)
 
-    def transit(self, robot: str, goal: Array, label: str, carries: str | None) -> int:
-        """Append a transit and return its index."""
-        path = readonly(np.atleast_2d(goal))
-        return self._append(
-            Task(self._next, robot, TRANSIT, self.step, label, path, (), carries)
+    def transit(
+        self,
+        robot: str,
+        to: Array,
+        label: str,
+        carries: str | None,
+        *,
+        goal: bool = False,
+    ) -> int:
+        """Append a transit and return its index; with ``goal`` it may not be cut short."""
+        path = readonly(np.atleast_2d(to))
+        task = Task(
+            *(self._next, robot, TRANSIT, self.step, label, path, (), carries), goal
         )
+        return self._append(task)
 
     def skill(
         self,

@@ -58,6 +58,7 @@ class Task:
             subgoals of the reference path for a skill.
         handlings: what changes hands in it, in order; ``waypoint`` counts within [start, *path].
         object: object it is about, None for a plain move.
+        goal: whether its end is what the robot is to reach, so that no shortcut may pass by it.
     """
 
     index: int
@@ -68,6 +69,7 @@ class Task:
     path: Array
     handlings: tuple[Handling, ...] = ()
     object: str | None = None
+    goal: bool = False
 
 
 @dataclass(frozen=True)

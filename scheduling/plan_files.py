@@ -5,7 +5,7 @@ plan.json, version 1:
     cell       robots [{name, model, urdf, joints, frames}], fixtures [{name, body}],
                objects [{name, kind, body, mass_kg, fixed, colour, later}],
                clearance {robot_robot_m, robot_object_m}
-    tasks      [{index, robot, kind, step, label, object, handlings [{object, waypoint, holder}]}]
+    tasks      [{index, robot, kind, step, label, object, goal, handlings [{object, waypoint, holder}]}]
     chains     [robot]
     handlings  [{object, chain, node, waypoint, holder}]
     allowed    [{first, second, tasks}]
@@ -216,6 +216,7 @@ def _tasks_document(tasks: Sequence[Task], arrays: _Arrays) -> list[dict[str, An
             "step": t.step,
             "label": t.label,
             "object": t.object,
+            "goal": t.goal,
             "handlings": [
                 {"object": h.object, "waypoint": h.waypoint, "holder": h.holder}
                 for h in t.handlings
@@ -342,6 +343,7 @@ def _tasks(document: list[dict[str, Any]], arrays: _Arrays) -> tuple[Task, ...]:
                 arrays["task_path"][bounds[k] : bounds[k + 1]].reshape(shape[k]),
                 handlings,
                 entry["object"],
+                entry.get("goal", False),
             )
         )
     return tuple(out)

@@ -1,8 +1,9 @@
 """Where a temporal plan graph may be shortened: runs of pose nodes (APEX-MR IV-C).
 
 Consecutive transits are one run, so HOME between them can be skipped. A run ends at a skill,
-where the robot's load changes, and where a robot waits for, or is waited for by, another one's
-task: a shortcut must neither skip such a place nor let anyone pass it too early.
+where the robot's load changes, at a goal that is to be reached for its own sake, and where a
+robot waits for, or is waited for by, another one's task: a shortcut must neither skip such a
+place nor let anyone pass it too early.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ def find_spans(tpg: TemporalPlanGraph, objects: tuple[ObjectSpan, ...]) -> list[
     between = [
         (int(a), int(b)) for a, b in tpg.dependencies if robot_of[a] != robot_of[b]
     ]
-    sources = {a for a, _ in between}
+    goals = {task.index for task in tpg.tasks if task.goal}
+    sources = {a for a, _ in between} | goals
     targets = {b for _, b in between}
     out = []
     for index, chain in enumerate(tpg.chains):

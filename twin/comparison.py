@@ -212,7 +212,7 @@ class _Bench:
             makespan_s=run.makespan_s,
             wait_s=total_wait_s(run),
             planning_s=dict(planning_s),
-            straight_line_s=straight_line_s(tpg, run, speeds, past_stops=merged),
+            straight_line_s=straight_line_s(tpg, run, speeds, past_home=merged),
             critical_path_s=lower_bound_s(tpg, run),
             straight_line_ratio=straight_line_ratio(tpg, run, speeds)
             if name in BASELINES

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -19,7 +19,7 @@ def straight_line_s(
     run: Run,
     speeds: Mapping[str, SpeedModel],
     *,
-    past_stops: bool = False,
+    past_home: bool = False,
 ) -> float:
     """Return how long the robot with most to do would take if it never waited [s].
 
@@ -30,11 +30,12 @@ def straight_line_s(
         tpg: what was executed.
         run: how.
         speeds: speed model of each robot.
-        past_stops: go straight from skill to skill, past the ends of transits in between such
-            as HOME. Only this bounds a plan with shortcuts.
+        past_home: go straight from skill to skill or goal, past the ends of other transits
+            such as HOME. Only this bounds a plan with shortcuts.
     """
+    goals = [task.index for task in tpg.tasks if task.goal] if past_home else None
     totals = [
-        float(_straight(chain, own, speeds[chain.robot], merge=past_stops)[1].sum())
+        float(_straight(chain, own, speeds[chain.robot], goals)[1].sum())
         for chain, own in zip(tpg.chains, run.duration_ns, strict=True)
     ]
     return max(totals, default=0.0)
@@ -61,7 +62,7 @@ def straight_line_ratio(
         slot_of[[task.index for task in tpg.tasks]] = tpg.slots
     longest = np.zeros(int(np.max(slot_of, initial=0)) + 1)
     for chain, own in zip(tpg.chains, run.duration_ns, strict=True):
-        tasks, seconds = _straight(chain, own, speeds[chain.robot], merge=False)
+        tasks, seconds = _straight(chain, own, speeds[chain.robot], None)
         spent = np.bincount(slot_of[tasks], seconds, minlength=len(longest))
         longest = np.maximum(longest, spent)
     straight = float(longest.sum())
@@ -69,12 +70,15 @@ def straight_line_ratio(
 
 
 def _straight(
-    chain: NodeChain, duration_ns: Indices, speed: SpeedModel, *, merge: bool
+    chain: NodeChain,
+    duration_ns: Indices,
+    speed: SpeedModel,
+    goals: Sequence[int] | None,
 ) -> tuple[Indices, Array]:
     """Return the stretches of a chain, each by the task it begins with, and their seconds.
 
-    A stretch is a skill node, or the transit nodes of a task, or with ``merge`` all transit
-    nodes up to the next skill.
+    A stretch is a skill node, or the transit nodes of a task. With ``goals`` it is all transit
+    nodes up to the next skill, or to the end of one of these tasks.
     """
     if len(chain) == 0:
         return np.empty(0, dtype=np.int64), np.empty(0)
@@ -82,8 +86,10 @@ def _straight(
     begins = chain.skill.copy()
     begins[0] = True
     begins[1:] |= chain.skill[:-1]
-    if not merge:
-        begins[1:] |= np.diff(chain.task) != 0
+    changes = np.diff(chain.task) != 0
+    if goals is not None:
+        changes &= np.isin(chain.task[:-1], goals)
+    begins[1:] |= changes
     cuts = np.append(np.flatnonzero(begins), len(chain))
     seconds = [
         float(duration_ns[a]) / NANOSECONDS
