@@ -49,12 +49,33 @@ def build_tpg(
         PlanInvariantError: the plan is not consistent, or a robot or object that stands is in
             the way of a motion planned meanwhile.
     """
-    tpg = build_nodes(plan)
+    return connect_nodes(build_nodes(plan), checker=checker, progress=progress)
+
+
+def connect_nodes(
+    tpg: TemporalPlanGraph,
+    *,
+    checker: ConflictChecker | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    occupied: tuple[EntityNumbers, list[Occupancy]] | None = None,
+) -> TemporalPlanGraph:
+    """Return the graph of nodes that have planned times, reduced and checked.
+
+    Args:
+        tpg: its nodes; its edges are not looked at.
+        checker: decides conflicts; exact convex hulls by default.
+        progress: called as the conflict search goes on, see ``find_motion_edges``.
+        occupied: what ``occupancies_of`` returns, where that is known already.
+
+    Raises:
+        PlanInvariantError: a robot or object that stands is in the way of a motion planned
+            meanwhile.
+    """
     ranks = planned_ranks(tpg.chains)
-    task_edges = dependency_edges(plan.tasks, tpg.dependencies, tpg.chains)
+    task_edges = dependency_edges(tpg.tasks, tpg.dependencies, tpg.chains)
     order, _ = order_and_reduce(ranks, task_edges)
-    entities, occupancies = occupancies_of(tpg, ranks)
-    table = contact_table(entities, plan.allowed, plan.cell.clearances)
+    entities, occupancies = occupied or occupancies_of(tpg, ranks)
+    table = contact_table(entities, tpg.allowed, tpg.cell.clearances)
     motion_edges = find_motion_edges(
         occupancies,
         ranks,
