@@ -9,7 +9,7 @@ from planning.lego.grid import occupied_studs
 from planning.lego.structure import BrickType, Cell, Support
 from planning.lego.support import supported_cell
 from twin.assemblies.lego import brick_types
-from twin.scenario_lego import LegoSection, StepSection, StockSection
+from twin.scenario_lego import LegoSection, RulesSection, StepSection, StockSection
 from twin.scenario_problems import Problem, mark_problems, unknown_name
 from twin.scenario_yaml import KeyPath, YamlDocument
 from twin.structure_checks import find_structure_problems
@@ -97,6 +97,7 @@ def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Foun
         taken.update(dict.fromkeys(cells, label))
         structure.update(cells)
         yield from _check_step(step, types[step.brick], at, taken)
+        yield from _check_allowed(step, assembly.rules, at, label)
 
 
 def _check_step(
@@ -121,6 +122,18 @@ def _check_step(
         cells = [(c.x, c.y, c.z) for c in supported_cell(support)]
         if other := _first_taken(cells, taken):
             yield (*at, "support", "at"), f"the support goes where {other} is"
+
+
+def _check_allowed(
+    step: StepSection, rules: RulesSection, at: KeyPath, label: str
+) -> Found:
+    """Steps must keep to the rules of the assembly."""
+    if step.place == "up" and not rules.place_up:
+        text = f"{label} places from below, which 'rules' forbid (place_up)"
+        yield (*at, "place"), text
+    elif step.place == "down" and step.support is not None and not rules.support:
+        text = f"{label} has a support, which 'rules' forbid (support)"
+        yield (*at, "support"), text
 
 
 def _check_stock(

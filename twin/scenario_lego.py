@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -142,6 +142,36 @@ class TwistSection(Section):
     handover: TwistDeg = 18.0
 
 
+class RulesSection(Section):
+    """What the sequence of a structure may do, and what it must bear.
+
+    Attributes:
+        support: a second robot may hold the structure from below while a brick is pressed on.
+        place_up: a brick may be handed over and pressed on from below.
+        press_force_n: force with which bricks are pressed on [N].
+        check_steps: whether given steps must bear that force too.
+    """
+
+    support: bool = True
+    place_up: bool = True
+    press_force_n: Annotated[float, Field(gt=0, le=1000)] = 15.0
+    check_steps: bool = True
+
+
+def _or_file(schema: dict[str, Any]) -> None:
+    """Let editors know that a structure may have a file of its own, put in its place on reading."""
+    schema["anyOf"].insert(
+        1,
+        {
+            "type": "object",
+            "description": "Read the structure from a file, relative to this one.",
+            "properties": {"file": {"title": "File", "type": "string"}},
+            "required": ["file"],
+            "additionalProperties": False,
+        },
+    )
+
+
 class LegoSection(Section):
     """A LEGO structure, what it is built from, and in which order.
 
@@ -154,6 +184,7 @@ class LegoSection(Section):
         stock: bricks that are there at the start.
         steps: the assembly sequence; or else
         structure: the finished structure, whose sequence the planner finds.
+        rules: what the sequence may do, and what the structure must bear.
         twist_deg: by how much the tool twists.
     """
 
@@ -163,7 +194,10 @@ class LegoSection(Section):
     bricks: dict[Name, BrickSection] = Field(default_factory=dict)
     stock: Annotated[tuple[StockSection, ...], Field(min_length=1)]
     steps: tuple[StepSection, ...] = ()
-    structure: StructureSection | None = None
+    structure: Annotated[StructureSection | None, Field(json_schema_extra=_or_file)] = (
+        None
+    )
+    rules: RulesSection = RulesSection()
     twist_deg: TwistSection = TwistSection()
 
     @model_validator(mode="after")

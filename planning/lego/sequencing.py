@@ -30,6 +30,9 @@ from planning.lego.stability import JointStrength
 from planning.lego.structure import LegoStep, Press, Support
 from planning.lego.tool_room import BrickTool
 
+_MOST_REASONS = 6
+"""How many bricks of a dead end are named."""
+
 
 @dataclass(frozen=True)
 class SequencingRules:
@@ -233,16 +236,20 @@ class _Sequencer:
         """Return why none of the bricks of a dead end can be removed."""
         names = parts | self.fixed
         whys = [
-            f"{self._place(brick)}: {self._why_not(names, brick)}"
+            (self._place(brick), *self._why_not(names, brick))
             for brick in self._candidates(parts)
         ]
+        whys.sort(
+            key=lambda why: why[1]
+        )  # what stands in the way of all else comes first
         end = "" if complete else " (the search was cut short by its limit)"
-        shown = whys[:6]
+        shown = [f"  {place}: {reason}" for place, _, reason in whys[:_MOST_REASONS]]
         if len(whys) > len(shown):
-            shown.append(f"and {len(whys) - len(shown)} more")
+            shown.append(f"  and {len(whys) - len(shown)} more")
+        total = len(self._structures.bricks) - len(self.fixed)
         return (
-            f"no order of assembly was found{end}; none of these bricks could be the last one in: "
-            + "; ".join(shown)
+            f"no order of assembly was found{end}: no brick can be placed in step {len(parts)} of "
+            f"{total}, as the last of these\n" + "\n".join(shown)
         )
 
     def _candidates(self, parts: Names) -> list[str]:
@@ -262,15 +269,19 @@ class _Sequencer:
         above = self._structures.above(names, brick)
         return f"it hangs below {self._place(above[0])}, with nothing under it"
 
-    def _why_not(self, names: Names, brick: str) -> str:
+    def _why_not(self, names: Names, brick: str) -> tuple[bool, str]:
+        """Return why a brick cannot be the last one in, and whether others depend on it."""
         rest = self._structures.standing(names - {brick})
         if not rest.stable:
             what = self._place(rest.brick or "")
-            return (
+            return True, (
                 f"without it nothing holds {what}"
                 if math.isinf(rest.score)
                 else f"without it {what} gives way"
             )
+        return False, self._why_not_inserted(names, brick)
+
+    def _why_not_inserted(self, names: Names, brick: str) -> str:
         from_above = self._insertion.obstacle(names, brick, PLAIN)
         from_below = self._insertion.obstacle(names, brick, FROM_BELOW)
         if from_above and from_below:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from planning.errors import InfeasibleStepError, OutputError, TwinError
+from planning.errors import InfeasibleStepError, OutputError, TransitError, TwinError
 from twin.cli import app
 from twin.commands.guard import guarded
 
@@ -120,7 +120,7 @@ def test_an_output_folder_that_cannot_be_is_refused_before_planning(
 
 
 @pytest.mark.parametrize("before", [False, True])
-def test_planning_that_fails_ends_with_code_1_and_leaves_no_folder(
+def test_planning_that_fails_ends_with_code_2_and_leaves_no_folder(
     before: bool, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> None:
@@ -131,7 +131,7 @@ def test_planning_that_fails_ends_with_code_1_and_leaves_no_folder(
     if before:
         (here / "run").mkdir()
     result = invoke("run", "small.yaml", "--out", "run")
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert result.stderr.splitlines()[-1] == "error: step 1 (2x4) cannot be done"
     assert (here / "run").exists() == before
 
@@ -206,7 +206,8 @@ def test_import_writes_a_scenario_that_is_valid(here: Path) -> None:
 @pytest.mark.parametrize(
     ("error", "code"),
     [
-        (InfeasibleStepError("step 3 cannot be done"), 1),
+        (InfeasibleStepError("step 3 cannot be done"), 2),
+        (TransitError("no way round"), 1),
         (TwinError("something else"), 1),
         (OutputError("no room"), 2),
         (KeyboardInterrupt(), 130),

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from planning.errors import InfeasibleStepError
 from planning.lego.contacts import PlacedBrick
 from planning.lego.structure import (
     BrickType,
@@ -32,6 +34,9 @@ from twin.scenario_lego import (
 from twin.scenario_problems import Problem
 from twin.scenario_structure import read_structure
 from twin.scenario_yaml import KeyPath, YamlDocument
+
+if TYPE_CHECKING:
+    from planning.lego.sequencing import SequencedStructure, SequencingRules
 
 SEQUENCE = "which brick when"
 """Name of a stage for progress displays."""
@@ -98,15 +103,25 @@ class LegoKind:
         return stock_objects(build_lego(self.section))
 
     def prepare(self, cell: Workcell, stages: Stages) -> Prepared:
-        """Find the sequence where the file gives a structure, then the candidates."""
-        from planning.lego.assembly_work import prepare_lego
-        from planning.lego.finished_structure import sequenced
+        """Find the sequence where the file gives a structure, then the candidates.
 
-        assembly, structure = build_lego(self.section), build_structure(self.section)
-        if structure is not None:
+        Given steps are checked: the structure must stand, and bear every press.
+        """
+        from planning.lego.assembly_work import prepare_lego
+        from planning.lego.step_reach import check_reach
+        from planning.lego.step_stability import borne_steps
+
+        robots = len(cell.robots)
+        if self.section.structure is not None:
             with stages.stage("sequence", SEQUENCE):
-                assembly, _ = sequenced(assembly, structure)
+                assembly, _ = find_sequence(self.section, robots=robots)
+        else:
+            assembly = build_lego(self.section)
         with stages.stage("assignment", ASSIGNMENT):
+            if self.section.structure is None and self.section.rules.check_steps:
+                rules = sequencing_rules(self.section, robots=robots)
+                assembly = borne_steps(assembly, rules)
+            check_reach(cell, assembly)
             return Prepared(assembly, prepare_lego(cell, assembly))
 
 
@@ -131,6 +146,51 @@ def build_structure(lego: LegoSection) -> tuple[PlacedBrick, ...] | None:
     if lego.structure is None:
         return None
     return read_structure(lego.structure, brick_types(lego)).bricks
+
+
+def sequencing_rules(lego: LegoSection, *, robots: int) -> SequencingRules:
+    """Return what a sequence may do: what the file allows, and the robots can do.
+
+    Args:
+        lego: the section.
+        robots: how many there are; supports and handovers take two.
+    """
+    from planning.lego.sequencing import SequencingRules
+
+    return SequencingRules(
+        support=lego.rules.support and robots > 1,
+        place_up=lego.rules.place_up and robots > 1,
+        force=lego.rules.press_force_n,
+    )
+
+
+def find_sequence(
+    lego: LegoSection, *, robots: int
+) -> tuple[LegoAssembly, SequencedStructure]:
+    """Return an assembly with the steps that build its finished structure.
+
+    Of given steps only what they build counts.
+
+    Args:
+        lego: the section.
+        robots: how many there are.
+
+    Raises:
+        InfeasibleStepError: the structure does not stand, or no order leads to it.
+    """
+    from planning.lego.finished_structure import resequence, sequenced
+
+    assembly, structure = build_lego(lego), build_structure(lego)
+    rules = sequencing_rules(lego, robots=robots)
+    try:
+        if structure is None:
+            return resequence(assembly, rules)
+        return sequenced(assembly, structure, rules)
+    except InfeasibleStepError as error:
+        if robots > 1:
+            raise
+        alone = "  (a single robot can neither support nor hand over)"
+        raise InfeasibleStepError(f"{error.message}\n{alone}") from None
 
 
 def brick_types(assembly: LegoSection) -> dict[str, BrickType]:

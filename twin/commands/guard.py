@@ -9,10 +9,18 @@ from typing import ParamSpec
 
 import typer
 
-from planning.errors import OutputError, RobotModelError, ScenarioError, TwinError
+from planning.errors import (
+    InfeasibleStepError,
+    OutputError,
+    RobotModelError,
+    ScenarioError,
+    TwinError,
+)
 
 COMPLETED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit codes: done; the work failed or violates a guarantee; input is at fault; Ctrl-C."""
+
+_INPUTS = (ScenarioError, RobotModelError, OutputError, InfeasibleStepError)
 
 P = ParamSpec("P")
 
@@ -20,8 +28,8 @@ P = ParamSpec("P")
 def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
     """Return a command that ends with an exit code whatever happens.
 
-    ScenarioError, RobotModelError and OutputError are the user's input and end with 2, any
-    other TwinError with 1, an interrupt with 130. A command may return its own code.
+    ScenarioError, RobotModelError, OutputError and InfeasibleStepError (what is asked for cannot
+    be built) are the user's input and end with 2, any other TwinError with 1, an interrupt with 130. A command may return its own code.
     """
 
     @functools.wraps(command)
@@ -33,8 +41,7 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
             code = INTERRUPTED
         except TwinError as error:
             print_error(describe(error))
-            inputs = (ScenarioError, RobotModelError, OutputError)
-            code = BAD_INPUT if isinstance(error, inputs) else FAILED
+            code = BAD_INPUT if isinstance(error, _INPUTS) else FAILED
         raise typer.Exit(code or COMPLETED)
 
     return run

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from planning.errors import InfeasibleStepError, OutputError, ScenarioError
-from twin.commands.guard import BAD_INPUT, COMPLETED, guarded, print_error
+from twin.commands.guard import COMPLETED, guarded
 
 if TYPE_CHECKING:
     from planning.lego.sequencing import SequencedStep, SequencedStructure
@@ -29,25 +29,25 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 def sequence(scenario: File, output: Output = None, as_json: AsJson = False) -> int:
     """Find the sequence of a LEGO assembly from its finished structure.
 
-    Where the scenario gives steps, only what they build counts, not their order.
+    Where the scenario gives steps, only what they build counts, not their order. Whether robots
+    reach every brick is checked, but not what may be in their way.
     """
-    from planning.lego.finished_structure import resequence, sequenced
-    from twin.assemblies.lego import build_lego, build_structure
+    from planning.lego.step_reach import check_reach
+    from twin.assemblies.lego import find_sequence
+    from twin.cell import build_workcell
     from twin.scenario_file import load_scenario
     from twin.scenario_lego import LegoSection
 
-    lego = load_scenario(scenario).assembly
+    loaded = load_scenario(scenario)
+    lego = loaded.assembly
     if not isinstance(lego, LegoSection):
         raise ScenarioError(f"{scenario}: only a LEGO assembly has a sequence to find")
-    assembly, structure = build_lego(lego), build_structure(lego)
+    cell = build_workcell(loaded, scenario.parent)
     try:
-        if structure is None:
-            _, found = resequence(assembly)
-        else:
-            _, found = sequenced(assembly, structure)
+        assembly, found = find_sequence(lego, robots=len(cell.robots))
+        check_reach(cell, assembly)
     except InfeasibleStepError as error:
-        print_error(f"{scenario}: {error}")
-        return BAD_INPUT
+        raise InfeasibleStepError(f"{scenario}: {error}") from None
     if output is not None:
         _write(scenario, output, found)
     if as_json:
