@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from planning.errors import PlanInvariantError
@@ -26,6 +28,7 @@ class Dispatcher:
         self._names = [chain.robot for chain in tpg.chains]
         self._first = np.cumsum([0, *self._length]).tolist()
         total = self._first[-1]
+        self._chain = np.repeat(np.arange(len(self._length)), self._length).tolist()
         self._unmet = [1] * total
         for first, length in zip(self._first, self._length, strict=False):
             if length:
@@ -38,6 +41,13 @@ class Dispatcher:
             self._sources.setdefault(target, []).append(source)
             self._unmet[target] += 1
         self._done = [0] * len(self._length)
+
+    def copy(self) -> Dispatcher:
+        """Return a dispatcher in the same state; both go on independently."""
+        twin = copy(self)
+        twin._unmet = self._unmet.copy()
+        twin._done = self._done.copy()
+        return twin
 
     def ready(self) -> list[Node]:
         """Return every node that is safe and not complete, in the order of the chains."""
@@ -116,5 +126,5 @@ class Dispatcher:
         return number
 
     def _node(self, number: int) -> Node:
-        robot = int(np.searchsorted(self._first, number, side="right")) - 1
+        robot = self._chain[number]
         return robot, number - self._first[robot]

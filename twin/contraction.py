@@ -14,6 +14,7 @@ import numpy as np
 
 from scheduling.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
 from twin.durations import Nanoseconds
+from twin.halts import Halts
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,7 @@ class Contraction:
         start_ns: Sequence[Nanoseconds],
         busy_ns: Sequence[Nanoseconds],
         until_ns: int,
+        halts: Sequence[Halts] | None = None,
     ) -> tuple[tuple[Nanoseconds, ...], tuple[Nanoseconds, ...]]:
         """Return start and end of every node from the starts of the segments.
 
@@ -48,15 +50,23 @@ class Contraction:
             start_ns: start of each segment, -1 where it has not started, per chain [ns].
             busy_ns: stall and duration of each node together, per chain [ns].
             until_ns: what would start or end after this has not happened [ns].
+            halts: stops by the clock, one entry a chain.
         """
         starts, ends = [], []
-        for segment, busy, first in zip(start_ns, busy_ns, self.first, strict=True):
-            before = np.cumsum(busy) - busy
+        for k, (segment, busy, first) in enumerate(
+            zip(start_ns, busy_ns, self.first, strict=True)
+        ):
             count = np.diff(first)
-            offset = np.repeat(segment - before[first[:-1]], count)
-            begun = np.repeat(segment >= 0, count)
-            start = before + offset
-            end = start + busy
+            passed = np.cumsum(busy)
+            before = passed - busy
+            base = np.repeat(before[first[:-1]], count)
+            origin = np.repeat(segment, count)
+            begun = origin >= 0
+            if halts is None:
+                start, end = origin + before - base, origin + passed - base
+            else:
+                start = halts[k].expand(origin, before - base)
+                end = halts[k].expand(origin, passed - base)
             starts.append(np.where(begun & (start <= until_ns), start, -1))
             ends.append(np.where(begun & (end <= until_ns), end, -1))
         return tuple(starts), tuple(ends)

@@ -8,23 +8,43 @@ Time is in integer nanoseconds. Events happen in the total order (time, priority
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from planning.errors import TwinError
 from scheduling.barriers import with_barriers
+from scheduling.dispatcher import Dispatcher
+from scheduling.rollout import durations_ns, earliest_times
 from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.contraction import contract
-from twin.disturbances import RandomStalls
+from twin.contraction import Contraction, contract
+from twin.disturbances import Disturbances
 from twin.durations import Nanoseconds, NodeDurations, to_nanoseconds
-from twin.execution import Execution
+from twin.execution import Execution, Messages
+from twin.halts import Halts, sample_halts
+from twin.narrator import failure_text
+from twin.node_times import NodeTimes, NodeTimeSampler
 from twin.recorders.observers import Observers, Recorder
 from twin.run import (
     POLICIES,
     DeadlockError,
+    Outcome,
     Policy,
     Run,
 )
+
+_Times = tuple[Nanoseconds, ...]
+
+
+@dataclass(frozen=True)
+class _Course:
+    """How a run went, node by node."""
+
+    outcome: Outcome
+    start: _Times
+    end: _Times
+    now_ns: int
+    deadlock: str = ""
 
 
 class Simulator:
@@ -38,22 +58,32 @@ class Simulator:
         policy: Policy = "asynchronous",
         queue_depth: int = 1,
         latency_s: float = 0.0,
-        stalls: RandomStalls | None = None,
+        report_latency_s: float | None = None,
+        release_latency_s: float | None = None,
+        disturbances: Disturbances | None = None,
     ) -> None:
         """Keep what all runs share."""
         if policy not in POLICIES:
             raise TwinError(f"no policy {policy!r}", choices=POLICIES)
-        if queue_depth < 1:
-            raise TwinError(f"queue_depth must be at least 1, not {queue_depth}")
-        if not 0 <= latency_s < np.inf:
-            raise TwinError(f"latency_s must be at least 0, not {latency_s}")
         self.tpg = tpg = with_barriers(tpg) if policy == "synchronous" else tpg
-        self.durations = durations
         self.policy: Policy = policy
-        self.queue_depth = queue_depth
-        self.latency_ns = int(to_nanoseconds(latency_s))
-        self.stalls = stalls
-        self._contraction = contract(tpg) if self.latency_ns == 0 else None
+        self.messages = _messages(
+            queue_depth, latency_s, report_latency_s, release_latency_s
+        )
+        self.disturbances = disturbances
+        self._sampler = NodeTimeSampler(tpg, durations, disturbances)
+        self._dispatcher = Dispatcher(tpg)
+        self._contraction: Contraction | None = None
+        self._planned: _Times | None = None
+        if policy == "open-loop":
+            self._planned = planned_starts(tpg)
+        elif self.messages.instant:
+            self._contraction = contract(tpg)
+            self._contracted_dispatcher = Dispatcher(self._contraction.tpg)
+
+    def sample(self, *, seed: int, replication: int = 0) -> NodeTimes:
+        """Return what every node takes in one replication; see sample_node_times."""
+        return self._sampler.sample(seed=seed, replication=replication)
 
     def run(
         self,
@@ -63,64 +93,204 @@ class Simulator:
         recorders: Sequence[Recorder] = (),
     ) -> Run:
         """Execute the TPG once."""
-        tpg = self.tpg
-        duration = self.durations.sample(tpg, seed=seed, replication=replication)
-        stall = (
-            self.stalls.sample(tpg, seed=seed, replication=replication)
-            if self.stalls is not None
-            else tuple(np.zeros(len(chain), dtype=np.int64) for chain in tpg.chains)
+        times = self.sample(seed=seed, replication=replication)
+        halts = sample_halts(
+            self.tpg, self.disturbances, seed=seed, replication=replication
         )
-        contraction = None if recorders else self._contraction
-        if contraction is None:
-            execution = self._execution(tpg, duration, stall, recorders)
-            outcome = execution.execute()
-            start, end = _arrays(execution.start), _arrays(execution.end)
+        if recorders:
+            course = self._node_by_node(times, halts, recorders)
+        elif self._contraction is not None:
+            course = self._segment_by_segment(self._contraction, times, halts)
+        elif self._planned is not None and halts is None:
+            course = _open_loop(self._planned, times)
         else:
-            busy = tuple(d + s for d, s in zip(duration, stall, strict=True))
-            segments = contraction.sums(busy)
-            nothing = [np.zeros_like(s) for s in segments]
-            execution = self._execution(contraction.tpg, segments, nothing, ())
-            outcome = execution.execute()
-            start, end = contraction.expand(
-                _arrays(execution.start), busy, execution.now_ns
-            )
-        run = Run(
-            outcome=outcome,
+            course = self._node_by_node(times, halts, ())
+        run = self._run_of(course, times, halts, seed, replication)
+        if course.deadlock:
+            raise DeadlockError(course.deadlock, run)
+        return run
+
+    def _node_by_node(
+        self,
+        times: NodeTimes,
+        halts: tuple[Halts, ...] | None,
+        recorders: Sequence[Recorder],
+    ) -> _Course:
+        execution = Execution(
+            self.tpg,
+            times,
+            policy=self.policy,
+            messages=self.messages,
+            dispatcher=self._dispatcher.copy(),
+            halts=halts,
+            planned=None
+            if self._planned is None
+            else [start.tolist() for start in self._planned],
+            observers=Observers(recorders),
+        )
+        outcome = execution.execute()
+        return _Course(
+            outcome,
+            _arrays(execution.start),
+            _arrays(execution.end),
+            execution.now_ns,
+            _deadlock(execution, outcome),
+        )
+
+    def _segment_by_segment(
+        self,
+        contraction: Contraction,
+        times: NodeTimes,
+        halts: tuple[Halts, ...] | None,
+    ) -> _Course:
+        """Execute whole segments, and work out the times of their nodes afterwards."""
+        busy = _busy(times)
+        sums = contraction.sums(busy)
+        failed = tuple(
+            -1 if node < 0 else int(np.searchsorted(first, node, side="right")) - 1
+            for node, first in zip(times.failed, contraction.first, strict=True)
+        )
+        nothing = tuple(np.zeros_like(total) for total in sums)
+        execution = Execution(
+            contraction.tpg,
+            NodeTimes(nothing, sums, (), failed),
+            policy=self.policy,
+            messages=self.messages,
+            dispatcher=self._contracted_dispatcher.copy(),
+            halts=halts,
+        )
+        outcome = execution.execute()
+        start, end = contraction.expand(
+            _arrays(execution.start), busy, execution.now_ns, halts
+        )
+        _cut_failed(times, start, end)
+        deadlock = _deadlock(execution, outcome)
+        return _Course(outcome, start, end, execution.now_ns, deadlock)
+
+    def _run_of(
+        self,
+        course: _Course,
+        times: NodeTimes,
+        halts: tuple[Halts, ...] | None,
+        seed: int,
+        replication: int,
+    ) -> Run:
+        failed = [
+            k
+            for k, node in enumerate(times.failed)
+            if course.outcome != "aborted" and node >= 0 and course.start[k][node] >= 0
+        ]
+        makespan = course.now_ns
+        if course.outcome != "aborted":
+            # The last report may still be on its way when the last node is complete.
+            makespan = max((int(e.max()) for e in course.end if len(e)), default=0)
+            for k in failed:
+                node = times.failed[k]
+                begun, stall = int(course.start[k][node]), int(times.stall[k][node])
+                stood = begun + stall
+                if halts is not None:
+                    stood = halts[k].advance(begun, stall)
+                makespan = max(makespan, stood)
+        return Run(
+            outcome=course.outcome,
             policy=self.policy,
             seed=seed,
             replication=replication,
-            duration_ns=duration,
-            stall_ns=stall,
-            start_ns=start,
-            end_ns=end,
-            # The last report may still be on its way when the last node is complete.
-            makespan_ns=max((int(e[-1]) for e in end if len(e)), default=0)
-            if outcome == "completed"
-            else execution.now_ns,
-        )
-        if outcome == "failed":
-            raise DeadlockError(execution.deadlock(), run)
-        return run
-
-    def _execution(
-        self,
-        tpg: TemporalPlanGraph,
-        duration: Sequence[Nanoseconds],
-        stall: Sequence[Nanoseconds],
-        recorders: Sequence[Recorder],
-    ) -> Execution:
-        return Execution(
-            tpg,
-            duration,
-            stall,
-            policy=self.policy,
-            queue_depth=self.queue_depth,
-            latency_ns=self.latency_ns,
-            observers=Observers(recorders),
+            duration_ns=times.motion,
+            stall_ns=times.stall,
+            start_ns=course.start,
+            end_ns=course.end,
+            makespan_ns=max(makespan, 0),
+            standstills=times.standstills,
+            halts_ns=()
+            if halts is None
+            else tuple(own.intervals(max(makespan, 0)) for own in halts),
+            failed_nodes=tuple(
+                times.failed[k] if k in failed else -1
+                for k in range(len(self.tpg.chains))
+            ),
+            failure="; ".join(failure_text(self.tpg, times, k) for k in failed),
         )
 
 
-def _arrays(rows: Sequence[Sequence[int]]) -> tuple[Nanoseconds, ...]:
+def planned_starts(tpg: TemporalPlanGraph) -> _Times:
+    """Return the planned clock: when every node starts if all take their planned time [ns].
+
+    Nodes wait for what the graph says, in the plan. In execution, nobody waits for anybody.
+    """
+    return tuple(earliest_times(tpg, durations_ns(tpg)).start)
+
+
+def _open_loop(planned: _Times, times: NodeTimes) -> _Course:
+    """Return the course of a run in which every robot follows the planned clock.
+
+    A node starts at its planned start, or when the robot is done with the one before.
+    """
+    starts, ends = [], []
+    for clock, busy in zip(planned, _busy(times), strict=True):
+        before = np.cumsum(busy) - busy
+        start = before + np.maximum.accumulate(clock - before)
+        starts.append(start)
+        ends.append(start + busy)
+    _cut_failed(times, tuple(starts), tuple(ends))
+    outcome: Outcome = "completed" if max(times.failed, default=-1) < 0 else "failed"
+    return _Course(outcome, tuple(starts), tuple(ends), 0)
+
+
+def _busy(times: NodeTimes) -> _Times:
+    """Return stall and motion of every node together; what has failed does not move."""
+    busy = []
+    for motion, stall, failed in zip(
+        times.motion, times.stall, times.failed, strict=True
+    ):
+        total = motion + stall
+        if failed >= 0:
+            total[failed] = stall[failed]
+            total[failed + 1 :] = 0
+        busy.append(total)
+    return tuple(busy)
+
+
+def _cut_failed(times: NodeTimes, start: _Times, end: _Times) -> None:
+    """Take back what comes after a task that failed for good."""
+    for node, begun, done in zip(times.failed, start, end, strict=True):
+        if node >= 0:
+            begun[node + 1 :] = -1
+            done[node:] = -1
+
+
+def _deadlock(execution: Execution, outcome: Outcome) -> str:
+    if outcome == "failed" and not execution.failed:
+        return execution.deadlock()
+    return ""
+
+
+def _messages(
+    queue_depth: int,
+    latency_s: float,
+    report_latency_s: float | None,
+    release_latency_s: float | None,
+) -> Messages:
+    if queue_depth < 1:
+        raise TwinError(f"queue_depth must be at least 1, not {queue_depth}")
+    latencies = {
+        "latency_s": latency_s,
+        "report_latency_s": latency_s if report_latency_s is None else report_latency_s,
+        "release_latency_s": latency_s
+        if release_latency_s is None
+        else release_latency_s,
+    }
+    for name, value in latencies.items():
+        if not 0 <= value < np.inf:
+            raise TwinError(f"{name} must be at least 0, not {value}")
+    return Messages(
+        queue_depth,
+        int(to_nanoseconds(latencies["report_latency_s"])),
+        int(to_nanoseconds(latencies["release_latency_s"])),
+    )
+
+
+def _arrays(rows: Sequence[Sequence[int]]) -> _Times:
     return tuple(np.array(row, dtype=np.int64) for row in rows)
 
 
@@ -133,7 +303,9 @@ def simulate(
     policy: Policy = "asynchronous",
     queue_depth: int = 1,
     latency_s: float = 0.0,
-    stalls: RandomStalls | None = None,
+    report_latency_s: float | None = None,
+    release_latency_s: float | None = None,
+    disturbances: Disturbances | None = None,
     recorders: Sequence[Recorder] = (),
 ) -> Run:
     """Execute a TPG once.
@@ -145,18 +317,23 @@ def simulate(
         policy: ``"asynchronous"`` releases whatever the TPG says is safe; ``"sequential"`` lets
             one robot work at a time, always on the first task in planned order that is safe;
             ``"synchronous"`` lets nobody enter a slot of the plan before everyone has left the
-            one before.
+            one before; in ``"open-loop"`` every robot follows the planned clock and waits for
+            nobody, so that robots may collide.
         queue_depth: actions sent to a robot of which completion is not yet reported, at most.
         latency_s: time a message takes between robot and dispatcher, either way [s].
-        stalls: random stalls, None for none.
+        report_latency_s, release_latency_s: the same from robot to dispatcher and from
+            dispatcher to robot, where they differ [s].
+        disturbances: what may go wrong.
         recorders: told of every event, then closed.
 
     Returns:
         The run. After a KeyboardInterrupt its outcome is ``"aborted"`` and it holds what
-        happened until then.
+        happened until then. When a task fails for good its robot stops, the others go on as
+        far as the TPG allows, and the outcome is ``"failed"``.
 
     Raises:
-        DeadlockError: no robot can go on, which no valid TPG brings about.
+        DeadlockError: no robot can go on although none has failed, which no valid TPG brings
+            about.
         PlanInvariantError: the policy is synchronous, but the plan was not made in slots.
         TwinError: an argument is out of range.
     """
@@ -166,6 +343,8 @@ def simulate(
         policy=policy,
         queue_depth=queue_depth,
         latency_s=latency_s,
-        stalls=stalls,
+        report_latency_s=report_latency_s,
+        release_latency_s=release_latency_s,
+        disturbances=disturbances,
     )
     return simulator.run(seed=seed, replication=replication, recorders=recorders)

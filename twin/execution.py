@@ -2,26 +2,48 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Generator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import simpy
 from simpy.events import EventPriority
 
 from scheduling.dispatcher import Dispatcher
 from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import NANOSECONDS, Nanoseconds
-from twin.events import Event, EventKind
+from twin.durations import NANOSECONDS
+from twin.halts import Halts
+from twin.narrator import Narrator, failure_text, waiting_cause
+from twin.node_times import NodeTimes
 from twin.recorders.observers import Observers
-from twin.run import Outcome, Policy, waypoint_offsets_ns
+from twin.run import Outcome, Policy
 
 _LAST = EventPriority(9)
 """Priority of what happens after everything else at the same time."""
 
 _Steps = Generator[simpy.Event, Any, None]
-_Change = tuple[int, str, str | None]
+
+
+@dataclass(frozen=True)
+class Messages:
+    """How robots and dispatcher talk.
+
+    Attributes:
+        queue_depth: actions sent to a robot of which completion is not yet reported, at most.
+        report_ns: time a message takes from robot to dispatcher [ns].
+        release_ns: time a message takes from dispatcher to robot [ns].
+    """
+
+    queue_depth: int = 1
+    report_ns: int = 0
+    release_ns: int = 0
+
+    @property
+    def instant(self) -> bool:
+        """Whether messages take no time; then the depth of the queues makes no difference."""
+        return self.report_ns == 0 and self.release_ns == 0
 
 
 class Execution:
@@ -30,36 +52,53 @@ class Execution:
     def __init__(
         self,
         tpg: TemporalPlanGraph,
-        duration: Sequence[Nanoseconds],
-        stall: Sequence[Nanoseconds],
+        times: NodeTimes,
         *,
         policy: Policy,
-        queue_depth: int,
-        latency_ns: int,
-        observers: Observers,
+        messages: Messages,
+        dispatcher: Dispatcher,
+        halts: Sequence[Halts] | None = None,
+        planned: Sequence[Sequence[int]] | None = None,
+        observers: Observers | None = None,
     ) -> None:
-        """Set the cell up at time 0; see twin.engine.simulate for the arguments."""
+        """Set the cell up at time 0.
+
+        Args:
+            tpg: what to execute.
+            times: how long every node takes and stands.
+            policy: see twin.engine.simulate.
+            messages: between robots and dispatcher.
+            dispatcher: of the graph, nothing complete yet.
+            halts: stops by the clock, one entry a chain.
+            planned: start of every node by the planned clock [ns], for ``open-loop``.
+            observers: told of every event.
+        """
         self.tpg = tpg
-        self.observers = observers
-        self.watched = bool(observers)
+        self.times = times
         self.sequential = policy == "sequential"
-        self.queue_depth = queue_depth
-        self.latency = latency_ns
+        self.queue_depth = messages.queue_depth
+        self.report_ns, self.release_ns = messages.report_ns, messages.release_ns
+        self.halts = halts
+        self.planned = planned if policy == "open-loop" else None
         self.env = simpy.Environment(initial_time=0)
-        self.dispatcher = Dispatcher(tpg)
+        self.dispatcher = dispatcher
+        self.narrator = (
+            Narrator(tpg, times, observers, lambda: int(self.env.now))
+            if observers
+            else None
+        )
         self.task = [chain.task.tolist() for chain in tpg.chains]
-        self.duration = [d.tolist() for d in duration]
-        self.stall = [s.tolist() for s in stall]
+        self.motion = [motion.tolist() for motion in times.motion]
+        self.stall = [stall.tolist() for stall in times.stall]
         self.start = [[-1] * len(chain) for chain in tpg.chains]
         self.end = [[-1] * len(chain) for chain in tpg.chains]
         self.queue: list[deque[int]] = [deque() for _ in tpg.chains]
         self.idle: list[simpy.Event | None] = [None] * len(tpg.chains)
         self.outstanding = [0] * len(tpg.chains)
         self.released = [0] * len(tpg.chains)
+        self.failed: list[int] = []
         self.reports: list[tuple[int, int]] = []
         self.report_arrived = self.env.event()
-        self.handlings = self._handlings_by_node() if self.watched else {}
-        self.holder: dict[str, str] = {}
 
     @property
     def now_ns(self) -> int:
@@ -70,19 +109,26 @@ class Execution:
         """Run until everything is done, nothing can go on, or the user interrupts."""
         for chain in range(len(self.tpg.chains)):
             self.env.process(self._robot(chain))
-        self.env.process(self._dispatch())
+        if self.planned is None:
+            self.env.process(self._dispatch())
         outcome: Outcome = "completed"
         try:
-            self.env.run()
+            if self.narrator is not None and self.halts is not None:
+                self._run_and_tell_of_halts(self.narrator, self.halts)
+            else:
+                self.env.run()
             if any(end and end[-1] < 0 for end in self.end):
                 outcome = "failed"
-                self._emit("failed", detail=self.deadlock())
+                if self.narrator is not None and not self.failed:
+                    self.narrator.emit("failed", detail=self.deadlock())
         except KeyboardInterrupt:
             outcome = "aborted"
-            self._emit("stopped", detail="interrupted by the user")
+            if self.narrator is not None:
+                self.narrator.emit("stopped", detail="interrupted by the user")
         finally:
-            self._emit("finished", detail=outcome)
-            self.observers.close()
+            if self.narrator is not None:
+                self.narrator.emit("finished", detail=outcome)
+                self.narrator.close()
         return outcome
 
     def deadlock(self) -> str:
@@ -97,77 +143,136 @@ class Execution:
     # Robots
 
     def _robot(self, chain: int) -> _Steps:
-        env, queue = self.env, self.queue[chain]
-        duration, stall = self.duration[chain], self.stall[chain]
+        env, queue, narrator = self.env, self.queue[chain], self.narrator
+        motion, stall = self.motion[chain], self.stall[chain]
         start, end = self.start[chain], self.end[chain]
-        for node in range(len(duration)):
-            if not queue:
-                arrival = self.idle[chain] = env.event()
-                if self.watched:
-                    self._after_everything_else(chain, node)
-                yield arrival
-            queue.popleft()
-            start[node] = self.now_ns
-            if self.watched:
-                yield from self._execute_watched(chain, node)
+        halts = None if self.halts is None else self.halts[chain]
+        failed = self.times.failed[chain]
+        for node in range(len(motion)):
+            if self.planned is not None:
+                yield from self._until_planned(chain, node)
             else:
-                yield env.timeout(stall[node] + duration[node])
-            end[node] = self.now_ns
-            self._report(chain, node)
-        if self.watched:
-            self._emit("finished", chain)
+                if not queue:
+                    arrival = self.idle[chain] = env.event()
+                    if narrator is not None:
+                        self._after_everything_else(narrator, chain, node)
+                    yield arrival
+                queue.popleft()
+            if (
+                halts is not None
+                and (stop := halts.after(self.now_ns) - self.now_ns) > 0
+            ):
+                yield env.timeout(stop)
+            start[node] = int(env.now)
+            if narrator is not None:
+                yield from self._execute_watched(narrator, chain, node)
+            else:
+                busy = stall[node] + (motion[node] if node != failed else 0)
+                yield self._work(chain, busy)
+            if node == failed:
+                self.failed.append(chain)
+                return
+            end[node] = int(env.now)
+            if self.planned is None:
+                self._report(chain, node)
+        if narrator is not None:
+            narrator.emit("finished", chain)
 
-    def _execute_watched(self, chain: int, node: int) -> _Steps:
+    def _work(self, chain: int, busy_ns: int) -> simpy.Event:
+        """Return the end of some work that begins now; stops by the clock make it later."""
+        if self.halts is None:
+            return self.env.timeout(busy_ns)
+        now = self.now_ns
+        return self.env.timeout(self.halts[chain].advance(now, busy_ns) - now)
+
+    def _until_planned(self, chain: int, node: int) -> _Steps:
+        """Wait until the planned start of a node, whatever the others do."""
+        assert self.planned is not None
+        early = self.planned[chain][node] - self.now_ns
+        if early > 0:
+            if self.narrator is not None:
+                at = f"{self.planned[chain][node] / NANOSECONDS:.3f} s"
+                detail = f"waits for its planned start at {at}"
+                self.narrator.emit("waiting", chain, node, detail=detail)
+            yield self.env.timeout(early)
+
+    def _execute_watched(self, narrator: Narrator, chain: int, node: int) -> _Steps:
         """Execute a node and tell of everything that happens in it."""
-        env = self.env
-        self._emit("started", chain, node)
-        stall = self.stall[chain][node]
-        if stall > 0:
-            self._emit(
-                "stalled", chain, node, detail=f"for {stall / NANOSECONDS:.3f} s"
-            )
-            yield env.timeout(stall)
-            self._emit("resumed", chain, node)
+        narrator.emit("started", chain, node)
+        failed = node == self.times.failed[chain]
+        stands = narrator.standstills(chain, node)
+        attempt = 0
+        for k, entry in enumerate(stands):
+            narrator.stands(chain, node, entry)
+            yield self._work(chain, entry.duration_ns)
+            attempt += entry.cause == "retry"
+            if failed and k == len(stands) - 1:
+                detail = failure_text(self.tpg, self.times, chain)
+                narrator.emit("failed", chain, node, detail=detail)
+                return
+            narrator.goes_on(chain, node, entry, attempt)
         passed = 0
-        for offset, name, holder in self.handlings.get((chain, node), ()):
+        for offset, name, holder in narrator.handlings(chain, node):
             if offset > passed:
-                yield env.timeout(offset - passed)
+                yield self._work(chain, offset - passed)
                 passed = offset
-            self._handle(chain, node, name, holder)
-        if self.duration[chain][node] > passed:
-            yield env.timeout(self.duration[chain][node] - passed)
-        self._emit("completed", chain, node)
+            narrator.handle(chain, node, name, holder)
+        if self.motion[chain][node] > passed:
+            yield self._work(chain, self.motion[chain][node] - passed)
+        narrator.emit("completed", chain, node)
 
-    def _handle(self, chain: int, node: int, name: str, holder: str | None) -> None:
-        giver = self.holder.pop(name, None)
-        if holder is None:
-            detail = "comes up at its station" if giver is None else "put down"
-            self._emit("detached", chain, node, name, detail)
-            return
-        self.holder[name] = holder
-        detail = f"to {holder}" if giver is None else f"from {giver} to {holder}"
-        self._emit("attached", chain, node, name, detail)
-
-    def _after_everything_else(self, chain: int, node: int) -> None:
+    def _after_everything_else(self, narrator: Narrator, chain: int, node: int) -> None:
         """Tell that a robot waits unless a node reaches it at this very time."""
 
         def tell(_: simpy.Event) -> None:
             if self.idle[chain] is not None and self.start[chain][node] < 0:
-                self._emit("waiting", chain, node, detail=self._cause(chain, node))
+                narrator.emit("waiting", chain, node, detail=self._cause(chain, node))
 
         check = self.env.event()
         check._ok, check._value = True, None
         check.callbacks.append(tell)
         self.env.schedule(check, priority=_LAST)
 
+    def _cause(self, chain: int, node: int) -> str:
+        return waiting_cause(
+            self.tpg, self.dispatcher, chain, node, sequential=self.sequential
+        )
+
+    def _run_and_tell_of_halts(
+        self, narrator: Narrator, halts: Sequence[Halts]
+    ) -> None:
+        """Run, and tell of stops by the clock before anything else at their time.
+
+        They are not events of the simulation: nobody would know when to stop waiting for them.
+        """
+        edge = min(own.next_edge(-1) for own in halts)
+        while (upcoming := self.env.peek()) < math.inf:
+            while edge <= upcoming:
+                for chain in range(len(halts)):
+                    if self._has_work_left(chain):
+                        node = self._under_way(chain)
+                        narrator.stopped(halts, chain, node, edge)
+                edge = min(own.next_edge(edge) for own in halts)
+            self.env.step()
+
+    def _has_work_left(self, chain: int) -> bool:
+        end = self.end[chain]
+        return bool(end) and end[-1] < 0 and chain not in self.failed
+
+    def _under_way(self, chain: int) -> int:
+        """Return the node that a robot has started and not completed, -1 for none."""
+        done = sum(end >= 0 for end in self.end[chain])
+        begun = done < len(self.end[chain]) and self.start[chain][done] >= 0
+        return done if begun else -1
+
     # Messages
 
     def _report(self, chain: int, node: int) -> None:
         """Send the dispatcher word that a node is complete."""
-        if self.latency == 0:
+        if self.report_ns == 0:
             self._receive_report(chain, node)
         else:
-            message = self.env.timeout(self.latency)
+            message = self.env.timeout(self.report_ns)
             message.callbacks.append(lambda _: self._receive_report(chain, node))
 
     def _receive_report(self, chain: int, node: int) -> None:
@@ -177,10 +282,10 @@ class Execution:
 
     def _send(self, chain: int, node: int) -> None:
         """Send a robot its next node."""
-        if self.latency == 0:
+        if self.release_ns == 0:
             self._enqueue(chain, node)
         else:
-            message = self.env.timeout(self.latency)
+            message = self.env.timeout(self.release_ns)
             message.callbacks.append(lambda _: self._enqueue(chain, node))
 
     def _enqueue(self, chain: int, node: int) -> None:
@@ -234,48 +339,6 @@ class Execution:
         node = self.released[chain]
         self.released[chain] += 1
         self.outstanding[chain] += 1
-        if self.watched:
-            self._emit("released", chain, node)
+        if self.narrator is not None:
+            self.narrator.emit("released", chain, node)
         self._send(chain, node)
-
-    # Events
-
-    def _emit(
-        self,
-        kind: EventKind,
-        chain: int = -1,
-        node: int = -1,
-        name: str = "",
-        detail: str = "",
-    ) -> None:
-        robot = self.tpg.chains[chain].robot if chain >= 0 else ""
-        task = self.task[chain][node] if node >= 0 else -1
-        self.observers.record(Event(self.now_ns, robot, kind, task, node, name, detail))
-
-    def _cause(self, chain: int, node: int) -> str:
-        """Return what a node that has not been received is waiting for."""
-        waited_for = [
-            f"{self.tpg.chains[k].robot} to complete node {n} "
-            f"({self.tpg.tasks[self.task[k][n]].label})"
-            for k, n in self.dispatcher.waits_for(chain, node)
-        ]
-        if waited_for:
-            return "waits for " + " and ".join(waited_for)
-        return "waits for its turn" if self.sequential else "waits for its release"
-
-    def _handlings_by_node(self) -> dict[tuple[int, int], list[_Change]]:
-        """Return (offset, object, holder) of the handlings of each node, in order of time."""
-        offsets = [
-            waypoint_offsets_ns(chain, np.array(duration, dtype=np.int64))
-            for chain, duration in zip(self.tpg.chains, self.duration, strict=True)
-        ]
-        found: dict[tuple[int, int], list[_Change]] = {}
-        for item in self.tpg.handlings:
-            chain = self.tpg.chains[item.robot]
-            waypoint = int(chain.first[item.node]) + item.waypoint - 1
-            offset = int(offsets[item.robot][waypoint]) if item.waypoint > 0 else 0
-            change = (offset, item.object, item.holder)
-            found.setdefault((item.robot, item.node), []).append(change)
-        for changes in found.values():
-            changes.sort(key=lambda change: change[0])
-        return found

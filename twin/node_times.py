@@ -8,6 +8,7 @@ times of the run's clock is in ``twin.halts``.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Literal
 
@@ -22,6 +23,7 @@ from twin.durations import (
     DurationModel,
     Nanoseconds,
     NodeDurations,
+    SkillDurations,
     to_nanoseconds,
 )
 
@@ -81,35 +83,63 @@ def sample_node_times(
         disturbances: what may go wrong; those at times of the run's clock play no part here.
         seed, replication: name the draws.
     """
-    motion = durations.sample(tpg, seed=seed, replication=replication)
-    if disturbances is None:
-        zeros = tuple(np.zeros(len(chain), dtype=np.int64) for chain in tpg.chains)
-        nothing = tuple(() for _ in tpg.chains)
-        return NodeTimes(motion, zeros, nothing, tuple(-1 for _ in tpg.chains))
-    counted = (
-        disturbances.stalls.sample(tpg, seed=seed, replication=replication)
-        if disturbances.stalls is not None and disturbances.stalls.count_per_robot
-        else None
-    )
-    moves, stalls, stands, fails = [], [], [], []
-    for k, chain in enumerate(tpg.chains):
-        draws = _ChainDraws(tpg, chain, seed, replication)
-        moving = _moving(draws, motion[k], disturbances)
-        found: list[Standstill] = []
-        if counted is not None:
-            for node in np.flatnonzero(counted[k]).tolist():
-                found.append(Standstill(node, "stall", int(counted[k][node])))
-        found += _interruptions(draws, moving, disturbances)
-        retries, failed = _failed_attempts(draws, moving, disturbances)
-        found = sorted(found + retries, key=lambda entry: entry.node)
-        stall = np.zeros(len(chain), dtype=np.int64)
-        for entry in found:
-            stall[entry.node] += entry.duration_ns
-        moves.append(moving)
-        stalls.append(stall)
-        stands.append(tuple(found))
-        fails.append(failed)
-    return NodeTimes(tuple(moves), tuple(stalls), tuple(stands), tuple(fails))
+    sampler = NodeTimeSampler(tpg, durations, disturbances)
+    return sampler.sample(seed=seed, replication=replication)
+
+
+class NodeTimeSampler:
+    """Draws what the nodes of one graph take, as often as asked; see sample_node_times."""
+
+    def __init__(
+        self,
+        tpg: TemporalPlanGraph,
+        durations: NodeDurations,
+        disturbances: Disturbances | None = None,
+    ) -> None:
+        """Keep what all replications share."""
+        self._tpg = tpg
+        self._durations = durations
+        self._bound = (
+            durations.bind(tpg) if isinstance(durations, SkillDurations) else None
+        )
+        self._disturbances = disturbances or Disturbances()
+        self._draws = [_ChainDraws(tpg, chain) for chain in tpg.chains]
+
+    def sample(self, *, seed: int, replication: int = 0) -> NodeTimes:
+        """Draw one replication."""
+        tpg, disturbances = self._tpg, self._disturbances
+        motion = self._motion(seed, replication)
+        counted = None
+        if disturbances.stalls is not None and disturbances.stalls.count_per_robot:
+            counted = disturbances.stalls.sample(
+                tpg, seed=seed, replication=replication
+            )
+        moves, stalls, stands, fails = [], [], [], []
+        for k, shared in enumerate(self._draws):
+            draws = shared.named_by(seed, replication)
+            moving = _moving(draws, motion[k], disturbances)
+            found: list[Standstill] = []
+            if counted is not None:
+                for node in np.flatnonzero(counted[k]).tolist():
+                    found.append(Standstill(node, "stall", int(counted[k][node])))
+            found += _interruptions(draws, moving, disturbances)
+            retries, failed = _failed_attempts(draws, moving, disturbances)
+            found = sorted(found + retries, key=lambda entry: entry.node)
+            stall = np.zeros(len(moving), dtype=np.int64)
+            for entry in found:
+                stall[entry.node] += entry.duration_ns
+            moves.append(moving)
+            stalls.append(stall)
+            stands.append(tuple(found))
+            fails.append(failed)
+        return NodeTimes(tuple(moves), tuple(stalls), tuple(stands), tuple(fails))
+
+    def _motion(self, seed: int, replication: int) -> tuple[Nanoseconds, ...]:
+        """Return the undisturbed durations."""
+        if self._bound is None:
+            return self._durations.sample(self._tpg, seed=seed, replication=replication)
+        rows = self._bound.durations(seed=seed, replications=[replication])
+        return tuple(np.ascontiguousarray(row[0]) for row in rows)
 
 
 class _ChainDraws:
@@ -122,15 +152,19 @@ class _ChainDraws:
         first: first node of each task and the number of nodes, shape (tasks + 1,).
     """
 
-    def __init__(
-        self, tpg: TemporalPlanGraph, chain: NodeChain, seed: int, replication: int
-    ) -> None:
+    def __init__(self, tpg: TemporalPlanGraph, chain: NodeChain) -> None:
         self.chain = chain
-        self.seed, self.replication = seed, replication
+        self.seed, self.replication = 0, 0
         opens = np.flatnonzero(np.diff(chain.task, prepend=-1) != 0)
         self.tasks: Indices = chain.task[opens]
         self.kinds = [tpg.tasks[task].kind for task in self.tasks.tolist()]
         self.first: Indices = np.append(opens, len(chain)).astype(np.int64)
+
+    def named_by(self, seed: int, replication: int) -> _ChainDraws:
+        """Return the draws of one replication."""
+        named = copy(self)
+        named.seed, named.replication = seed, replication
+        return named
 
     def draw(self, which: Indices, purpose: str, index: Indices | int = 0) -> Array:
         """Return one uniform for each of some of the tasks, given by their place in ``tasks``."""

@@ -10,6 +10,7 @@ import numpy as np
 from planning.errors import TwinError
 from scheduling.temporal_plan_graph import NodeChain
 from twin.durations import NANOSECONDS, Nanoseconds
+from twin.node_times import Standstill
 
 Outcome = Literal["completed", "failed", "aborted"]
 Policy = Literal["asynchronous", "sequential", "synchronous", "open-loop"]
@@ -53,6 +54,11 @@ class Run:
         start_ns: when each node started [ns].
         end_ns: when each node was complete [ns].
         makespan_ns: end of the last node, or when the run was broken off [ns].
+        standstills: what ``stall_ns`` is made of, one entry a chain.
+        halts_ns: when each robot was stopped by the clock, also in the middle of a node:
+            start and end, without overlaps, one entry a chain [ns]. Node times include this.
+        failed_nodes: the node at which each robot failed for good, -1 for none.
+        failure: what failed, for people; empty when nothing did.
     """
 
     outcome: Outcome
@@ -64,6 +70,10 @@ class Run:
     start_ns: tuple[Nanoseconds, ...]
     end_ns: tuple[Nanoseconds, ...]
     makespan_ns: int
+    standstills: tuple[tuple[Standstill, ...], ...] = ()
+    halts_ns: tuple[tuple[tuple[int, int], ...], ...] = ()
+    failed_nodes: tuple[int, ...] = ()
+    failure: str = ""
 
     @property
     def makespan_s(self) -> float:
@@ -73,17 +83,24 @@ class Run:
     def wait_ns(self, chain: int) -> int:
         """Return how long a robot waited until its last node was complete [ns].
 
-        That is the end of its last node minus the durations and stalls of its nodes.
+        That is the end of its last node minus the durations and stalls of its nodes, and
+        minus the time for which the clock had stopped it.
         """
         done = self.end_ns[chain] >= 0
         if not np.any(done):
             return 0
         busy = self.duration_ns[chain][done].sum() + self.stall_ns[chain][done].sum()
-        return int(self.end_ns[chain][done][-1] - busy)
+        end = int(self.end_ns[chain][done][-1])
+        return end - int(busy) - self.halted_ns(chain, end)
 
     def stalled_ns(self, chain: int) -> int:
         """Return how long a robot stalled in the nodes that it completed [ns]."""
         return int(self.stall_ns[chain][self.end_ns[chain] >= 0].sum())
+
+    def halted_ns(self, chain: int, until_ns: int) -> int:
+        """Return for how long the clock had stopped a robot before a time [ns]."""
+        halts = self.halts_ns[chain] if self.halts_ns else ()
+        return sum(min(b, until_ns) - a for a, b in halts if a < until_ns)
 
     def waits(self) -> tuple[Wait, ...]:
         """Return every wait that ended, by chain and time."""

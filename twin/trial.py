@@ -10,10 +10,6 @@ from typing import Any
 
 from scheduling.plan_files import save_plan
 from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.disturbances import RandomStalls
-from twin.duration_models import skill_models
-from twin.durations import SkillDurations
-from twin.engine import simulate
 from twin.events import Event
 from twin.gantt import draw_gantt
 from twin.progress import Report, report_nothing
@@ -33,6 +29,7 @@ from twin.run_folder import (
 )
 from twin.scenario import Scenario, resolved
 from twin.silence import silenced
+from twin.simulation import scenario_simulator
 from twin.summary import summarise, write_summary
 from twin.trajectory import object_placements, robot_trajectories
 
@@ -151,18 +148,8 @@ def execute(
     Raises:
         DeadlockError: no robot could go on.
     """
-    execution = scenario.execution
-    low, high = execution.stalls.duration_s
-    return simulate(
-        tpg,
-        SkillDurations(skill_models(scenario, base)),
-        seed=scenario.seed,
-        policy=policy,
-        queue_depth=execution.queue_depth,
-        latency_s=execution.latency_s,
-        stalls=RandomStalls(execution.stalls.count_per_robot, (low, high)),
-        recorders=recorders,
-    )
+    simulator = scenario_simulator(scenario, tpg, base, policy=policy)
+    return simulator.run(seed=scenario.seed, recorders=recorders)
 
 
 def _write_records(

@@ -12,7 +12,7 @@ from scheduling.rollout import earliest_times
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.contraction import contract
-from twin.disturbances import RandomStalls
+from twin.disturbances import Disturbances, RandomStalls
 from twin.durations import SkillDurations, packaged_timings
 from twin.engine import Simulator, simulate
 from twin.events import Event
@@ -103,7 +103,7 @@ def test_a_stall_delays_the_robot_and_those_that_wait_for_it() -> None:
         tpg,
         NOMINAL,
         seed=0,
-        stalls=RandomStalls(3, (2.0, 2.0)),
+        disturbances=Disturbances(stalls=RandomStalls(3, (2.0, 2.0))),
         recorders=[recorder],
     )
     assert (run.start_ns[0] / 1e9).tolist() == [0.0, 3.0, 6.0]
@@ -175,7 +175,13 @@ def test_stalls_lengthen_nodes_and_nothing_else(
     ]
     earliest = earliest_times(tpg, busy)
     for recorders in ([], [MemoryRecorder()]):
-        run = simulate(tpg, VARIED, seed=seed, stalls=stalls, recorders=recorders)
+        run = simulate(
+            tpg,
+            VARIED,
+            seed=seed,
+            disturbances=Disturbances(stalls=stalls),
+            recorders=recorders,
+        )
         assert same_times(run, earliest.start, earliest.end)
 
 
@@ -222,7 +228,7 @@ def test_no_node_starts_before_what_it_waits_for(
         latency_s=latency,
         queue_depth=depth,
         policy=policy,  # type: ignore[arg-type]
-        stalls=RandomStalls(1, (0.5, 3.0)),
+        disturbances=Disturbances(stalls=RandomStalls(1, (0.5, 3.0))),
     )
     assert run.outcome == "completed"
     message = round(latency * 1e9)

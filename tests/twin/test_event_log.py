@@ -12,7 +12,7 @@ import pytest
 
 from planning.errors import OutputError
 from tests.twin.twin_toys import random_tpg
-from twin.disturbances import RandomStalls
+from twin.disturbances import Disturbances, RandomStalls
 from twin.durations import SkillDurations, packaged_timings
 from twin.engine import simulate
 from twin.events import Event
@@ -27,7 +27,7 @@ def log_of(path: Path, seed: int) -> bytes:
         random_tpg(8, tasks=12),
         VARIED,
         seed=seed,
-        stalls=RandomStalls(1),
+        disturbances=Disturbances(stalls=RandomStalls(1)),
         recorders=[JsonlRecorder(path)],
     )
     return path.read_bytes()

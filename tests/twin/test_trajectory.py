@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.test_engine import TPGS, InterruptsAt
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.disturbances import RandomStalls
+from twin.disturbances import Disturbances, RandomStalls
 from twin.durations import SkillDurations, packaged_timings
 from twin.engine import simulate
 from twin.recorders.parquet import objects_table, trajectory_table
@@ -24,7 +24,7 @@ def executed(tpg: TemporalPlanGraph, seed: int, latency: float) -> Run:
         VARIED,
         seed=seed,
         latency_s=latency,
-        stalls=RandomStalls(1, (0.5, 3.0)),
+        disturbances=Disturbances(stalls=RandomStalls(1, (0.5, 3.0))),
     )
 
 

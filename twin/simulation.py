@@ -1,0 +1,45 @@
+"""From a scenario and its plan to a simulator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from twin.disturbance_models import scenario_disturbances
+from twin.duration_models import skill_models
+from twin.durations import SkillDurations
+from twin.engine import Simulator
+from twin.run import Policy
+from twin.scenario import Scenario
+
+
+def scenario_simulator(
+    scenario: Scenario,
+    tpg: TemporalPlanGraph,
+    base: Path = Path(),
+    *,
+    policy: Policy | None = None,
+) -> Simulator:
+    """Return what executes a plan as a scenario says.
+
+    Args:
+        scenario: durations, disturbances, messages and policy are taken from it.
+        tpg: the plan.
+        base: where relative paths of the scenario start.
+        policy: in place of the scenario's.
+
+    Raises:
+        ScenarioError: a file of measured times cannot be read.
+    """
+    execution = scenario.execution
+    robots = tuple(robot.name for robot in scenario.cell.robots)
+    return Simulator(
+        tpg,
+        SkillDurations(skill_models(scenario, base)),
+        policy=policy or execution.policy,
+        queue_depth=execution.queue_depth,
+        latency_s=execution.latency_s,
+        report_latency_s=execution.report_latency_s,
+        release_latency_s=execution.release_latency_s,
+        disturbances=scenario_disturbances(execution, robots, base),
+    )
