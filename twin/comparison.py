@@ -45,6 +45,11 @@ COMPARED = (
 )
 """Names of what is compared, in the order of tables and charts."""
 
+SEEDS = "seeds"
+"""Name of the stage that counts seeds, for progress displays."""
+
+_FEWEST_CANDIDATES = 2000
+
 BASELINES = (SEQUENTIAL, SYNCHRONOUS)
 """Those that others are measured against."""
 
@@ -94,6 +99,11 @@ class Comparison:
     measured: Mapping[str, tuple[Measurement, ...]]
 
 
+def shortcut_budget(scenario: Scenario) -> int:
+    """Return how many shortcuts are tried where nobody says: the scenario's, or 2000."""
+    return scenario.planning.shortcut_candidates or _FEWEST_CANDIDATES
+
+
 def compare_policies(
     scenario: Scenario,
     seeds: Sequence[int],
@@ -123,6 +133,16 @@ def compare_policies(
             )
         )
     progress(SEEDS, len(seeds), len(seeds))
+    return collect(scenario, seeds, candidates, rows)
+
+
+def collect(
+    scenario: Scenario,
+    seeds: Sequence[int],
+    candidates: int,
+    rows: Sequence[Mapping[str, Measurement]],
+) -> Comparison:
+    """Return what was measured seed by seed, policy by policy."""
     return Comparison(
         scenario.name,
         tuple(robot.name for robot in scenario.cell.robots),
@@ -130,10 +150,6 @@ def compare_policies(
         candidates,
         {name: tuple(row[name] for row in rows) for name in COMPARED},
     )
-
-
-SEEDS = "seeds"
-"""Name of the stage that counts seeds, for progress displays."""
 
 
 def measure_policies(

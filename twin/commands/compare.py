@@ -36,8 +36,6 @@ Out = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print compare.json only.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
-_SHORTCUTS = 2000
-
 
 @guarded
 def compare(
@@ -61,8 +59,6 @@ def compare(
     from twin.scenario_file import load_scenario
 
     chosen = load_scenario(scenario)
-    candidates = chosen.planning.shortcut_candidates or _SHORTCUTS
-    candidates = candidates if shortcuts is None else shortcuts
     numbers = range(chosen.seed, chosen.seed + seeds)
     silent = quiet or as_json
     compiles = not kernels_are_cached()
@@ -72,10 +68,11 @@ def compare(
     ):
         if compiles and not silent:
             typer.echo("compiling kernels, once ...", err=True)
-        from twin.comparison import compare_policies
+        from twin.comparison import compare_policies, shortcut_budget
         from twin.comparison_chart import draw_comparison
         from twin.comparison_figures import comparison_figures
 
+        candidates = shortcut_budget(chosen) if shortcuts is None else shortcuts
         found = compare_policies(
             chosen,
             numbers,

@@ -1,0 +1,119 @@
+"""apex-mr.md, apex-mr.json and apex-mr.png: our figures beside those of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from benchmarks import apex_mr_paper as paper
+from benchmarks.apex_mr_tables import (
+    Measured,
+    averages,
+    baselines,
+    cells,
+    planning,
+    quality,
+)
+from twin.atomic import replacing, write_json
+from twin.comparison import SEQUENTIAL
+from twin.comparison_chart import draw_comparison
+
+NAME = "apex-mr"
+
+
+def write_report(
+    folder: Path,
+    measured: Mapping[str, Measured],
+    failures: Mapping[str, str],
+    machine: str,
+) -> Path:
+    """Write the three files and return the path of the text.
+
+    Args:
+        folder: of the files, which are replaced.
+        measured: of each scenario; the JSON file holds the structures of the paper only.
+        failures: what could not be planned, and why.
+        machine: what it was measured on.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    lego = {name: measured[name] for name in paper.STRUCTURES if name in measured}
+    more = {name: measured[name] for name in paper.TABLE_I if name in measured}
+    about = {name: _about(one, machine) for name, one in measured.items()}
+    write_json(
+        folder / f"{NAME}.json",
+        {
+            name: {
+                policy: {**row, **about[name]} for policy, row in one.figures.items()
+            }
+            for name, one in lego.items()
+        },
+    )
+    if measured:
+        draw_comparison(
+            folder / f"{NAME}.png",
+            {name: one.figures for name, one in measured.items()},
+            "The structures and cells of the APEX-MR paper, planned here",
+        )
+    parts = [_head(measured, machine), _failed(failures)]
+    if lego:
+        parts += [averages(lego), quality(lego), planning(lego), baselines(lego)]
+    if more:
+        parts += [cells(more), quality(more)]
+    target = folder / f"{NAME}.md"
+    with replacing(target) as temporary:
+        text = "\n\n".join("\n".join(part) for part in parts if part)
+        temporary.write_text(text + "\n", encoding="utf-8")
+    return target
+
+
+def _about(one: Measured, machine: str) -> dict[str, Any]:
+    return {
+        "shortcut_candidates": one.candidates,
+        "date": one.date,
+        "machine": machine,
+    }
+
+
+def _head(measured: Mapping[str, Measured], machine: str) -> list[str]:
+    dates = sorted({one.date for one in measured.values()})
+    when = " to ".join(dict.fromkeys([*dates[:1], *dates[-1:]]))
+    seeds = sorted(
+        {tuple(one.figures[SEQUENTIAL]["seeds"]) for one in measured.values()}
+    )
+    budgets = sorted({one.candidates for one in measured.values()})
+    return [
+        "# The experiments of the APEX-MR paper",
+        "",
+        f"Measured {when or 'never'} on {machine}; written by `make paper`.",
+        f"Seeds {_list(', '.join(map(str, s)) for s in seeds)};"
+        f" {_list(map(str, budgets))} shortcut candidates a plan.",
+        "Figures are mean ± sample standard deviation over the seeds.",
+        "",
+        "**Not the paper's cell, and not its structures.** The paper's models, calibration and LEGO",
+        "designs are not part of this project. The structures here are designs of our own with as many",
+        "bricks of the same kinds of steps; arms and tools are made of primitives; skills take",
+        "random times (the same ones under every policy), where the paper reports simulations in",
+        "which they follow their reference path at the speed of everything else. Seconds of makespan",
+        "can therefore not be compared with the paper's, shares with care. Planning times of the paper",
+        "were measured on an AMD 7840HS laptop with 16 threads.",
+        "",
+        "Planning times here are wall-clock seconds in one process, one plan after another: no plan is",
+        "made while another one is measured. Whatever else the machine did counts too. Kernels were",
+        "compiled and loaded before. Within a plan, stages may use all cores.",
+        "",
+        f"![Makespan, wait and planning time of every policy]({NAME}.png)",
+    ]
+
+
+def _failed(failures: Mapping[str, str]) -> list[str]:
+    if not failures:
+        return []
+    rows = [f"- {what}: {why}" for what, why in failures.items()]
+    return ["## Not planned", "", "Left out of all tables and averages:", "", *rows]
+
+
+def _list(texts: Iterable[str]) -> str:
+    return " and ".join(texts)
