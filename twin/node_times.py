@@ -21,6 +21,7 @@ from twin.draws import uniforms
 from twin.durations import (
     NANOSECONDS,
     DurationModel,
+    Exponential,
     Nanoseconds,
     NodeDurations,
     SkillDurations,
@@ -254,26 +255,6 @@ def _arrivals(
             ]
         index += 1
     return found
-
-
-@dataclass(frozen=True)
-class Exponential:
-    """Without memory: repairs, and times between failures.
-
-    Attributes:
-        mean_s: expected duration [s].
-    """
-
-    mean_s: float
-
-    def ppf(self, u: Array) -> Array:
-        """Return the quantiles [s] of probabilities ``u``."""
-        return np.asarray(-self.mean_s * np.log1p(-np.asarray(u)))
-
-    @property
-    def mean(self) -> float:
-        """Expected duration [s]."""
-        return self.mean_s
 
 
 def _failed_attempts(

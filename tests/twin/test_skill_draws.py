@@ -36,8 +36,9 @@ MODELS: dict[str, DurationModel] = {
 
 
 def with_cut_skills(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
-    """Cut the first skill node of the first chain into two, the first of no duration."""
-    chain = tpg.chains[0]
+    """Cut the first skill node of the first chain that has one into two."""
+    place = next(k for k, chain in enumerate(tpg.chains) if chain.skill.any())
+    chain = tpg.chains[place]
     node = int(np.flatnonzero(chain.skill)[0])
     at = int(chain.first[node + 1])
     cut = replace(
@@ -51,7 +52,8 @@ def with_cut_skills(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
         duration=np.insert(chain.duration, node, 0.7),
         planned_start=np.insert(chain.planned_start, node, chain.planned_start[node]),
     )
-    return replace(tpg, chains=(cut, *tpg.chains[1:]))
+    chains = (*tpg.chains[:place], cut, *tpg.chains[place + 1 :])
+    return replace(tpg, chains=chains)
 
 
 @given(

@@ -65,6 +65,16 @@ class Empirical:
         """Expected duration [s]."""
         return float(np.mean(self.values_s))
 
+    @property
+    def sd(self) -> float:
+        """Standard deviation of the distribution (not the estimate from a sample) [s]."""
+        return float(np.std(self.values_s))
+
+    @property
+    def minimum(self) -> float:
+        """Shortest duration [s]."""
+        return float(self.values_s[0])
+
 
 def _duration_in_cell(path: Path, line: int, column: str, text: str | None) -> float:
     try:

@@ -9,7 +9,11 @@ from planning.transforms import Array
 
 
 class DurationModel(Protocol):
-    """A distribution of durations, given by its quantile function."""
+    """A distribution of durations, given by its quantile function.
+
+    One uniform makes one duration, and a greater uniform never a shorter one. So common random
+    numbers and antithetic pairs (u and 1 - u) do what they should with every model.
+    """
 
     def ppf(self, u: Array) -> Array:
         """Return the quantiles [s] of probabilities ``u`` in (0, 1), same shape."""
@@ -18,6 +22,16 @@ class DurationModel(Protocol):
     @property
     def mean(self) -> float:
         """Expected duration [s]."""
+        ...
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation [s]."""
+        ...
+
+    @property
+    def minimum(self) -> float:
+        """Greatest lower bound of the durations [s], at least 0."""
         ...
 
 
