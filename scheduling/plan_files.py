@@ -47,6 +47,8 @@ from scheduling.temporal_plan_graph import NodeChain, NodeHandling, TemporalPlan
 FORMAT = "assembly-twin temporal plan graph"
 VERSION = 1
 
+_AGAIN = "it was written by another version of this program; plan again"
+
 _Arrays = dict[str, npt.NDArray[Any]]
 _CHAIN_ARRAYS = tuple(f.name for f in fields(NodeChain) if f.name != "robot")
 
@@ -132,7 +134,7 @@ def load_plan(
         raise OutputError(f"{folder / 'plan.json'} holds no temporal plan graph")
     if document.get("version") != VERSION:
         raise OutputError(
-            f"{folder / 'plan.json'} has format version {document.get('version')}",
+            f"{folder / 'plan.json'} has format version {document.get('version')}: {_AGAIN}",
             choices=(str(VERSION),),
         )
     if sha256(content).hexdigest() != document.get("arrays_sha256"):
@@ -147,7 +149,12 @@ def load_plan(
             if not name.startswith("robot_"):
                 values.setflags(write=False)
         return _graph(document, arrays, models or {}, folder)
-    except (KeyError, TypeError, ValueError, IndexError, zipfile.BadZipFile) as error:
+    except KeyError as error:
+        # The arrays are those that belong to it, so what is missing was not written.
+        raise OutputError(
+            f"the plan in {folder} has no {error.args[0]!r}: {_AGAIN}"
+        ) from error
+    except (TypeError, ValueError, IndexError, zipfile.BadZipFile) as error:
         raise OutputError(
             f"the plan in {folder} is damaged: {type(error).__name__}: {error}"
         ) from error

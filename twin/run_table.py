@@ -12,8 +12,10 @@ from rich.table import Table
 _MOST_VIOLATIONS = 10
 
 _STAGES = {
+    "sequence": "which brick when",
     "assignment": "who does what",
     "motion": "motions",
+    "synchronous": "who moves at once",
     "tpg": "what waits for what",
     "shortcut": "shortcuts",
 }

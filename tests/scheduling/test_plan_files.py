@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -122,10 +123,26 @@ def test_a_cut_or_foreign_document_is_refused(
     with pytest.raises(OutputError, match="holds no temporal plan graph"):
         load_plan(tmp_path, _models(tpg))
     file.write_text(json.dumps({**json.loads(text), "version": 2}))
-    with pytest.raises(OutputError, match=r"version 2 \(valid: 1\)"):
+    with pytest.raises(OutputError, match=r"version 2: .*plan again \(valid: 1\)"):
         load_plan(tmp_path, _models(tpg))
     document = json.loads(text)
     del document["tasks"][0]["robot"]
     file.write_text(json.dumps(document))
     with pytest.raises(OutputError, match="robot"):
+        load_plan(tmp_path, _models(tpg))
+
+
+@pytest.mark.parametrize("key", ["dependencies", "slots"])
+def test_a_plan_of_another_version_is_to_be_made_again(
+    tpg: TemporalPlanGraph, tmp_path: Path, key: str
+) -> None:
+    """Plans were saved without these arrays once; their sums are right all the same."""
+    save_plan(tpg, tmp_path)
+    with np.load(tmp_path / "plan.npz") as archive:
+        arrays = {name: archive[name] for name in archive.files if name != key}
+    np.savez_compressed(tmp_path / "plan.npz", **arrays)
+    document = json.loads((tmp_path / "plan.json").read_text())
+    document["arrays_sha256"] = sha256((tmp_path / "plan.npz").read_bytes()).hexdigest()
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    with pytest.raises(OutputError, match=f"no '{key}': .*another version.*plan again"):
         load_plan(tmp_path, _models(tpg))
