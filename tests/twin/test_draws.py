@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -31,6 +31,7 @@ def numpys_block(counter: list[int], key: list[int]) -> np.ndarray:
     return generator.random_raw(4)
 
 
+@settings(deadline=None)
 @given(st.lists(WORD, min_size=4, max_size=4), st.lists(WORD, min_size=2, max_size=2))
 def test_blocks_equal_numpys_bit_for_bit(counter: list[int], key: list[int]) -> None:
     assert np.array_equal(block(counter, key), numpys_block(counter, key))
@@ -86,6 +87,7 @@ def test_bulk_draws_do_not_depend_on_what_else_is_drawn() -> None:
     assert forward[17] == uniform(4, 2, "right", 17, "pick", "duration")
 
 
+@settings(deadline=None)
 @given(
     st.integers(0, 2**63),
     st.lists(st.integers(0, 2**62), max_size=5),

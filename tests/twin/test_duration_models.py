@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -190,6 +190,7 @@ ANY = st.one_of(
 )
 
 
+@settings(deadline=None)
 @given(ANY, st.lists(st.floats(1e-12, 1 - 1e-12), min_size=2, max_size=20))
 def test_quantiles_rise_from_the_minimum_and_no_duration_is_negative(
     model: DurationModel, u: list[float]
@@ -203,6 +204,7 @@ def test_quantiles_rise_from_the_minimum_and_no_duration_is_negative(
     assert 0 <= model.sd < math.inf
 
 
+@settings(deadline=None)
 @given(ANY)
 def test_moments_are_those_of_the_quantiles(model: DurationModel) -> None:
     """The integral of the quantile function over u, by the midpoint rule."""
@@ -212,6 +214,7 @@ def test_moments_are_those_of_the_quantiles(model: DurationModel) -> None:
     assert quantiles.std() == pytest.approx(model.sd, rel=0.06, abs=1e-9)
 
 
+@settings(deadline=None)
 @given(ANY, st.integers(1, 40))
 def test_a_quantile_does_not_depend_on_its_neighbours(
     model: DurationModel, n: int

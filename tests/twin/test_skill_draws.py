@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.task_graph import SKILLS
@@ -56,6 +56,7 @@ def with_cut_skills(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
     return replace(tpg, chains=chains)
 
 
+@settings(deadline=None)
 @given(
     st.integers(0, 50),
     st.integers(0, 2**40),
@@ -135,6 +136,7 @@ def test_nothing_to_draw_is_nothing_drawn() -> None:
         assert np.array_equal(rows, np.stack([nominal] * 3))
 
 
+@settings(deadline=None)
 @given(
     st.lists(st.integers(0, 10**12), min_size=1, max_size=5),
     st.lists(st.floats(0, 1e3), min_size=1, max_size=6),
