@@ -27,7 +27,7 @@ class RobotEntry:
         source: where the description comes from.
         licence: of the description.
         note: one line on what it is.
-        home_deg: HOME [deg].
+        home_deg: HOME of a robot with revolute joints only [deg].
         tool_links: links whose parts form the group ``tool``.
         frames: tool frames, in the flange frame.
         folder: returns the folder of the description.
@@ -35,6 +35,8 @@ class RobotEntry:
         flange_link, flange_offset: where the flange is.
         frozen: joints held still and their values [m or rad].
         velocity_deg_s: speed limits where the description has none worth using [deg/s].
+        home_rad_or_m: HOME of any robot, joint by joint, in place of ``home_deg``.
+        meshes: returns a further folder in which meshes are looked up.
     """
 
     name: str
@@ -50,6 +52,15 @@ class RobotEntry:
     flange_offset: Transform = field(default_factory=identity)
     frozen: Mapping[str, float] = field(default_factory=dict)
     velocity_deg_s: tuple[float, ...] | None = None
+    home_rad_or_m: tuple[float, ...] | None = None
+    meshes: Callable[[], Path] | None = None
+
+    @property
+    def home(self) -> tuple[float, ...]:
+        """HOME, joint by joint [rad or m]."""
+        if self.home_rad_or_m is not None:
+            return self.home_rad_or_m
+        return tuple(float(value) for value in np.radians(self.home_deg))
 
 
 def _own_folder() -> Path:
@@ -81,6 +92,11 @@ _GP4_TOOL_ROWS = {
     "alt_assemble": (-0.1784, -0.0078),
     "handover_assemble": (-0.1815, 0.0078),
 }
+
+# The face of the vacuum pad, z out of it.
+_MOBILE_PAD = {"tool": translation(0.0, 0.0, 0.11)}
+_IIWA_PAD = {"tool": translation(0.0, 0.0, 0.1)}
+_CRANE_PAD = {"tool": from_rpy((0.0, 0.0, -0.13), (np.pi, 0.0, 0.0))}
 
 _ENTRIES = (
     RobotEntry(
@@ -125,6 +141,46 @@ _ENTRIES = (
         flange_offset=translation(0.0, 0.0, 0.045),
         velocity_deg_s=(85.0, 85.0, 100.0, 75.0, 130.0, 135.0, 135.0),
     ),
+    RobotEntry(
+        name="mobile-manipulator",
+        source="own primitives",
+        licence="MIT",
+        note="holonomic platform with a 4-joint arm and a vacuum pad, 7 joints",
+        home_deg=(),
+        home_rad_or_m=(0.0, 0.0, 0.0, -0.5, 2.3, 1.341593, 0.0),
+        tool_links=("pad",),
+        frames=_MOBILE_PAD,
+        folder=_own_folder,
+        file="mobile_manipulator.urdf",
+        flange_link="flange",
+    ),
+    RobotEntry(
+        name="mobile-iiwa14",
+        source="own platform; arm from pybullet_data/kuka_iiwa",
+        licence="MIT; arm BSD-2-Clause",
+        note="KUKA LBR iiwa 14 on a holonomic platform, vacuum pad, 10 joints",
+        home_deg=(),
+        home_rad_or_m=(0.0, 0.0, 0.0, 0.0, -0.35, 0.0, -1.9, 0.0, 1.591593, 0.0),
+        tool_links=("pad",),
+        frames=_IIWA_PAD,
+        folder=_own_folder,
+        file="mobile_iiwa14.urdf",
+        flange_link="flange",
+        meshes=_pybullet_folder("kuka_iiwa"),
+    ),
+    RobotEntry(
+        name="tower-crane",
+        source="own primitives",
+        licence="MIT",
+        note="tower crane with a vacuum pad: slew, trolley, hoist and hook, 4 joints",
+        home_deg=(),
+        home_rad_or_m=(0.0, 2.0, 0.3, 0.0),
+        tool_links=("pad",),
+        frames=_CRANE_PAD,
+        folder=_own_folder,
+        file="tower_crane.urdf",
+        flange_link="flange",
+    ),
 )
 
 ROBOTS: Mapping[str, RobotEntry] = MappingProxyType({e.name: e for e in _ENTRIES})
@@ -162,8 +218,8 @@ def _registered(name: str) -> RobotModel:
     return load_urdf(
         folder / entry.file,
         name=name,
-        package_dirs=(folder,),
-        home=[float(value) for value in np.radians(entry.home_deg)],
+        package_dirs=(folder,) if entry.meshes is None else (folder, entry.meshes()),
+        home=entry.home,
         frozen=entry.frozen,
         flange_link=entry.flange_link,
         flange_offset=entry.flange_offset,

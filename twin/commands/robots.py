@@ -24,7 +24,7 @@ def robots(as_json: AsJson = False) -> None:
         rows = [
             {
                 "name": entry.name,
-                "joints": len(entry.home_deg),
+                "joints": len(entry.home),
                 "source": entry.source,
                 "licence": entry.licence,
                 "note": entry.note,
@@ -35,7 +35,7 @@ def robots(as_json: AsJson = False) -> None:
         return
     table = Table("name", "joints", "what it is", "description from", "licence")
     for entry in ROBOTS.values():
-        joints = str(len(entry.home_deg))
+        joints = str(len(entry.home))
         table.add_row(entry.name, joints, entry.note, entry.source, entry.licence)
     console = Console()
     console.print(table)

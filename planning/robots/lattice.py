@@ -1,0 +1,117 @@
+"""Lattice girders as meshes: what the tower crane is drawn with.
+
+``python -m planning.robots.lattice`` writes the committed meshes anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from planning.transforms import Array
+
+MESHES = Path(__file__).parent / "urdf" / "meshes"
+
+Strut = tuple[Array, Array, float]
+"""Both ends and the thickness of a square bar [m]."""
+
+
+def mast_struts(low: float, high: float, half: float) -> Iterator[Strut]:
+    """Yield the bars of an upright square mast.
+
+    Args:
+        low, high: z of its ends [m].
+        half: distance of the middle of its legs from its faces' middle lines [m].
+    """
+    corners = [(half, half), (-half, half), (-half, -half), (half, -half)]
+    bays = max(1, round((high - low) / (2.0 * half)))
+    level = np.linspace(low, high, bays + 1)
+    for x, y in corners:
+        yield np.array((x, y, low)), np.array((x, y, high)), 0.04
+    for side in range(4):
+        (x, y), (u, v) = corners[side], corners[(side + 1) % 4]
+        for k, z in enumerate(level):
+            yield np.array((x, y, z)), np.array((u, v, z)), 0.02
+            if k < bays:
+                ends = ((x, y), (u, v)) if k % 2 else ((u, v), (x, y))
+                yield (
+                    np.array((*ends[0], z)),
+                    np.array((*ends[1], level[k + 1])),
+                    0.02,
+                )
+
+
+def jib_struts(rear: float, front: float, half: float, apex: float) -> Iterator[Strut]:
+    """Yield the bars of a jib along x: two beams, rungs, a ridge, a mast head and its ties.
+
+    Args:
+        rear, front: x of its ends [m].
+        half: distance of the beams from the middle [m].
+        apex: height of the mast head [m].
+    """
+    ridge, start, end = 0.34, 0.5, front - 0.25
+    for y in (half, -half):
+        yield np.array((rear, y, 0.03)), np.array((front, y, 0.03)), 0.05
+    yield np.array((start, 0.0, ridge)), np.array((end, 0.0, ridge)), 0.035
+    stations = np.linspace(start, end, 13)
+    for k, x in enumerate(stations):
+        for y in (half, -half):
+            yield np.array((x, 0.0, ridge)), np.array((x, y, 0.05)), 0.016
+            if k + 1 < len(stations):
+                foot = np.array((stations[k + 1], y, 0.05))
+                yield np.array((x, 0.0, ridge)), foot, 0.016
+    for x in (rear, rear / 2.0, front):
+        yield np.array((x, -half, 0.03)), np.array((x, half, 0.03)), 0.04
+    head = np.array((0.0, 0.0, apex))
+    for x, y in ((0.18, half), (0.18, -half), (-0.18, half), (-0.18, -half)):
+        yield np.array((x, y, 0.05)), head, 0.035
+    yield head, np.array((0.45 * front, 0.0, ridge)), 0.012
+    yield head, np.array((0.85 * front, 0.0, ridge)), 0.012
+    for y in (half, -half):
+        yield head, np.array((rear + 0.15, y, 0.05)), 0.012
+
+
+def obj_text(struts: Iterator[Strut], title: str) -> str:
+    """Return square bars as Wavefront OBJ text."""
+    lines = [f"# {title}: metres; planning/robots/lattice.py"]
+    count = 0
+    for first, second, thickness in struts:
+        corners = _bar(first, second, thickness)
+        lines += [f"v {x:.5f} {y:.5f} {z:.5f}" for x, y, z in corners]
+        for a, b, c, d in ((0, 1, 2, 3), (7, 6, 5, 4), *_SIDES):
+            ring = [count + k + 1 for k in (a, b, c, d)]
+            lines.append(f"f {ring[2]} {ring[1]} {ring[0]}")
+            lines.append(f"f {ring[3]} {ring[2]} {ring[0]}")
+        count += 8
+    return "\n".join(lines) + "\n"
+
+
+_SIDES = tuple((k, k + 4, (k + 1) % 4 + 4, (k + 1) % 4) for k in range(4))
+
+
+def _bar(first: Array, second: Array, thickness: float) -> Array:
+    """Return the corners of a square bar: four around one end, then around the other."""
+    along = (second - first) / np.linalg.norm(second - first)
+    other = np.eye(3)[int(np.argmin(np.abs(along)))]
+    side = np.cross(along, other)
+    side /= np.linalg.norm(side)
+    up = np.cross(along, side)
+    ring = [side + up, -side + up, -side - up, side - up]
+    return np.array(
+        [end + 0.5 * thickness * r for end in (first, second) for r in ring]
+    )
+
+
+def crane_meshes() -> dict[str, str]:
+    """Return the crane's meshes by file name, as Wavefront OBJ text."""
+    return {
+        "crane_mast.obj": obj_text(mast_struts(0.3, 3.3, 0.16), "mast of the crane"),
+        "crane_jib.obj": obj_text(jib_struts(-1.4, 4.2, 0.17, 1.3), "jib of the crane"),
+    }
+
+
+if __name__ == "__main__":
+    for name, text in crane_meshes().items():
+        (MESHES / name).write_text(text)
