@@ -17,10 +17,10 @@ from planning.transforms import Array
 from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
 from twin.contraction import Contraction, contract
 from twin.disturbances import Disturbances
-from twin.durations import Nanoseconds, SkillDurations
+from twin.durations import Nanoseconds, SkillDurations, to_nanoseconds
 from twin.durations.skill_draws import SkillDraws
 from twin.max_plus import Completions, completions, makespans
-from twin.node_times import sample_node_times
+from twin.node_times import NodeTimeSampler
 from twin.policy_graph import policy_graph
 from twin.precedence import PrecedenceArrays
 from twin.run import Policy
@@ -41,6 +41,20 @@ class _Shares:
     draw: Indices
     low: Array
     high: Array
+
+
+@dataclass(frozen=True)
+class BusyTimes:
+    """What replications give the segments of a plan.
+
+    Attributes:
+        busy_ns: stall and duration of each segment together, shape (segments, r) [ns].
+        fails: True where a task fails for good: what comes of it takes the event engine,
+            shape (r,).
+    """
+
+    busy_ns: Nanoseconds
+    fails: npt.NDArray[np.bool_]
 
 
 class BulkEngine:
@@ -65,51 +79,65 @@ class BulkEngine:
         disturbances: Disturbances | None = None,
     ) -> None:
         self.tpg = tpg
-        self.durations = durations
-        self.disturbances = disturbances
+        self._sampler = NodeTimeSampler(tpg, durations, disturbances)
         self.contraction: Contraction = contract(tpg)
         self.graph: PrecedenceArrays = policy_graph(self.contraction.tpg, policy)
         self._draws = durations.bind(tpg)
         self._shares = _shares(self._draws, self.contraction)
         self._bare = disturbances is None or disturbances == Disturbances()
 
-    def busy_ns(self, *, seed: int, replications: npt.ArrayLike) -> Nanoseconds:
-        """Return stall and duration together of every segment, shape (segments, r) [ns]."""
+    def sample(self, *, seed: int, replications: npt.ArrayLike) -> BusyTimes:
+        """Draw what every segment takes in some replications."""
         numbers = np.asarray(replications, dtype=np.int64)
-        shares = self._shares
+        fails = np.zeros(len(numbers), dtype=np.bool_)
         if self._bare:
             totals = self._draws.totals(seed=seed, replications=numbers).T
-            busy = np.repeat(shares.fixed[:, None], len(numbers), axis=1)
-            _add_shares(
-                np.ascontiguousarray(totals),
-                shares.segment,
-                shares.draw,
-                shares.low,
-                shares.high,
-                busy,
-            )
-            return busy
+            return BusyTimes(self._busy(totals), fails)
         columns = []
-        for number in numbers.tolist():
-            times = sample_node_times(
-                self.tpg,
-                self.durations,
-                self.disturbances,
-                seed=seed,
-                replication=number,
-            )
+        for r, number in enumerate(numbers.tolist()):
+            times = self._sampler.sample(seed=seed, replication=number)
             both = [m + s for m, s in zip(times.motion, times.stall, strict=True)]
             columns.append(np.concatenate(self.contraction.sums(both)))
-        return np.stack(columns, axis=1)
+            fails[r] = any(node >= 0 for node in times.failed)
+        return BusyTimes(np.stack(columns, axis=1), fails)
+
+    def _busy(self, totals: Nanoseconds) -> Nanoseconds:
+        """Return the times of segments from those of skills, shape (tasks, r) [ns]."""
+        shares = self._shares
+        busy = np.repeat(shares.fixed[:, None], totals.shape[1], axis=1)
+        _add_shares(
+            np.ascontiguousarray(totals),
+            shares.segment,
+            shares.draw,
+            shares.low,
+            shares.high,
+            busy,
+        )
+        return busy
 
     def makespans_ns(self, *, seed: int, replications: npt.ArrayLike) -> Nanoseconds:
         """Return the makespan of each replication, shape (r,) [ns], and nothing else."""
-        return makespans(self.graph, self.busy_ns(seed=seed, replications=replications))
+        times = self.sample(seed=seed, replications=replications)
+        return makespans(self.graph, times.busy_ns)
+
+    def least_makespan_ns(self) -> int:
+        """Return the makespan if every skill is as quick as it can be [ns].
+
+        No undisturbed run is shorter.
+        """
+        totals = np.zeros((len(self._draws.tasks), 1), dtype=np.int64)
+        for model, rows in self._draws.groups:
+            totals[rows] = to_nanoseconds(model.minimum)
+        busy = self._busy(totals)
+        return int(makespans(self.graph, busy)[0])
 
     def run(self, *, seed: int, replications: npt.ArrayLike) -> Completions:
-        """Execute replications; nodes are segments of ``contraction``."""
-        busy = self.busy_ns(seed=seed, replications=replications)
-        return completions(self.graph, busy)
+        """Execute replications in none of which a task fails for good.
+
+        Nodes of what is returned are segments of ``contraction``.
+        """
+        times = self.sample(seed=seed, replications=replications)
+        return completions(self.graph, times.busy_ns)
 
 
 def _shares(draws: SkillDraws, contraction: Contraction) -> _Shares:

@@ -16,6 +16,7 @@ from twin.commands.robots import robots
 from twin.commands.run import run
 from twin.commands.schema import schema
 from twin.commands.sequence import sequence
+from twin.commands.study import study
 from twin.commands.validate import validate
 from twin.commands.verify import verify
 
@@ -29,6 +30,7 @@ app.command()(run)
 app.command()(validate)
 app.command()(sequence)
 app.command()(compare)
+app.command()(study)
 app.command()(replay)
 app.add_typer(import_app, name="import")
 app.command()(verify)

@@ -6,6 +6,7 @@ its results do not depend on it.
 
 from __future__ import annotations
 
+import importlib
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator
@@ -90,14 +91,14 @@ def parallelism(executor: Executor) -> int:
 @contextmanager
 def _cluster(address: str, answer_within_s: float) -> Iterator[Executor]:
     try:
-        from distributed import Client
+        distributed: Any = importlib.import_module("distributed")
     except ImportError as error:
         raise ClusterError(
             "a cluster needs the package 'distributed': pip install"
             " 'assembly-twin[cluster]'"
         ) from error
     try:
-        client = Client(address, timeout=answer_within_s)
+        client = distributed.Client(address, timeout=answer_within_s)
     except (OSError, TimeoutError, ValueError) as error:
         raise ClusterError(
             f"no scheduler answered at {address} within {answer_within_s:g} s; start one"

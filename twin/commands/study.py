@@ -1,0 +1,255 @@
+"""``twin study``: many replications of a plan under uncertainty, and what they tell."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from planning.errors import TwinError
+from twin.commands.guard import COMPLETED, guarded
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from twin.progress import Report
+    from twin.study.experiment import Experiment
+    from twin.study.study import StudyResult
+    from twin.study.study_folder import StudyRequest
+
+File = Annotated[
+    Path | None,
+    typer.Argument(help="Scenario file.", metavar="SCENARIO", show_default=False),
+]
+Replications = Annotated[
+    int | None,
+    typer.Option(
+        "--replications",
+        "-n",
+        min=1,
+        help="Replications of every policy and variant; default: until --precision.",
+        show_default=False,
+    ),
+]
+PrecisionOf = Annotated[
+    float,
+    typer.Option(
+        "--precision",
+        min=1e-6,
+        help="Go on until the interval of the mean is this narrow, relative to it.",
+    ),
+]
+Least = Annotated[
+    int, typer.Option("--least", min=2, help="At least so many, with --precision.")
+]
+Most = Annotated[
+    int, typer.Option("--most", min=2, help="At most so many, with --precision.")
+]
+Confidence = Annotated[
+    float, typer.Option(min=0.5, max=0.9999, help="Of all intervals.")
+]
+PolicyNames = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--policy",
+        help="sequential, synchronous, asynchronous, asynchronous+shortcut or open-loop;"
+        " give it again for more. Default: sequential and asynchronous.",
+        show_default=False,
+    ),
+]
+Vary = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--vary",
+        help="Vary an input of the execution section: skills.pick.scale=1,1.5,2."
+        " Give it again for every combination.",
+        show_default=False,
+    ),
+]
+Deadline = Annotated[
+    float | None,
+    typer.Option(help="How likely is the run over by then [s]?", show_default=False),
+]
+Antithetic = Annotated[
+    bool, typer.Option("--antithetic", help="Draw replications in mirrored pairs.")
+]
+Audited = Annotated[
+    int,
+    typer.Option(
+        "--audit-sample",
+        min=0,
+        help="Open-loop replications that PyBullet checks for collisions.",
+    ),
+]
+Shortcuts = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        help="Shortcuts tried, where a policy takes them; default: as twin compare.",
+        show_default=False,
+    ),
+]
+Seed = Annotated[
+    int | None,
+    typer.Option(min=0, help="Seed, in place of the scenario's.", show_default=False),
+]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        help="Processes; 0 for none besides this one. Default: one a core.",
+        show_default=False,
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        help="Address of a Dask scheduler that does the work: tcp://host:port.",
+        show_default=False,
+    ),
+]
+Resume = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR", help="Go on with the study in this folder.", show_default=False
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder for the results; default: logs/<scenario>-<UTC time>.",
+        show_default=False,
+    ),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print summary.json only.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+
+
+@guarded
+def study(
+    scenario: File = None,
+    replications: Replications = None,
+    precision: PrecisionOf = 0.02,
+    least: Least = 20,
+    most: Most = 10_000,
+    confidence: Confidence = 0.95,
+    policy: PolicyNames = None,
+    vary: Vary = None,
+    deadline: Deadline = None,
+    antithetic: Antithetic = False,
+    audit_sample: Audited = 20,
+    shortcuts: Shortcuts = None,
+    seed: Seed = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    resume: Resume = None,
+    out: Out = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Replicate a plan under uncertainty: how long it takes, and how sure one can be.
+
+    All policies and variants see the same draws, so their differences are sharp. Leaves
+    replications.parquet, tasks.parquet, edges.parquet, summary.json, pictures and report.html.
+    """
+    from twin.study.executors import open_executor
+    from twin.study.study_display import StudyDisplay
+
+    silent = quiet or as_json
+
+    def executor() -> AbstractContextManager[Executor]:
+        return open_executor(workers, scheduler)
+
+    with executor():
+        pass  # says now, not after the planning, that there is nobody to compute
+    with StudyDisplay(enabled=not silent) as progress:
+        if resume is not None:
+            result = _resume(resume, scenario, executor, progress)
+        else:
+            from twin.statistics import Precision
+            from twin.study.experiment import Experiment
+            from twin.study.variations import parse_variation, variants
+
+            if scenario is None:
+                raise TwinError("give a scenario file, or --resume DIR")
+            names = tuple(name.replace(" ", "") for name in policy or _DEFAULT_POLICIES)
+            experiment = Experiment(
+                policies=names,
+                variants=variants([parse_variation(text) for text in vary or ()]),
+                replications=replications,
+                precision=Precision(precision, least, most, confidence),
+                antithetic=antithetic,
+                audited=audit_sample,
+            )
+            request = _request(scenario, experiment, seed, shortcuts, deadline)
+            result = _start(request, out, executor, progress)
+        from twin.study.report import write_report
+
+        write_report(result, progress)
+    if as_json:
+        typer.echo(json.dumps(result.summary, indent=2))
+    elif not quiet:
+        from twin.study.study_table import print_study
+
+        print_study(result)
+    return COMPLETED
+
+
+_DEFAULT_POLICIES = ("sequential", "asynchronous")
+
+
+def _request(
+    path: Path,
+    experiment: Experiment,
+    seed: int | None,
+    shortcuts: int | None,
+    deadline: float | None,
+) -> StudyRequest:
+    from twin.comparison import shortcut_budget
+    from twin.scenario_file import load_scenario
+    from twin.study.study_folder import StudyRequest
+
+    chosen = load_scenario(path)
+    if seed is not None:
+        chosen = chosen.model_copy(update={"seed": seed})
+    candidates = shortcut_budget(chosen) if shortcuts is None else shortcuts
+    return StudyRequest(chosen, path.parent, experiment, candidates, deadline)
+
+
+def _start(
+    request: StudyRequest,
+    out: Path | None,
+    executor: Callable[[], AbstractContextManager[Executor]],
+    progress: Report,
+) -> StudyResult:
+    from twin.run_folder import MANIFEST, run_folder
+    from twin.study.study import start_study
+    from twin.study.study_folder import same_study
+
+    if out is not None and (out / MANIFEST).exists():
+        same_study(out, request.scenario)
+        raise TwinError(
+            f"{out} holds a study already: go on with it by --resume {out}, or give"
+            " another folder"
+        )
+    with run_folder(out, f"study-{request.scenario.name}") as folder:
+        return start_study(request, folder, executor, progress)
+
+
+def _resume(
+    folder: Path,
+    scenario: Path | None,
+    executor: Callable[[], AbstractContextManager[Executor]],
+    progress: Report,
+) -> StudyResult:
+    from twin.scenario_file import load_scenario
+    from twin.study.study import resume_study
+    from twin.study.study_folder import same_study
+
+    if scenario is not None:
+        same_study(folder, load_scenario(scenario))
+    return resume_study(folder, executor, progress)

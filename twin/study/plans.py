@@ -1,0 +1,141 @@
+"""The plans that a study executes, and the workloads that are made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from scheduling.plan_files import load_plan, save_plan
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from twin.disturbance_models import needs_event_engine, scenario_disturbances
+from twin.duration_models import skill_models
+from twin.durations import SkillDurations
+from twin.pipeline import order_motions, plan_in_slots, plan_in_turns, shorten
+from twin.progress import Report
+from twin.scenario import Scenario
+from twin.stage_watch import StageWatch
+from twin.study.experiment import PLAN_OF_POLICY, Experiment
+from twin.study.timing_graph import timing_graph
+from twin.study.variations import Variant, varied
+from twin.study.workload import Workload
+
+TURNS, SLOTS, SHORTENED = "turns", "slots", "shortened"
+
+Plans = Mapping[str, TemporalPlanGraph]
+"""Plans by the names that PLAN_OF_POLICY uses."""
+
+
+def plan_for_study(
+    scenario: Scenario,
+    base: Path,
+    policies: tuple[str, ...],
+    *,
+    candidates: int,
+    progress: Report,
+) -> Plans:
+    """Make the plans that some policies need, all of the same motions.
+
+    Args:
+        scenario: a checked scenario.
+        base: where relative paths in it start.
+        policies: keys of PLAN_OF_POLICY.
+        candidates: shortcuts tried, where a policy takes them.
+        progress: told how far each stage has come.
+
+    Raises:
+        TwinError: the scenario cannot be planned; see plan_scenario.
+    """
+    needed = {PLAN_OF_POLICY[policy][0] for policy in policies}
+    watch = StageWatch(progress)
+    turns = plan_in_turns(scenario, base, watch)
+    plans = {}
+    if needed & {TURNS, SHORTENED}:
+        plans[TURNS] = order_motions(turns.motion_plan, watch)
+    if SHORTENED in needed:
+        plans[SHORTENED] = shorten(
+            plans[TURNS],
+            turns.settings,
+            watch,
+            candidates=candidates,
+            seed=scenario.seed,
+        )
+    if SLOTS in needed:
+        slots = plan_in_slots(turns, watch)
+        plans[SLOTS] = order_motions(slots.motion_plan, watch, slots.slot_of_task)
+    return {name: plan for name, plan in plans.items() if name in needed}
+
+
+def save_plans(plans: Plans, folder: Path) -> None:
+    """Write every plan into a folder of its name."""
+    for name, plan in plans.items():
+        save_plan(plan, folder / name)
+
+
+def load_plans(folder: Path, policies: tuple[str, ...]) -> Plans:
+    """Return the plans that some policies need; OutputError when one is missing."""
+    needed = dict.fromkeys(PLAN_OF_POLICY[policy][0] for policy in policies)
+    return {name: load_plan(folder / name) for name in needed}
+
+
+def workloads(
+    scenario: Scenario, base: Path, plans: Plans, experiment: Experiment
+) -> list[Workload]:
+    """Return the work of every cell of an experiment.
+
+    Raises:
+        ScenarioError: a varied input does not fit the scenario.
+    """
+    graphs = {name: timing_graph(plan) for name, plan in plans.items()}
+    return [
+        scenario_workload(
+            scenario,
+            base,
+            graphs[PLAN_OF_POLICY[policy][0]],
+            policy,
+            variant,
+            antithetic=experiment.antithetic,
+        )
+        for policy, variant in experiment.cells
+    ]
+
+
+def scenario_workload(
+    scenario: Scenario,
+    base: Path,
+    tpg: TemporalPlanGraph,
+    policy: str,
+    variant: Variant,
+    *,
+    antithetic: bool = False,
+) -> Workload:
+    """Return the work of one cell.
+
+    Args:
+        scenario: its execution section says what varies.
+        base: where its relative paths start.
+        tpg: the plan, or its timing graph.
+        policy: a key of PLAN_OF_POLICY.
+        variant: values of the varied inputs.
+        antithetic: replications 2k and 2k + 1 are mirror images.
+
+    Raises:
+        ScenarioError: a varied input does not fit the scenario.
+    """
+    own = varied(scenario, variant)
+    execution = own.execution
+    robots = tuple(robot.name for robot in scenario.cell.robots)
+    latency = execution.latency_s
+    report, order = execution.report_latency_s, execution.release_latency_s
+    durations = SkillDurations(skill_models(own, base))
+    return Workload(
+        tpg=tpg,
+        policy=PLAN_OF_POLICY[policy][1],
+        durations=replace(durations, antithetic=antithetic),
+        disturbances=scenario_disturbances(execution, robots, base),
+        seed=own.seed,
+        queue_depth=execution.queue_depth,
+        report_latency_s=latency if report is None else report,
+        release_latency_s=latency if order is None else order,
+        reasons=tuple(needs_event_engine(execution)),
+    )

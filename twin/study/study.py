@@ -1,0 +1,184 @@
+"""A Monte-Carlo study from question to answer: plan, replicate, audit, summarise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from planning.errors import TwinError
+from twin.atomic import write_json
+from twin.bulk_engine import BulkEngine
+from twin.cell import build_workcell
+from twin.duration_models import skill_models
+from twin.durations import NANOSECONDS
+from twin.progress import Report, report_nothing
+from twin.study.experiment import PLAN_OF_POLICY
+from twin.study.open_loop_audit import OPEN_LOOP, audit_open_loop
+from twin.study.plans import Plans, load_plans, plan_for_study, save_plans, workloads
+from twin.study.runner import OpenExecutor, run_replications
+from twin.study.study_folder import (
+    AUDITS,
+    BLOCKS,
+    EDGES,
+    PLANS,
+    REPLICATIONS,
+    SUMMARY,
+    TASKS,
+    StudyRequest,
+    read_request,
+    write_request,
+)
+from twin.study.summary import check_deadline, summarise_study
+from twin.study.tables import cell_tally, write_edges, write_replications, write_tasks
+from twin.study.variations import varied
+from twin.study.workload import Workload
+
+REPLICATING, CHECKING = "replications", "open-loop audit"
+"""Names of the stages for progress displays."""
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """What a study found out.
+
+    Attributes:
+        folder: of its files.
+        request: what was asked.
+        summary: the content of ``summary.json``.
+    """
+
+    folder: Path
+    request: StudyRequest
+    summary: Mapping[str, Any]
+
+
+def start_study(
+    request: StudyRequest,
+    folder: Path,
+    open_executor: OpenExecutor,
+    progress: Report = report_nothing,
+) -> StudyResult:
+    """Plan what is to be studied, and run the study into a folder.
+
+    Args:
+        request: what is asked.
+        folder: of the study, which exists and is empty.
+        open_executor: gives who computes.
+        progress: told how far each stage has come.
+
+    Raises:
+        ScenarioError: a varied input does not fit the scenario.
+        TwinError: the scenario cannot be planned, or the deadline is not possible.
+    """
+    check_deadline(request.deadline_s)
+    experiment, scenario = request.experiment, request.scenario
+    # Refuses what does not fit before the time that planning takes is spent.
+    for variant in experiment.variants:
+        skill_models(varied(scenario, variant), request.base)
+    plans = plan_for_study(
+        scenario,
+        request.base,
+        experiment.policies,
+        candidates=request.candidates,
+        progress=progress,
+    )
+    save_plans(plans, folder / PLANS)
+    # The manifest comes last: a folder that has one can be gone on with.
+    write_request(folder, request, build_workcell(scenario, request.base))
+    return _run(request, folder, plans, open_executor, progress)
+
+
+def resume_study(
+    folder: Path, open_executor: OpenExecutor, progress: Report = report_nothing
+) -> StudyResult:
+    """Go on with a study that was interrupted, wherever it was; nothing is done twice.
+
+    Raises:
+        OutputError: the folder is not one of a study that got as far as its plans.
+    """
+    request = read_request(folder)
+    plans = load_plans(folder / PLANS, request.experiment.policies)
+    return _run(request, folder, plans, open_executor, progress)
+
+
+def _run(
+    request: StudyRequest,
+    folder: Path,
+    plans: Plans,
+    open_executor: OpenExecutor,
+    progress: Report,
+) -> StudyResult:
+    experiment = request.experiment
+    loads = workloads(request.scenario, request.base, plans, experiment)
+    _check_possible(request.deadline_s, loads)
+    blocks = folder / BLOCKS
+    run_replications(
+        experiment,
+        loads,
+        blocks,
+        open_executor,
+        lambda done, total: progress(REPLICATING, done, total),
+    )
+    audits = _audits(request, folder, plans, progress)
+    write_replications(folder / REPLICATIONS, experiment, blocks)
+    tallies = [cell_tally(blocks, cell) for cell in range(len(loads))]
+    write_tasks(folder / TASKS, experiment, loads, tallies)
+    write_edges(folder / EDGES, experiment, loads, tallies)
+    summary = summarise_study(
+        experiment,
+        blocks,
+        scenario=request.scenario.name,
+        deadline_s=request.deadline_s,
+        engines=[load.reasons for load in loads],
+        audits=audits,
+    )
+    write_json(folder / SUMMARY, summary)
+    return StudyResult(folder, request, summary)
+
+
+def _audits(
+    request: StudyRequest, folder: Path, plans: Plans, progress: Report
+) -> dict[int, list[int]]:
+    experiment = request.experiment
+    wanted = [
+        (cell, variant)
+        for cell, (policy, variant) in enumerate(experiment.cells)
+        if policy == OPEN_LOOP
+    ]
+    count = experiment.audited
+    if experiment.replications is not None:
+        count = min(count, experiment.replications)
+    found = {}
+    for k, (cell, variant) in enumerate(wanted if count else ()):
+        found[cell] = audit_open_loop(
+            request.scenario,
+            request.base,
+            plans[PLAN_OF_POLICY[OPEN_LOOP][0]],
+            variant,
+            folder / AUDITS / str(cell),
+            count,
+            lambda done, total, before=k * count: progress(  # type: ignore[misc]
+                CHECKING, before + done, len(wanted) * count
+            ),
+            antithetic=experiment.antithetic,
+        )
+    return found
+
+
+def _check_possible(deadline_s: float | None, loads: Sequence[Workload]) -> None:
+    """Refuse a deadline before the earliest end that any durations allow."""
+    if deadline_s is None:
+        return
+    bounds = [
+        BulkEngine(load.tpg, load.durations, policy=load.policy).least_makespan_ns()
+        for load in loads
+        # A controller may be faster than planned: then there is no such bound.
+        if not load.disturbances.speed
+    ]
+    if len(bounds) == len(loads) and deadline_s * NANOSECONDS < min(bounds):
+        raise TwinError(
+            f"a deadline of {deadline_s:g} s is impossible: even if every skill is as"
+            f" quick as it can be, the run takes {min(bounds) / NANOSECONDS:.1f} s"
+        )

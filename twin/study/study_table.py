@@ -1,0 +1,84 @@
+"""What a study found out, as a table on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from twin.study.study import StudyResult
+
+
+def print_study(result: StudyResult) -> None:
+    """Print makespans with their intervals, differences between policies, and where all is."""
+    console = Console(highlight=False)
+    summary = result.summary
+    share = f"{100 * summary['confidence']:g} %"
+    table = Table(
+        title=f"{summary['scenario']}: makespan in seconds, {share} intervals",
+        title_justify="left",
+    )
+    varied = list(summary["cells"][0]["variant"])
+    for name in ("policy", *varied):
+        table.add_column(name)
+    broken = any(cell["not_completed"]["estimate"] for cell in summary["cells"])
+    names = ["n", "mean", "P50", "P90", "P99", "waits"]
+    for name in [*names, "not completed"] if broken else names:
+        table.add_column(name, justify="right", no_wrap=name != "not completed")
+    if summary["deadline_s"] is not None:
+        table.add_column(f"within {summary['deadline_s']:g} s", justify="right")
+    for cell in summary["cells"]:
+        row = _row(cell, varied)
+        if broken:
+            row.append(_percent(cell["not_completed"]))
+        if summary["deadline_s"] is not None:
+            row.append(_percent(cell["in_time"]) if "in_time" in cell else "-")
+        table.add_row(*row)
+    console.print(table)
+    for entry in summary["differences"]:
+        low, high = entry["makespan_s"]["low"], entry["makespan_s"]["high"]
+        where = "".join(f", {key} {value}" for key, value in entry["variant"].items())
+        console.print(
+            f"{entry['policy']} - {entry['reference']}{where}:"
+            f" {entry['makespan_s']['estimate']:+.1f} s"
+            f" ({_span(low, high)}; {100 * entry['relative']:+.1f} %), same draws"
+        )
+    for cell in summary["cells"]:
+        if "collided" in cell:
+            share_of = cell["collided"]
+            hits = round(share_of["estimate"] * share_of["count"])
+            console.print(
+                f"{cell['policy']}: {hits} of {share_of['count']} audited replications"
+                f" collided ({_percent(share_of)})"
+            )
+    console.print(f"{result.folder}")
+
+
+def _row(cell: Mapping[str, Any], varied: list[str]) -> list[str]:
+    row = [cell["policy"], *(str(cell["variant"][key]) for key in varied)]
+    row.append(str(cell["replications"]))
+    for key in ("makespan_s", "makespan_p50_s", "makespan_p90_s", "makespan_p99_s"):
+        row.append(_estimate(cell.get(key)))
+    waits = cell.get("wait_s")
+    row.append("-" if waits is None else f"{sum(waits.values()):.1f}")
+    return row
+
+
+def _estimate(entry: Mapping[str, Any] | None) -> str:
+    if entry is None:
+        return "-"
+    if entry["low"] is None:
+        return f"{entry['estimate']:.1f}"
+    half = 0.5 * (entry["high"] - entry["low"])
+    return f"{entry['estimate']:.1f} ± {half:.1f}"
+
+
+def _percent(entry: Mapping[str, Any]) -> str:
+    low, high = 100 * entry["low"], 100 * entry["high"]
+    return f"{100 * entry['estimate']:.1f} % ({low:.1f} to {high:.1f})"
+
+
+def _span(low: float | None, high: float | None) -> str:
+    return "no interval" if low is None else f"{low:+.1f} to {high:+.1f}"

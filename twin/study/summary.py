@@ -1,0 +1,182 @@
+"""What a study found out, as figures: ``summary.json``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from planning.errors import TwinError
+from planning.transforms import Array
+from twin.durations import NANOSECONDS
+from twin.statistics import (
+    Interval,
+    mean_interval,
+    paired_difference,
+    quantile_interval,
+    share_interval,
+)
+from twin.study.experiment import Experiment
+from twin.study.replication_rows import COMPLETED, ERROR, WAIT_COLUMNS
+from twin.study.tables import cell_blocks
+
+QUANTILES = (0.5, 0.9, 0.95, 0.99)
+
+
+def summarise_study(
+    experiment: Experiment,
+    blocks: Path,
+    *,
+    scenario: str,
+    deadline_s: float | None = None,
+    engines: Sequence[Sequence[str]] = (),
+    audits: Mapping[int, Sequence[int]] | None = None,
+) -> dict[str, Any]:
+    """Return the figures of a study, with the keys of its ``summary.json``.
+
+    Args:
+        experiment: what was run.
+        blocks: folder of the block files.
+        scenario: its name.
+        deadline_s: ask how likely the run is over by then [s].
+        engines: why only the event engine could run a cell, by cell; empty where both could.
+        audits: collisions found in each audited replication, by cell.
+    """
+    confidence = experiment.precision.confidence
+    cells: list[dict[str, Any]] = []
+    samples: list[Array] = []
+    for cell, (policy, variant) in enumerate(experiment.cells):
+        sample, figures = _cell(experiment, blocks, cell, deadline_s)
+        samples.append(sample)
+        reasons = list(engines[cell]) if engines else []
+        entry = {"policy": policy, "variant": dict(variant), **figures}
+        entry["engine"] = "events" if reasons else "bulk"
+        entry["event_engine_because"] = reasons
+        found = (audits or {}).get(cell)
+        if found:
+            hit = sum(count > 0 for count in found)
+            entry["collided"] = _entry(
+                share_interval(hit, len(found), confidence=confidence)
+            )
+        cells.append(entry)
+    return {
+        "scenario": scenario,
+        "confidence": confidence,
+        "deadline_s": deadline_s,
+        "antithetic": experiment.antithetic,
+        "cells": cells,
+        "differences": _differences(experiment, samples),
+    }
+
+
+def _cell(
+    experiment: Experiment, blocks: Path, cell: int, deadline_s: float | None
+) -> tuple[Array, dict[str, Any]]:
+    """Return the makespans [s] of a cell, NaN where it did not complete, and its figures."""
+    confidence = experiment.precision.confidence
+    parts, busy, waited, ends = [], [], [], []
+    outcomes: dict[str, int] = {}
+    robots: tuple[str, ...] = ()
+    for result in cell_blocks(blocks, cell):
+        rows = result.rows
+        done = rows.outcome == COMPLETED
+        parts.append(np.where(done, rows.makespan_ns / NANOSECONDS, np.nan))
+        busy.append(rows.busy_ns[:, done].sum(axis=1, dtype=float))
+        waited.append(rows.waited_ns[:, done].sum(axis=1, dtype=float))
+        ends.append(rows.makespan_ns[done].sum(dtype=float))
+        robots = rows.robots
+        for outcome in rows.outcome.tolist():
+            outcomes[outcome] = outcomes.get(outcome, 0) + 1
+    sample = np.concatenate(parts)
+    completed = sample[np.isfinite(sample)]
+    count = len(sample)
+    figures: dict[str, Any] = {
+        "replications": count,
+        "outcomes": dict(sorted(outcomes.items())),
+        "not_completed": _entry(
+            share_interval(count - len(completed), count, confidence=confidence)
+        ),
+        "errors": outcomes.get(ERROR, 0),
+    }
+    if len(completed) == 0:
+        return sample, figures
+    mirrored = experiment.antithetic and len(completed) == count > 1
+    figures["makespan_s"] = _entry(
+        mean_interval(completed, confidence=confidence, antithetic=mirrored)
+    )
+    figures["makespan_sd_s"] = float(np.std(completed, ddof=1)) if count > 1 else None
+    for p in QUANTILES:
+        figures[f"makespan_p{100 * p:.0f}_s"] = _entry(
+            quantile_interval(completed, p, confidence=confidence)
+        )
+    if deadline_s is not None:
+        in_time = int(np.count_nonzero(completed <= deadline_s))
+        figures["in_time"] = _entry(
+            share_interval(in_time, count, confidence=confidence)
+        )
+    total = float(np.sum(ends))
+    figures["utilisation"] = dict(
+        zip(robots, (np.sum(busy, axis=0) / total).tolist(), strict=True)
+    )
+    mean_waits = np.sum(waited, axis=0) / NANOSECONDS / len(completed)
+    figures["wait_s"] = {
+        name: float(mean_waits[cause]) for cause, name in WAIT_COLUMNS.items()
+    }
+    return sample, figures
+
+
+def _differences(
+    experiment: Experiment, samples: Sequence[Array]
+) -> list[dict[str, Any]]:
+    """Return every policy against the first one, pair by pair, within the same variant."""
+    reference = experiment.policies[0]
+    by_cell = {
+        (policy, k // len(experiment.policies)): samples[k]
+        for k, (policy, _) in enumerate(experiment.cells)
+    }
+    found = []
+    for k, (policy, variant) in enumerate(experiment.cells):
+        group = k // len(experiment.policies)
+        first, second = samples[k], by_cell[reference, group]
+        both = np.isfinite(first) & np.isfinite(second)
+        if policy == reference or not np.any(both):
+            continue
+        mirrored = experiment.antithetic and bool(np.all(both)) and len(both) > 1
+        absolute = paired_difference(
+            first[both],
+            second[both],
+            confidence=experiment.precision.confidence,
+            antithetic=mirrored,
+        )
+        found.append(
+            {
+                "policy": policy,
+                "reference": reference,
+                "variant": dict(variant),
+                "makespan_s": _entry(absolute),
+                "relative": absolute.estimate / float(np.mean(second[both])),
+            }
+        )
+    return found
+
+
+def check_deadline(deadline_s: float | None) -> None:
+    """Refuse a deadline that no run can meet or that is no time at all.
+
+    Raises:
+        TwinError: it is not a positive, finite number.
+    """
+    if deadline_s is not None and not 0 < deadline_s < math.inf:
+        raise TwinError(f"a deadline must be more than 0 s, not {deadline_s:g} s")
+
+
+def _entry(interval: Interval) -> dict[str, Any]:
+    return {
+        "estimate": interval.estimate,
+        "low": interval.low if math.isfinite(interval.low) else None,
+        "high": interval.high if math.isfinite(interval.high) else None,
+        "count": interval.count,
+    }

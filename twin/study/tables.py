@@ -1,0 +1,166 @@
+"""The tidy tables of a study: ``replications.parquet``, ``tasks.parquet``, ``edges.parquet``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from scheduling.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
+from twin.atomic import replacing
+from twin.contraction import contract
+from twin.durations import NANOSECONDS, Nanoseconds
+from twin.policy_graph import policy_graph
+from twin.study.block_files import blocks_done, read_block
+from twin.study.experiment import Experiment
+from twin.study.task_tally import TaskTally, task_groups
+from twin.study.workload import BlockResult, Workload
+
+ROWS_A_GROUP = 20_000
+"""Rows of a row group; fixed, so that the file does not depend on how blocks were cut."""
+
+
+def write_replications(path: Path, experiment: Experiment, blocks: Path) -> None:
+    """Write one row a replication, cell by cell, from the files of blocks.
+
+    Only as many rows as make a row group are in memory at once.
+    """
+    with replacing(path) as temporary:
+        writer: pq.ParquetWriter | None = None
+        try:
+            for table in _groups(experiment, blocks):
+                if writer is None:
+                    writer = pq.ParquetWriter(
+                        temporary, table.schema, compression="zstd"
+                    )
+                writer.write_table(table)
+        finally:
+            if writer is not None:
+                writer.close()
+
+
+def _groups(experiment: Experiment, blocks: Path) -> Iterator[pa.Table]:
+    waiting: list[pa.Table] = []
+    for cell, (policy, variant) in enumerate(experiment.cells):
+        for result in cell_blocks(blocks, cell):
+            columns = result.rows.columns()
+            count = len(columns["replication"])
+            first = {"policy": pa.array([policy] * count, pa.string())}
+            first |= {
+                key: pa.array([_plain(value)] * count) for key, value in variant.items()
+            }
+            first |= {name: pa.array(values) for name, values in columns.items()}
+            waiting.append(pa.table(first))
+            while sum(len(table) for table in waiting) >= ROWS_A_GROUP:
+                joined = pa.concat_tables(waiting, promote_options="permissive")
+                yield joined.slice(0, ROWS_A_GROUP)
+                waiting = [joined.slice(ROWS_A_GROUP)]
+    if waiting:
+        yield pa.concat_tables(waiting, promote_options="permissive")
+
+
+def cell_blocks(folder: Path, cell: int) -> Iterator[BlockResult]:
+    """Yield what came of the blocks of a cell, in the order of their replications."""
+    own = [block for block in blocks_done(folder) if block.cell == cell]
+    for block in sorted(own, key=lambda block: block.first):
+        yield read_block(folder, block)
+
+
+def cell_tally(folder: Path, cell: int) -> TaskTally:
+    """Return what is kept of the tasks of a cell, of all its blocks together."""
+    results = cell_blocks(folder, cell)
+    return reduce(TaskTally.plus, (result.tally for result in results))
+
+
+def write_tasks(
+    path: Path,
+    experiment: Experiment,
+    workloads: Sequence[Workload],
+    tallies: Sequence[TaskTally],
+) -> None:
+    """Write one row a task: how often it was critical, its slack, when it starts and ends."""
+    tables = []
+    for (policy, variant), load, tally in zip(
+        experiment.cells, workloads, tallies, strict=True
+    ):
+        groups = task_groups(load.tpg)
+        tasks = [load.tpg.tasks[index] for index in groups.task.tolist()]
+        count = len(tasks)
+        columns: dict[str, Any] = {"policy": [policy] * count}
+        columns |= {key: [_plain(value)] * count for key, value in variant.items()}
+        columns |= {
+            "task": groups.task,
+            "robot": [task.robot for task in tasks],
+            "kind": [task.kind for task in tasks],
+            "step": [task.step for task in tasks],
+            "label": [task.label for task in tasks],
+            "criticality": tally.critical / max(tally.count, 1),
+            "slack_mean_s": np.where(
+                tally.slack_ns >= 0,
+                tally.slack_ns / NANOSECONDS / max(tally.count, 1),
+                np.nan,
+            ),
+        }
+        for name, values in (("start", tally.start_ns), ("end", tally.end_ns)):
+            for p in (10, 50, 90):
+                columns[f"{name}_p{p}_s"] = _percentile(values, p, count)
+        tables.append(pa.table(columns))
+    with replacing(path) as temporary:
+        table = pa.concat_tables(tables, promote_options="permissive")
+        pq.write_table(table, temporary, compression="zstd")
+
+
+def write_edges(
+    path: Path,
+    experiment: Experiment,
+    workloads: Sequence[Workload],
+    tallies: Sequence[TaskTally],
+) -> None:
+    """Write one row a type-2 edge: which tasks it joins, why, and how often it was critical."""
+    tables = []
+    for (policy, variant), load, tally in zip(
+        experiment.cells, workloads, tallies, strict=True
+    ):
+        rows = _edge_rows(load)
+        count = len(tally.critical_edges)
+        columns: dict[str, Any] = {"policy": [policy] * count}
+        columns |= {key: [_plain(value)] * count for key, value in variant.items()}
+        columns |= rows
+        columns["criticality"] = tally.critical_edges / max(tally.count, 1)
+        tables.append(pa.table(columns))
+    with replacing(path) as temporary:
+        table = pa.concat_tables(tables, promote_options="permissive")
+        pq.write_table(table, temporary, compression="zstd")
+
+
+def _edge_rows(load: Workload) -> dict[str, Any]:
+    """Return the tasks that the edges of a policy's graph join, in the order of tallies."""
+    tpg: TemporalPlanGraph = load.tpg if load.reasons else contract(load.tpg).tpg
+    graph = policy_graph(tpg, load.policy)
+    task = np.concatenate([chain.task for chain in tpg.chains])
+    target = np.repeat(np.arange(len(task)), np.diff(graph.edge_first))
+    conflict = graph.cause == MOTION_CONFLICT
+    return {
+        "first_task": task[graph.source],
+        "then_task": task[target],
+        "cause": np.where(conflict, "conflict", "dependency"),
+    }
+
+
+def _percentile(values: Nanoseconds, p: int, count: int) -> Any:
+    if len(values) == 0:
+        return np.full(count, np.nan)
+    return np.percentile(values, p, axis=0) / NANOSECONDS
+
+
+def _plain(value: Any) -> Any:
+    """Return a value that a column can hold: what is no number or word as JSON."""
+    if isinstance(value, bool | int | float | str):
+        return value
+    return json.dumps(value)
