@@ -18,7 +18,6 @@ from twin.lanes import (
     IDLE,
     LANE_COLOURS,
     OTHER_COLOUR,
-    STALLED,
     WAITING,
     Lane,
     Span,
@@ -155,9 +154,10 @@ def _draw_lane(
 
 def _label(tpg: TemporalPlanGraph, span: Span) -> str:
     """Return the step that a skill serves; motions and waits carry none."""
-    if span.task < 0 or span.state in (WAITING, STALLED, IDLE, "transit"):
+    if span.task < 0 or span.state == "transit":
         return ""
-    return str(tpg.tasks[span.task].step)
+    task = tpg.tasks[span.task]
+    return str(task.step) if span.state == task.kind else ""
 
 
 def _colour(state: str) -> tuple[float, float, float]:

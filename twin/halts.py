@@ -16,6 +16,7 @@ from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.disturbances import Breakdowns, Disturbances
 from twin.draws import uniforms
 from twin.durations import NANOSECONDS, Nanoseconds, to_nanoseconds
+from twin.pace import Pace
 
 _NEVER = 2**62
 _CHUNK = 16
@@ -81,14 +82,8 @@ class Halts:
         if len(t_ns) == 0:
             return t_ns
         while True:
-            starts = np.array(self._starts, dtype=np.int64)
-            lengths = np.array(self._ends, dtype=np.int64) - starts
-            stopped = np.concatenate([[0], np.cumsum(lengths)])
-            # Time without stops, at every start and at the begin of every stop; a stop wins
-            # over what is done at that instant.
-            begun = t_ns - stopped[np.searchsorted(starts, t_ns, side="right")]
-            passed = np.searchsorted(starts - stopped[:-1], begun + busy_ns, "right")
-            out = np.asarray(begun + busy_ns + stopped[passed], dtype=np.int64)
+            pace = Pace(list(zip(self._starts, self._ends, strict=True)))
+            out = pace.real(pace.own(t_ns) + busy_ns)
             if int(out.max()) < self._horizon:
                 return out
             self._extend(int(out.max()))

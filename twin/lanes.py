@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from twin.run import Run
 
 WAITING = "waiting"
 STALLED = "stalled"
+STOPPED = "stopped"
+RETRYING = "retrying"
+FAILED = "failed"
 IDLE = "idle"
 
 LANE_COLOURS: dict[str, tuple[int, int, int]] = {
@@ -24,6 +28,9 @@ LANE_COLOURS: dict[str, tuple[int, int, int]] = {
     "support-top": (105, 170, 222),
     WAITING: (226, 229, 233),
     STALLED: (206, 54, 48),
+    STOPPED: (120, 22, 30),
+    RETRYING: (232, 118, 72),
+    FAILED: (28, 28, 32),
     IDLE: (242, 243, 245),
 }
 """Colour (r, g, b), 0 to 255, of every state of a lane."""
@@ -37,7 +44,7 @@ class Span:
     """A stretch of time in one state.
 
     Attributes:
-        state: kind of the task, WAITING, STALLED or IDLE.
+        state: kind of the task, WAITING, STALLED, STOPPED, RETRYING, FAILED or IDLE.
         start_ns, end_ns: when [ns].
         task: the task that is under way, or that is waited to go on with; -1 when idle.
     """
@@ -70,9 +77,16 @@ def robot_lanes(tpg: TemporalPlanGraph, run: Run) -> tuple[Lane, ...]:
     )
 
 
+_STANDS = {"stall": STALLED, "breakdown": STOPPED, "retry": RETRYING}
+
+
 def _spans(tpg: TemporalPlanGraph, run: Run, k: int) -> list[Span]:
-    chain = tpg.chains[k]
+    chain, pace = tpg.chains[k], run.pace(k)
     start, stall, end = run.start_ns[k], run.stall_ns[k], run.end_ns[k]
+    reasons: dict[int, list[tuple[str, int]]] = {}
+    for entry in run.standstills[k] if run.standstills else ():
+        reason = (_STANDS[entry.cause], entry.duration_ns)
+        reasons.setdefault(entry.node, []).append(reason)
     spans: list[Span] = []
     clock = 0
 
@@ -91,8 +105,30 @@ def _spans(tpg: TemporalPlanGraph, run: Run, k: int) -> list[Span]:
         task = int(chain.task[node])
         done = int(end[node]) if end[node] >= 0 else run.makespan_ns
         extend(WAITING, int(start[node]), task)
-        extend(STALLED, min(int(start[node] + stall[node]), done), task)
-        extend(tpg.tasks[task].kind, done, task)
+        own = pace.own(start[node : node + 1])
+        for state, stands in reasons.get(node, [(STALLED, int(stall[node]))]):
+            own = own + stands
+            extend(state, min(int(pace.real(own)[0]), done), task)
+        failed = node == run.failed_node(k)
+        extend(FAILED if failed else tpg.tasks[task].kind, done, task)
     over = len(end) == 0 or end[-1] >= 0
     extend(IDLE if over else WAITING, run.makespan_ns, -1)
+    return _stopped(spans, run.halts_ns[k] if run.halts_ns else ())
+
+
+def _stopped(spans: list[Span], halts: Sequence[tuple[int, int]]) -> list[Span]:
+    """Return spans in which a robot at work shows as stopped while the clock stops it."""
+    for low, high in halts:
+        cut: list[Span] = []
+        for span in spans:
+            start, end = max(span.start_ns, low), min(span.end_ns, high)
+            if start >= end or span.state in (IDLE, FAILED):
+                cut.append(span)
+                continue
+            if span.start_ns < start:
+                cut.append(replace(span, end_ns=start))
+            cut.append(Span(STOPPED, start, end, span.task))
+            if end < span.end_ns:
+                cut.append(replace(span, start_ns=end))
+        spans = cut
     return spans

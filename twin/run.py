@@ -11,6 +11,7 @@ from planning.errors import TwinError
 from scheduling.temporal_plan_graph import NodeChain
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.node_times import Standstill
+from twin.pace import Pace
 
 Outcome = Literal["completed", "failed", "aborted"]
 Policy = Literal["asynchronous", "sequential", "synchronous", "open-loop"]
@@ -101,6 +102,14 @@ class Run:
         """Return for how long the clock had stopped a robot before a time [ns]."""
         halts = self.halts_ns[chain] if self.halts_ns else ()
         return sum(min(b, until_ns) - a for a, b in halts if a < until_ns)
+
+    def pace(self, chain: int) -> Pace:
+        """Return the clock of a robot, which stands while the robot is stopped."""
+        return Pace(self.halts_ns[chain] if self.halts_ns else ())
+
+    def failed_node(self, chain: int) -> int:
+        """Return the node at which a robot failed for good, -1 for none."""
+        return self.failed_nodes[chain] if self.failed_nodes else -1
 
     def waits(self) -> tuple[Wait, ...]:
         """Return every wait that ended, by chain and time."""

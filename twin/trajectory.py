@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from planning.transforms import Array, Transform
 from scheduling.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
 from twin.durations import Nanoseconds
+from twin.pace import Pace
 from twin.run import Run, waypoint_offsets_ns
 
 
@@ -74,12 +75,30 @@ def robot_trajectories(tpg: TemporalPlanGraph, run: Run) -> tuple[Trajectory, ..
 
 
 def _chain_trajectory(chain: NodeChain, run: Run, k: int) -> Trajectory:
+    """Return the motion of a robot with work; first as if its own clock were the run's."""
+    pace = run.pace(k)
+    own = replace(
+        run,
+        start_ns=_own_times(pace, run.start_ns),
+        end_ns=_own_times(pace, run.end_ns),
+        makespan_ns=int(pace.own(np.array([run.makespan_ns]))[0]),
+    )
+    return _with_stops(_unstopped_trajectory(chain, own, k), run, k)
+
+
+def _own_times(pace: Pace, times: tuple[Nanoseconds, ...]) -> tuple[Nanoseconds, ...]:
+    return tuple(np.where(t >= 0, pace.own(t), -1) for t in times)
+
+
+def _unstopped_trajectory(chain: NodeChain, run: Run, k: int) -> Trajectory:
     count = int(np.count_nonzero(run.start_ns[k] >= 0))
+    # A node whose task failed never moves.
+    moves = count - (count > 0 and run.failed_node(k) == count - 1)
     nodes = np.arange(count)
     start, stall = run.start_ns[k][:count], run.stall_ns[k][:count]
-    passed = int(chain.first[count])
+    passed = int(chain.first[moves])
     path = np.vstack([chain.start[None], chain.waypoints[:passed]])
-    of_waypoint = np.repeat(nodes, np.diff(chain.first[: count + 1]))
+    of_waypoint = np.repeat(nodes[:moves], np.diff(chain.first[: moves + 1]))
     offset = waypoint_offsets_ns(chain, run.duration_ns[k])[:passed]
     arrival = (start + stall)[of_waypoint] + offset
     # The robot stands where the node before ended, until it starts and then until it moves.
@@ -95,6 +114,40 @@ def _chain_trajectory(chain: NodeChain, run: Run, k: int) -> Trajectory:
     return _until(
         Trajectory(chain.robot, t[order], q[order], node[order]), run.makespan_ns
     )
+
+
+def _with_stops(motion: Trajectory, run: Run, k: int) -> Trajectory:
+    """Return a motion in the run's time, with a row at both ends of every stop."""
+    halts = run.halts_ns[k] if run.halts_ns else ()
+    if not halts:
+        return motion
+    pace = run.pace(k)
+    stops_at = pace.stops_at
+    row = np.searchsorted(motion.t_ns, stops_at, side="left")
+    # What comes at the instant of a stop, nodes of no length too, comes after it.
+    there = motion.t_ns[np.minimum(row, len(motion.t_ns) - 1)] == stops_at
+    stands = np.where(
+        there[:, None],
+        motion.q[np.minimum(row, len(motion.q) - 1)],
+        motion.at(stops_at),
+    )
+    node = motion.node[np.minimum(row, len(motion.node) - 1)]
+    edges = np.array(halts, dtype=np.int64)
+    t = np.concatenate(
+        [
+            np.minimum(pace.real(motion.t_ns), run.makespan_ns),
+            edges[:, 0],
+            np.minimum(edges[:, 1], run.makespan_ns),
+        ]
+    )
+    q = np.vstack([motion.q, stands, stands])
+    nodes = np.concatenate([motion.node, node, node])
+    own = np.concatenate([motion.t_ns, stops_at, stops_at])
+    # At the own time of a stop: first it begins, then it ends, then come the rows there are.
+    slot = np.repeat([2, 0, 1], [len(motion.t_ns), len(halts), len(halts)])
+    order = np.lexsort((slot, own))
+    order = order[np.argsort(t[order], kind="stable")]
+    return Trajectory(motion.robot, t[order], q[order], nodes[order])
 
 
 def _until(motion: Trajectory, end_ns: int) -> Trajectory:
@@ -129,10 +182,14 @@ def object_placements(tpg: TemporalPlanGraph, run: Run) -> tuple[Placement, ...]
     ]
     for item in tpg.handlings:
         start = int(run.start_ns[item.robot][item.node])
-        t_ns = start + int(run.stall_ns[item.robot][item.node])
+        if start < 0 or run.failed_node(item.robot) == item.node:
+            continue
+        passed = int(run.stall_ns[item.robot][item.node])
         if item.waypoint > 0:
             first = int(tpg.chains[item.robot].first[item.node])
-            t_ns += int(offsets[item.robot][first + item.waypoint - 1])
-        if start >= 0 and t_ns <= run.makespan_ns:
+            passed += int(offsets[item.robot][first + item.waypoint - 1])
+        pace = run.pace(item.robot)
+        t_ns = int(pace.real(pace.own(np.array([start])) + passed)[0])
+        if t_ns <= run.makespan_ns:
             placements.append(Placement(t_ns, item.object, item.holder, item.pose))
     return tuple(sorted(placements, key=lambda placement: placement.t_ns))
