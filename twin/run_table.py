@@ -63,6 +63,8 @@ def summary_rows(
 ) -> list[tuple[str, str, str]]:
     """Return the table's rows: what, how much, and a remark."""
     rows = [("outcome", str(summary["outcome"]), f"seed {summary['seed']}")]
+    if summary.get("failure"):
+        rows.append(("failure", str(summary["failure"]), ""))
     sequential = float(summary["makespan_sequential_s"])
     makespan = float(summary["makespan_s"])
     rows.append(("makespan, one task at a time", f"{sequential:.2f} s", ""))

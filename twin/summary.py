@@ -52,6 +52,11 @@ def summarise(
         "stall_s": {
             name: run.stalled_ns(k) / NANOSECONDS for k, name in enumerate(robots)
         },
+        "stopped_s": {
+            name: run.halted_ns(k, run.makespan_ns) / NANOSECONDS
+            for k, name in enumerate(robots)
+        },
+        "failure": run.failure or None,
         "nodes": sum(len(chain) for chain in tpg.chains),
         "type2_edges": len(tpg.edges),
         "planning_s": dict(planning_s or {}),

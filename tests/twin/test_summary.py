@@ -34,6 +34,8 @@ def test_figures_of_a_small_run(tmp_path: Path) -> None:
         "lower_bound_s": 3.0,
         "wait_s": {"robot_0": 0.0, "robot_1": 2.0},
         "stall_s": {"robot_0": 0.0, "robot_1": 0.0},
+        "stopped_s": {"robot_0": 0.0, "robot_1": 0.0},
+        "failure": None,
         "nodes": 6,
         "type2_edges": 1,
         "planning_s": {"motion": 0.5},

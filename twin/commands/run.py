@@ -34,7 +34,8 @@ Plan = Annotated[
 PolicyName = Annotated[
     str | None,
     typer.Option(
-        help="asynchronous, sequential or synchronous, in place of the scenario's."
+        help="asynchronous, sequential, synchronous or open-loop, in place of the "
+        "scenario's."
     ),
 ]
 Stalls = Annotated[
