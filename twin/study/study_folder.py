@@ -69,7 +69,7 @@ def read_request(folder: Path) -> StudyRequest:
         document = json.loads(path.read_text(encoding="utf-8"))
         study = document["study"]
         return StudyRequest(
-            Scenario.model_validate(document["scenario"]),
+            Scenario.model_validate_json(json.dumps(document["scenario"])),
             Path(study["base"]),
             _experiment(study["experiment"]),
             int(study["shortcut_candidates"]),

@@ -78,7 +78,8 @@ def varied(scenario: Scenario, variant: Variant) -> Scenario:
     for key, value in variant.items():
         _assign(execution, key, value)
     try:
-        section = ExecutionSection.model_validate(execution)
+        # As JSON: sections are strict, and a list is a tuple only there.
+        section = ExecutionSection.model_validate_json(json.dumps(execution))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])

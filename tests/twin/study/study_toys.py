@@ -1,0 +1,39 @@
+"""Small workloads for the tests of studies."""
+
+from __future__ import annotations
+
+from tests.twin.twin_toys import random_tpg
+from twin.disturbances import Disturbances
+from twin.durations import Lognormal, SkillDurations, Uniform
+from twin.run import Policy
+from twin.study.timing_graph import timing_graph
+from twin.study.workload import Workload
+
+DURATIONS = SkillDurations(
+    {
+        "pick": Uniform(0.2, 5.0),
+        "place-down": Lognormal(2.0, 9.0),
+        "handover": Uniform(1.0, 2.0),
+        "support-top": Uniform(1.0, 9.0),
+    }
+)
+
+
+def toy_workload(
+    seed: int = 1,
+    *,
+    policy: Policy = "asynchronous",
+    reasons: tuple[str, ...] = (),
+    disturbances: Disturbances | None = None,
+    antithetic: bool = False,
+) -> Workload:
+    """Three robots and fourteen tasks."""
+    tpg = random_tpg(seed, dofs=(2, 2, 3), tasks=14, edges=14)
+    return Workload(
+        tpg=timing_graph(tpg),
+        policy=policy,
+        durations=SkillDurations(DURATIONS.models, antithetic=antithetic),
+        disturbances=disturbances or Disturbances(),
+        seed=5,
+        reasons=reasons,
+    )

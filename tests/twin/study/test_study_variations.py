@@ -1,0 +1,72 @@
+"""Inputs that are varied: how they are written, and what they do to a scenario."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from planning.errors import ScenarioError
+from twin.scenario import Scenario
+from twin.scenario_file import load_scenario
+from twin.study.variations import Variation, parse_variation, variants, varied
+
+CLIFF = Path(__file__).parents[3] / "scenarios/lego/cliff.yaml"
+
+
+@pytest.fixture(scope="module")
+def cliff() -> Scenario:
+    return load_scenario(CLIFF)
+
+
+def test_values_are_json_or_plain_words() -> None:
+    assert parse_variation("stalls.count_per_robot=0, 2,10") == Variation(
+        "stalls.count_per_robot", (0, 2, 10)
+    )
+    assert parse_variation("execution.latency_s=0.5").key == "latency_s"
+    assert parse_variation("stalls.duration_s=[1,2],[5,9]").values == ([1, 2], [5, 9])
+    assert parse_variation('skills.pick={"kind":"fixed","value_s":3}').values == (
+        {"kind": "fixed", "value_s": 3},
+    )
+    assert parse_variation("policy=sequential").values == ("sequential",)
+
+
+@pytest.mark.parametrize("text", ["latency_s", "=1,2", "latency_s=", "latency_s=1,1"])
+def test_what_names_no_values_is_refused(text: str) -> None:
+    with pytest.raises(ScenarioError, match="cannot vary"):
+        parse_variation(text)
+
+
+def test_every_combination_is_a_variant() -> None:
+    found = variants([Variation("a", (1, 2)), Variation("b", ("x", "y", "z"))])
+    assert len(found) == 6
+    assert found[1] == {"a": 1, "b": "y"}
+    assert variants([]) == ({},)
+    with pytest.raises(ScenarioError, match="varied twice"):
+        variants([Variation("a", (1,)), Variation("a", (2,))])
+
+
+def test_a_variant_changes_its_keys_and_nothing_else(cliff: Scenario) -> None:
+    other = varied(cliff, {"stalls.count_per_robot": 3, "stalls.duration_s.1": 7})
+    assert other.execution.stalls.count_per_robot == 3
+    assert other.execution.stalls.duration_s == (1.0, 7.0)
+    assert other.cell == cliff.cell
+    assert varied(cliff, {}) is cliff
+
+
+@pytest.mark.parametrize(
+    ("variant", "message"),
+    [
+        ({"latencys": 1}, "execution has no 'latencys' .*latency_s"),
+        ({"stalls.count": 1}, "execution.stalls has no 'count' .*count_per_robot"),
+        ({"latency_s.mean": 1}, "execution.latency_s is a plain value"),
+        ({"stalls.duration_s.7": 1}, r"no entry '7' \(valid: 0, 1\)"),
+        ({"latency_s": -1}, "execution.latency_s: .*greater than or equal to 0"),
+        ({"skills.pik": {"kind": "fixed", "value_s": 1}}, "pik"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_what_would(
+    cliff: Scenario, variant: dict[str, object], message: str
+) -> None:
+    with pytest.raises(ScenarioError, match=message):
+        varied(cliff, variant)
