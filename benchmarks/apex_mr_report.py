@@ -52,11 +52,9 @@ def write_report(
         },
     )
     if measured:
-        draw_comparison(
-            folder / f"{NAME}.png",
-            {name: one.figures for name, one in measured.items()},
-            "The structures and cells of the APEX-MR paper, planned here",
-        )
+        drawn = {name: one.figures for name, one in (lego or more).items()}
+        title = "The structures of APEX-MR" if lego else "Cells with more robots"
+        draw_comparison(folder / f"{NAME}.png", drawn, f"{title}, planned here")
     parts = [_head(measured, machine), _failed(failures)]
     if lego:
         parts += [averages(lego), quality(lego), planning(lego), baselines(lego)]

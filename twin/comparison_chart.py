@@ -77,8 +77,14 @@ def draw_comparison(path: Path, scenarios: Mapping[str, Figures], title: str) ->
     unit = "s" if alone else "% of asynchronous"
     _style(panels[2], scenarios, "planning, wall-clock time", unit)
     bars = [Patch(color=c, label=n) for n, c in zip(COMPARED, _COLOURS, strict=True)]
-    _legend(picture, [*bars, *_bound_marks()], y=1 - 0.8 / height)
-    _legend(picture, stages, y=1 - 1.06 / height if alone else 0.12 / height)
+    rows = (1 - 0.8 / height, 1 - 1.06 / height)
+    if alone:
+        _legend(picture, [*bars, *_bound_marks()], y=rows[0])
+        _legend(picture, stages, y=rows[1])
+    else:
+        _legend(picture, bars, y=rows[0])
+        _legend(picture, _bound_marks(), y=rows[1])
+        _legend(picture, stages, y=0.12 / height)
     with replacing(path) as temporary:
         picture.savefig(temporary, format="png")
 

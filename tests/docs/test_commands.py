@@ -52,7 +52,7 @@ EXPENSIVE = [c for c in COMMANDS if c.line.startswith("twin ") and c.expensive]
 def run(line: str, logs: Path) -> subprocess.CompletedProcess[str]:
     program, *arguments = shlex.split(line)
     assert program == "twin"
-    if arguments[0] == "run":
+    if arguments[0] in ("run", "compare"):
         arguments += ["--out", str(logs)]
     return subprocess.run(
         [sys.executable, "-m", "twin.cli", *arguments],
