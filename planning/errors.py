@@ -4,6 +4,7 @@ TwinError
 +-- ScenarioError          the scenario file cannot be used as written
 +-- RobotModelError        a robot description cannot be used
 +-- InfeasibleStepError    no robot, object and pose can do an assembly step
++-- ConstructionError      a construction cannot be built as it is, or by this team
 +-- TransitError           no collision-free path was found
 +-- PlanInvariantError     a plan breaks a guarantee it must keep
 +-- OutputError            a file or folder cannot be written or read
@@ -37,6 +38,10 @@ class RobotModelError(TwinError):
 
 class InfeasibleStepError(TwinError):
     """No robot, object and pose can do an assembly step."""
+
+
+class ConstructionError(TwinError):
+    """A construction cannot be built as it is, or by this team."""
 
 
 class TransitError(TwinError):
