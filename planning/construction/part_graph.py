@@ -2,8 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+
+from planning.errors import ConstructionError
+from planning.pick_place.contact_graph import Lying, near_to
+from planning.transforms import translation
+
+TOUCH = 0.03
+"""Parts that are nearer to each other than this touch: a joint with room to spare [m]."""
+
+MOST_OVERLAP = 0.002
+"""Deepest that a part may be in what it touches: rounding of poses in files [m]."""
+
+_SINK = 0.01
+_RESTS = 0.5
 
 
 @dataclass(frozen=True)
@@ -44,3 +57,92 @@ class PartGraph:
     def placed_neighbours(self, part: str, placed: Collection[str]) -> int:
         """Return how many neighbours of a part are in place: the heuristic h of eq. 6."""
         return len(self.neighbours[part].intersection(placed))
+
+    def floating(self) -> tuple[str, ...]:
+        """Return the parts that no chain of contacts connects to the ground."""
+        reached = set(self.ground)
+        front = list(reached)
+        while front:
+            new = self.neighbours[front.pop()] - reached
+            reached |= new
+            front += new
+        return tuple(part for part in self.neighbours if part not in reached)
+
+    def longest_chain(self, *, carried: bool = True) -> tuple[str, ...]:
+        """Return parts that can only be placed one after another: the critical path.
+
+        However many robots build, their placements follow each other. With ``carried`` it is
+        the longest chain of parts each of which rests on the one before; or the longest of the
+        shortest ways from the ground, whichever has more parts.
+        """
+        best = self._shortest_way_up()
+        if carried:
+            best = max(best, self._longest_pile(), key=len)
+        return best
+
+    def _shortest_way_up(self) -> tuple[str, ...]:
+        chain = {part: (part,) for part in self.neighbours if part in self.ground}
+        front = list(chain)
+        last: tuple[str, ...] = ()
+        for part in front:  # grows while it is gone through: breadth first
+            last = chain[part]
+            for near in sorted(self.neighbours[part]):
+                if near not in chain:
+                    chain[near] = (*chain[part], near)
+                    front.append(near)
+        return last
+
+    def _longest_pile(self) -> tuple[str, ...]:
+        known: dict[str, tuple[str, ...]] = {}
+        left = dict(self.carriers)
+        while left:
+            ready = [p for p, below in left.items() if below.isdisjoint(left)]
+            if not ready:
+                raise ConstructionError(
+                    f"{', '.join(sorted(left))} rest on each other in a circle"
+                )
+            for part in ready:
+                below = (known[other] for other in sorted(left.pop(part)))
+                known[part] = (*max(below, key=len, default=()), part)
+        return max(known.values(), key=len, default=())
+
+
+def build_part_graph(
+    parts: Mapping[str, Lying],
+    fixtures: Sequence[Lying],
+    *,
+    touch: float = TOUCH,
+) -> PartGraph:
+    """Find what touches what where every part is in its place.
+
+    A part rests on a neighbour that it would come at least half as much nearer to as it sinks.
+
+    Args:
+        parts: every part in its place, by name.
+        fixtures: what stands fast.
+        touch: parts nearer to each other than this touch [m].
+
+    Raises:
+        ConstructionError: two parts, or a part and a fixture, would overlap.
+    """
+    grounds = {item.name: (item, pose) for item, pose in fixtures}
+    neighbours, ground, carriers = {}, {}, {}
+    for name, (item, pose) in parts.items():
+        others = {key: value for key, value in parts.items() if key != name}
+        near = near_to((item, pose), others | grounds, touch)
+        for other, gap in near.items():
+            if gap < -MOST_OVERLAP:
+                raise ConstructionError(
+                    f"{name} and {other} would overlap by {-gap * 1e3:.0f} mm where they belong"
+                )
+        sunk = translation(0.0, 0.0, -_SINK) @ pose
+        below = near_to(
+            (item, sunk), {k: others[k] for k in near if k in others}, touch
+        )
+        neighbours[name] = frozenset(key for key in near if key in others)
+        carriers[name] = frozenset(
+            key for key, gap in below.items() if near[key] - gap > _RESTS * _SINK
+        )
+        if fixed := frozenset(near) & frozenset(grounds):
+            ground[name] = fixed
+    return PartGraph(neighbours, ground, carriers)
