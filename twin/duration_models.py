@@ -4,25 +4,71 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
+from planning.errors import TwinError
 from twin.durations import (
     DurationModel,
+    DurationOverride,
     Empirical,
+    Exponential,
     Fixed,
+    Gamma,
     Lognormal,
+    Pert,
+    Retries,
+    Scaled,
+    Shifted,
+    SkillDurations,
+    Triangular,
+    TruncatedNormal,
     Uniform,
+    Weibull,
     packaged_timings,
 )
 from twin.scenario import Scenario
 from twin.scenario_durations import (
-    DurationSection,
+    AnyDuration,
     EmpiricalDuration,
+    ExponentialDuration,
     FixedDuration,
+    GammaDuration,
+    LognormalDuration,
+    NormalDuration,
+    PackagedDuration,
+    PertDuration,
+    RetriesDuration,
+    ShiftedDuration,
+    TriangularDuration,
     UniformDuration,
+    WeibullDuration,
 )
 
 
+def skill_durations(
+    scenario: Scenario, folder: Path = Path(), *, antithetic: bool = False
+) -> SkillDurations:
+    """Return the durations of all skills, with the exceptions for robots and objects.
+
+    Args:
+        scenario: a checked scenario.
+        folder: where relative paths in it start, that of its file.
+        antithetic: draw replications in mirrored pairs, see SkillDurations.
+
+    Raises:
+        ScenarioError: a file of measured times cannot be read.
+    """
+    overrides = tuple(
+        DurationOverride(
+            item.skill, duration_model(item.duration, folder), item.robot, item.object
+        )
+        for item in scenario.execution.skill_overrides
+    )
+    return SkillDurations(skill_models(scenario, folder), overrides, antithetic)
+
+
 def skill_models(scenario: Scenario, folder: Path = Path()) -> dict[str, DurationModel]:
-    """Return the duration model of every skill; packaged timings where none is given.
+    """Return the duration model of every skill, without exceptions.
 
     Args:
         scenario: a checked scenario.
@@ -31,19 +77,60 @@ def skill_models(scenario: Scenario, folder: Path = Path()) -> dict[str, Duratio
     Raises:
         ScenarioError: a file of measured times cannot be read.
     """
-    own: dict[str, DurationModel] = {
+    return {
         skill: duration_model(section, folder)
         for skill, section in scenario.execution.skills.items()
     }
-    return {**packaged_timings(), **own}
 
 
-def duration_model(section: DurationSection, folder: Path) -> DurationModel:
-    """Return the distribution of one section."""
-    if isinstance(section, FixedDuration):
-        return Fixed(section.value_s)
-    if isinstance(section, UniformDuration):
-        return Uniform(section.low_s, section.high_s)
-    if isinstance(section, EmpiricalDuration):
-        return Empirical.from_csv(folder / section.csv, section.column)
-    return Lognormal(section.median_s, section.p95_s)
+def duration_model(section: AnyDuration, folder: Path) -> DurationModel:
+    """Return the distribution of one section.
+
+    Raises:
+        ScenarioError: there is no such distribution, or a file cannot be read.
+    """
+    model = _unscaled(section, folder)
+    return model if section.scale == 1.0 else Scaled(model, section.scale)
+
+
+def _unscaled(section: AnyDuration, folder: Path) -> DurationModel:
+    match section:
+        case FixedDuration():
+            return Fixed(section.value_s)
+        case UniformDuration():
+            return Uniform(section.low_s, section.high_s)
+        case TriangularDuration():
+            return Triangular(section.low_s, section.mode_s, section.high_s)
+        case PertDuration():
+            return Pert(section.low_s, section.mode_s, section.high_s)
+        case NormalDuration():
+            high = np.inf if section.high_s is None else section.high_s
+            return TruncatedNormal(section.mean_s, section.sd_s, section.low_s, high)
+        case LognormalDuration(median_s=float(median), p95_s=float(p95)):
+            return Lognormal(median, p95)
+        case LognormalDuration(mean_s=float(mean), cv=float(cv)):
+            return Lognormal.from_mean(mean, cv)
+        case ExponentialDuration():
+            return Exponential(section.mean_s)
+        case GammaDuration(shape=float(shape), scale_s=float(scale)):
+            return Gamma(shape, scale)
+        case GammaDuration(mean_s=float(mean), cv=float(cv)):
+            return Gamma.from_mean(mean, cv)
+        case WeibullDuration():
+            return Weibull(section.shape, section.scale_s)
+        case EmpiricalDuration():
+            return Empirical.from_csv(folder / section.csv, section.column)
+        case PackagedDuration():
+            return packaged_timings()[section.skill]
+        case ShiftedDuration():
+            return Shifted(duration_model(section.model, folder), section.offset_s)
+        case RetriesDuration():
+            return Retries(
+                duration_model(section.attempt, folder),
+                section.probability,
+                section.retries,
+                None
+                if section.retry is None
+                else duration_model(section.retry, folder),
+            )
+    raise TwinError(f"no distribution for {type(section).__name__}")

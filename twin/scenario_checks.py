@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from planning.errors import RobotModelError, ScenarioError
 from twin.assemblies.kinds import assembly_kind
+from twin.duration_checks import Found, check_durations
 from twin.scenario import RobotSection, Scenario
-from twin.scenario_durations import EmpiricalDuration
 from twin.scenario_problems import Problem, mark_problems, unknown_name
 from twin.scenario_yaml import KeyPath, YamlDocument
 
@@ -24,13 +24,10 @@ def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
     found: list[tuple[KeyPath, str]] = []
     found += _check_robots(scenario.cell.robots, folder)
     found += _check_names(scenario)
-    found += _check_durations(scenario, folder)
+    found += check_durations(scenario, folder)
     found += _check_robot_names(scenario)
     assembly = assembly_kind(scenario.assembly)
     return mark_problems(document, found) + assembly.problems(document)
-
-
-Found = Iterator[tuple[KeyPath, str]]
 
 
 def _check_names(scenario: Scenario) -> Found:
@@ -105,19 +102,3 @@ def _check_robot_names(scenario: Scenario) -> Found:
     for path, name in used:
         if name not in names:
             yield path, unknown_name("robot", name, names)
-
-
-def _check_durations(scenario: Scenario, folder: Path) -> Found:
-    from twin.durations import Empirical
-
-    for skill, duration in scenario.execution.skills.items():
-        if isinstance(duration, EmpiricalDuration):
-            file = folder / duration.csv
-            at: KeyPath = ("execution", "skills", skill, "csv")
-            if not file.is_file():
-                yield at, f"no such file: {file}"
-                continue
-            try:
-                Empirical.from_csv(file, duration.column)
-            except ScenarioError as error:
-                yield at, str(error)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
-from pydantic import Field
+from pydantic import Field, field_validator, model_validator
 
-from twin.scenario_base import Section
+from twin.scenario_base import Name, Section
 from twin.scenario_disturbances import (
     BreakdownsSection,
     EmergencyStopSection,
@@ -14,18 +14,34 @@ from twin.scenario_disturbances import (
     SpeedSection,
     StallsSection,
 )
-from twin.scenario_durations import DurationSection
-
-Skill = Literal[
-    "pick",
-    "place-down",
-    "place-up",
-    "handover",
-    "support-bottom",
-    "support-top",
-]
+from twin.scenario_durations import DurationSection, PackagedDuration, Skill
 
 Latency = Annotated[float, Field(ge=0, le=3600)]
+
+
+class SkillOverride(Section):
+    """An exception: a skill done by one robot, to one type of object, or both.
+
+    The exception that names robot and object is the strongest, then the one that names the
+    robot, then the one that names the object.
+
+    Attributes:
+        skill: which skill.
+        robot: who does it; everyone when not given.
+        object: type of what it is done to, such as ``2x4``; anything when not given.
+        duration: how long it then takes.
+    """
+
+    skill: Skill
+    robot: Name | None = None
+    object: str | None = None
+    duration: DurationSection
+
+    @model_validator(mode="after")
+    def _names_something(self) -> SkillOverride:
+        if self.robot is None and self.object is None:
+            raise ValueError("name a robot, an object or both; else use 'skills'")
+        return self
 
 
 class ExecutionSection(Section):
@@ -40,6 +56,7 @@ class ExecutionSection(Section):
         report_latency_s: the same from robot to dispatcher only [s].
         release_latency_s: the same from dispatcher to robot only [s].
         skills: duration models by skill; the packaged synthetic timings where not given.
+        skill_overrides: exceptions from ``skills`` for robots and types of objects.
         speed: speed factors of the robots' controllers.
         jitter: distribution of what every node takes longer.
         stalls: random standstills.
@@ -55,10 +72,25 @@ class ExecutionSection(Section):
     latency_s: Latency = 0.0
     report_latency_s: Latency | None = None
     release_latency_s: Latency | None = None
-    skills: dict[Skill, DurationSection] = Field(default_factory=dict)
+    skills: dict[Skill, DurationSection] = Field(
+        default_factory=dict, validate_default=True
+    )
+    skill_overrides: tuple[SkillOverride, ...] = ()
     speed: SpeedSection = SpeedSection()
     jitter: DurationSection | None = None
     stalls: StallsSection = StallsSection()
     breakdowns: BreakdownsSection | None = None
     failures: dict[Skill, FailureSection] = Field(default_factory=dict)
     emergency_stops: tuple[EmergencyStopSection, ...] = ()
+
+    @field_validator("skills")
+    @classmethod
+    def _all_skills(
+        cls, given: dict[Skill, DurationSection]
+    ) -> dict[Skill, DurationSection]:
+        """Spell out what is drawn from where the file says nothing."""
+        names: tuple[Skill, ...] = get_args(Skill)
+        packaged: dict[Skill, DurationSection] = {
+            name: PackagedDuration(kind="packaged", skill=name) for name in names
+        }
+        return {**packaged, **given}

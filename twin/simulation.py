@@ -6,8 +6,7 @@ from pathlib import Path
 
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.disturbance_models import scenario_disturbances
-from twin.duration_models import skill_models
-from twin.durations import SkillDurations
+from twin.duration_models import skill_durations
 from twin.engine import Simulator
 from twin.run import Policy
 from twin.scenario import Scenario
@@ -35,7 +34,7 @@ def scenario_simulator(
     robots = tuple(robot.name for robot in scenario.cell.robots)
     return Simulator(
         tpg,
-        SkillDurations(skill_models(scenario, base)),
+        skill_durations(scenario, base),
         policy=policy or execution.policy,
         queue_depth=execution.queue_depth,
         latency_s=execution.latency_s,

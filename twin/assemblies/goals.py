@@ -40,6 +40,10 @@ class GoalsKind:
         """Return no names: there are no objects."""
         return iter(())
 
+    def object_kinds(self) -> tuple[str, ...]:
+        """Return nothing: nobody handles anything."""
+        return ()
+
     def reserved(self, name: str) -> str | None:
         """Return nothing: any name will do."""
         return None

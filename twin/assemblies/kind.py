@@ -59,6 +59,10 @@ class AssemblyKind(Protocol):
         """Return the names of the objects it brings, each with its key in the file."""
         ...
 
+    def object_kinds(self) -> Iterable[str]:
+        """Return the types of the objects it brings, each once."""
+        ...
+
     def reserved(self, name: str) -> str | None:
         """Return what of its own has a name that nothing else may have, None if nothing."""
         ...

@@ -66,6 +66,10 @@ class LegoKind:
         for i, item in enumerate(self.section.stock):
             yield ("assembly", "stock", i, "name"), item.name
 
+    def object_kinds(self) -> Iterator[str]:
+        """Yield the types of the bricks in stock."""
+        yield from dict.fromkeys(item.brick for item in self.section.stock)
+
     def reserved(self, name: str) -> str | None:
         """Return whether a name is that of a plate, or of a brick that comes up later."""
         from planning.lego.objects import STORAGE

@@ -40,6 +40,10 @@ class PickPlaceKind:
         for i, part in enumerate(self.section.parts):
             yield ("assembly", "parts", i, "name"), part.name
 
+    def object_kinds(self) -> Iterator[str]:
+        """Yield the sizes of the parts."""
+        yield from dict.fromkeys(_kind(part) for part in self.section.parts)
+
     def reserved(self, name: str) -> str | None:
         """Return nothing: this kind brings nothing but its parts."""
         return None
@@ -108,6 +112,11 @@ def _grips(section: GripSection) -> GripRules:
     )
 
 
+def _kind(part: PartSection) -> str:
+    """Return the type of a part, such as ``"0.04 x 0.04 x 0.3"``."""
+    return " x ".join(f"{edge:g}" for edge in part.size_m)
+
+
 def _part(part: PartSection, steps: tuple[str, ...]) -> CellObject:
     from planning.geometry.cover import box_body
 
@@ -115,7 +124,7 @@ def _part(part: PartSection, steps: tuple[str, ...]) -> CellObject:
     red, green, blue = part.colour
     return CellObject(
         name=part.name,
-        kind=" x ".join(f"{edge:g}" for edge in part.size_m),
+        kind=_kind(part),
         size=size,
         start=readonly(build_transform(part.start)),
         body=box_body(part.name, size),

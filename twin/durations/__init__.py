@@ -9,6 +9,7 @@ from twin.durations.normal import TruncatedNormal
 from twin.durations.retries import Retries
 from twin.durations.skewed import Exponential, Gamma, Lognormal, Weibull
 from twin.durations.skill_durations import (
+    DurationOverride,
     NodeDurations,
     SkillDurations,
     nominal_durations,
@@ -18,6 +19,7 @@ from twin.durations.skill_durations import (
 __all__ = [
     "NANOSECONDS",
     "DurationModel",
+    "DurationOverride",
     "Empirical",
     "Exponential",
     "Fixed",

@@ -26,6 +26,23 @@ class NodeDurations(Protocol):
 
 
 @dataclass(frozen=True)
+class DurationOverride:
+    """An exception: a skill done by one robot, to one type of object, or both.
+
+    Attributes:
+        skill: which skill.
+        model: its durations.
+        robot: who does it, None for anyone.
+        object_kind: type of what it is done to, None for anything.
+    """
+
+    skill: str
+    model: DurationModel
+    robot: str | None = None
+    object_kind: str | None = None
+
+
+@dataclass(frozen=True)
 class SkillDurations:
     """Skills vary, motions take their nominal time.
 
@@ -34,11 +51,14 @@ class SkillDurations:
 
     Attributes:
         models: duration model of each skill; a skill without one keeps its nominal duration.
+        overrides: exceptions; robot and object beat robot alone, that beats object alone, and
+            every exception beats ``models``.
         antithetic: draw in pairs: where replication 2k uses the uniform u, replication 2k + 1
             uses 1 - u. Replications of even number are the same as without it.
     """
 
     models: Mapping[str, DurationModel]
+    overrides: tuple[DurationOverride, ...] = ()
     antithetic: bool = False
 
     def bind(self, tpg: TemporalPlanGraph) -> SkillDraws:
@@ -49,6 +69,14 @@ class SkillDurations:
         self, skill: str, robot: str, object_kind: str | None
     ) -> DurationModel | None:
         """Return the model of a skill done by a robot to an object of a kind, None if none."""
+        exceptions = {
+            (item.robot, item.object_kind): item.model
+            for item in self.overrides
+            if item.skill == skill
+        }
+        for key in ((robot, object_kind), (robot, None), (None, object_kind)):
+            if key in exceptions:
+                return exceptions[key]
         return self.models.get(skill)
 
     def sample(
