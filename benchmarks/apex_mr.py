@@ -139,7 +139,9 @@ def _options(arguments: Sequence[str] | None) -> Options:
     parser.add_argument(
         "--only", nargs="+", choices=tuple(SCENARIOS), metavar="NAME", default=()
     )
-    parser.add_argument("--seeds", type=int, default=4)
+    parser.add_argument(
+        "--seeds", type=int, choices=range(1, 100), default=4, metavar="N"
+    )
     parser.add_argument("--shortcuts", type=int, help="candidates tried on each plan")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--fresh", action="store_true", help="measure all again")
@@ -152,4 +154,8 @@ def _options(arguments: Sequence[str] | None) -> Options:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted; the same command goes on from here\n")
+        sys.exit(130)

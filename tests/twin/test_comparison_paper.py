@@ -1,0 +1,170 @@
+"""The report that stands beside the paper: its averages, its files, and what is kept of a run."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.apex_mr import main
+from benchmarks.apex_mr_paper import STRUCTURES, TABLE_I, TABLE_II
+from benchmarks.apex_mr_report import write_report
+from benchmarks.apex_mr_tables import Measured
+from benchmarks.measured_store import MeasuredStore
+from twin.comparison import (
+    ASYNCHRONOUS_SHORTCUT,
+    BASELINES,
+    COMPARED,
+    SEQUENTIAL,
+    SYNCHRONOUS,
+    SYNCHRONOUS_SHORTCUT,
+    Comparison,
+    Measurement,
+)
+from twin.comparison_figures import comparison_figures
+
+STAGES = ("assignment", "motion", "synchronous", "tpg", "shortcut")
+
+
+def comparison(name: str, rng: np.random.Generator) -> Comparison:
+    """Random figures of two seeds."""
+
+    def measurement(policy: str) -> Measurement:
+        make, wait = rng.uniform(50, 900, 2)
+        return Measurement(
+            makespan_s=make,
+            wait_s=wait,
+            planning_s={stage: rng.uniform(0.1, 9) for stage in STAGES},
+            straight_line_s=0.4 * make,
+            critical_path_s=0.5 * make,
+            straight_line_ratio=1.02 if policy in BASELINES else None,
+            nodes=5,
+            type2_edges=2,
+        )
+
+    measured = {p: (measurement(p), measurement(p)) for p in COMPARED}
+    return Comparison(name, ("left", "right"), (0, 1), 70, measured)
+
+
+@pytest.fixture
+def compared() -> dict[str, Comparison]:
+    rng = np.random.default_rng(4)
+    return {name: comparison(name, rng) for name in (*STRUCTURES, *TABLE_I)}
+
+
+def write(folder: Path, compared: dict[str, Comparison]) -> str:
+    measured = {
+        name: Measured(comparison_figures(one), 2, 70, "2026-01-02")
+        for name, one in compared.items()
+    }
+    return write_report(folder, measured, {}, "a machine").read_text()
+
+
+def below(one: Comparison, key: str, policy: str, other: str) -> float:
+    def mean(rows: Sequence[Measurement]) -> float:
+        return sum(float(getattr(row, key)) for row in rows) / len(rows)
+
+    return 100 - 100 * mean(one.measured[policy]) / mean(one.measured[other])
+
+
+def test_averages_are_over_the_nine_structures_alone(
+    compared: dict[str, Comparison], tmp_path: Path
+) -> None:
+    text = write(tmp_path, compared)
+    for key, paper, policy, other in (
+        ("makespan_s", 48, ASYNCHRONOUS_SHORTCUT, SEQUENTIAL),
+        ("wait_s", 85, ASYNCHRONOUS_SHORTCUT, SEQUENTIAL),
+        ("makespan_s", 36, SYNCHRONOUS_SHORTCUT, SYNCHRONOUS),
+        ("wait_s", 77, SYNCHRONOUS_SHORTCUT, SYNCHRONOUS),
+        ("makespan_s", 3, ASYNCHRONOUS_SHORTCUT, SYNCHRONOUS_SHORTCUT),
+    ):
+        ours = [below(compared[name], key, policy, other) for name in STRUCTURES]
+        what = f"{policy}: {key.split('_')[0]} below {other}"
+        cells = f"{paper} | **{np.mean(ours):.1f}** | {min(ours):.1f} | {max(ours):.1f}"
+        assert f"| {what} | {cells} |" in text
+
+
+def test_the_report_says_where_its_figures_are_from(
+    compared: dict[str, Comparison], tmp_path: Path
+) -> None:
+    text = write(tmp_path, compared)
+    for words in ("2026-01-02", "a machine", "Seeds 0, 1", "70 shortcut candidates"):
+        assert words in text
+    assert "Not the paper's cell" in text
+    assert "39.2" in text
+    assert (tmp_path / "apex-mr.png").exists()
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    assert all(len(re.findall(r"(?<!\\)\|", row)) >= 4 for row in rows)
+    for name in (*STRUCTURES, *TABLE_I):
+        assert any(row.startswith(f"| {name}") for row in rows)
+
+
+def test_the_json_file_holds_structures_and_policies_and_nothing_else(
+    compared: dict[str, Comparison], tmp_path: Path
+) -> None:
+    write(tmp_path, compared)
+    content = json.loads((tmp_path / "apex-mr.json").read_text())
+    assert tuple(content) == STRUCTURES
+    for name, policies in content.items():
+        assert tuple(policies) == COMPARED
+        for policy, row in policies.items():
+            seeds = [m.makespan_s for m in compared[name].measured[policy]]
+            assert row["makespan_s"]["per_seed"] == seeds
+            assert {"wait_s", "planning_s", "seeds", "date", "machine"} <= set(row)
+
+
+def test_columns_of_the_paper_add_up_to_its_totals() -> None:
+    printed = (21.6, 25.3, 25.7, 98.2, 73.5, 575.2, 51.6, 39.2, 139.3)
+    totals = [TABLE_II[name].total for name in STRUCTURES]
+    assert totals == pytest.approx(printed, abs=0.15)
+    saved = [
+        1 - t.total / (t.synchronous_task + t.synchronous_motion)
+        for t in TABLE_II.values()
+    ]
+    assert np.mean(saved) == pytest.approx(0.26, abs=0.005)
+
+
+def test_what_another_program_measured_is_not_found_again(
+    compared: dict[str, Comparison], tmp_path: Path
+) -> None:
+    root, folder = tmp_path / "root", tmp_path / "kept"
+    (root / "planning").mkdir(parents=True)
+    source = root / "planning" / "a.py"
+    source.write_text("one = 1\n")
+    rows = {p: compared["cliff"].measured[p][0] for p in COMPARED}
+    store = MeasuredStore(folder, root, "here")
+    assert store.load("cliff", 0, 70) is None
+    store.save("cliff", 0, 70, rows, "2026-01-02")
+    assert MeasuredStore(folder, root, "here").load("cliff", 0, 70) == (
+        rows,
+        "2026-01-02",
+    )
+    for other in (("cliff", 1, 70), ("cliff", 0, 71), ("fish", 0, 70)):
+        assert store.load(*other) is None
+    assert MeasuredStore(folder, root, "there").load("cliff", 0, 70) is None
+    source.write_text("one = 2\n")
+    assert MeasuredStore(folder, root, "here").load("cliff", 0, 70) is None
+
+
+def test_what_cannot_be_planned_is_named_and_left_out(
+    compared: dict[str, Comparison], tmp_path: Path
+) -> None:
+    rest = {name: compared[name] for name in ("cliff", "fish")}
+    measured = {
+        name: Measured(comparison_figures(one), 2, 70, "2026-01-02")
+        for name, one in rest.items()
+    }
+    failures = {"chair, seed 1": "no way"}
+    text = write_report(tmp_path, measured, failures, "a machine").read_text()
+    assert "- chair, seed 1: no way" in text
+    assert "2 of 9 structures" in text
+
+
+def test_an_unknown_structure_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--only", "sofa"])
+    assert "chair" in capsys.readouterr().err
