@@ -81,7 +81,9 @@ class PartGraph:
         return best
 
     def _shortest_way_up(self) -> tuple[str, ...]:
-        chain = {part: (part,) for part in self.neighbours if part in self.ground}
+        chain: dict[str, tuple[str, ...]] = {
+            part: (part,) for part in self.neighbours if part in self.ground
+        }
         front = list(chain)
         last: tuple[str, ...] = ()
         for part in front:  # grows while it is gone through: breadth first

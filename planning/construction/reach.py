@@ -1,0 +1,201 @@
+"""Configurations that bring a tool to a pose, drawn at random: where may a mobile robot stand?
+
+A robot on a mobile base has a continuum of them. Arm configurations are drawn once for every
+type of robot. For a target, take one whose tool is as high and leans as much as wanted, drive
+the base so that the tool is where it should be, and let damped least squares do the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from planning.geometry.damped_least_squares import solve_from
+from planning.geometry.scene import SceneChecker, joint_poses_of
+from planning.kinematics import frame_in_last_joint
+from planning.robots.model import RobotModel
+from planning.transforms import Array, Transform, identity, inverse
+from planning.workcell import PlacedRobot, Workcell, start_state
+
+_SAMPLES = 3000
+_NEAREST = 48
+_LEAN = 0.5
+"""A radian of the tool's direction weighs as much as that [m]."""
+
+_UPRIGHT = 0.05
+
+
+def is_mobile(model: RobotModel) -> bool:
+    """Return whether a robot drives: its first joints are slides along x and y, and a turn about z."""
+    axis, prismatic = model.chain.axis[:3], model.chain.prismatic[:3]
+    return (
+        model.dof > 3
+        and tuple(prismatic) == (True, True, False)
+        and bool(np.allclose(axis, np.eye(3)))
+        and bool(np.allclose(model.chain.placement[:3], np.eye(4)))
+    )
+
+
+@dataclass(frozen=True)
+class _ArmTable:
+    """Drawn configurations that do not collide with themselves, mobile bases at zero.
+
+    Attributes:
+        q: shape (s, n).
+        tool: poses of the tool in the robot's base frame, shape (s, 4, 4).
+        tree: over their features.
+        spin: direction in which the last joint turns the tool about its z axis, 0 if it does not.
+    """
+
+    q: Array
+    tool: Array
+    tree: KDTree
+    spin: float
+
+
+# Models never change. A model is kept with its tables so that its id is not given to another.
+_TABLES: dict[tuple[int, str], tuple[RobotModel, _ArmTable]] = {}
+
+
+class ReachSampler:
+    """Draws configurations of one robot for wanted poses of its tool.
+
+    Attributes:
+        robot: whose configurations are drawn.
+        frame: name of its tool frame.
+        mobile: whether it drives.
+    """
+
+    def __init__(self, robot: PlacedRobot, frame: str = "tool") -> None:
+        """Take a robot and the name of a tool frame.
+
+        Raises:
+            RobotModelError: the robot has no such frame.
+        """
+        self.robot = robot
+        self.frame = frame
+        self.mobile = is_mobile(robot.model)
+        self._tip = np.ascontiguousarray(frame_in_last_joint(robot.model, frame))
+        self._table = self._arm_table()
+        self._to_base = inverse(robot.base)
+
+    def sample(
+        self, target: Transform, rng: np.random.Generator, count: int = 8
+    ) -> list[Array]:
+        """Return configurations that bring the tool to a pose.
+
+        Args:
+            target: wanted pose of the tool in the world.
+            rng: what is drawn from.
+            count: number of starts; each yields at most one configuration.
+
+        Returns:
+            Distinct configurations within the joint limits, each of shape (n,), in random order;
+            empty when none was found. Collisions are not looked at, but for those of the robot
+            with itself at the starts.
+        """
+        wanted = np.ascontiguousarray(self._to_base @ target)
+        starts = self.seeds(wanted, rng, count)
+        if not len(starts):
+            return []
+        model, chain = self.robot.model, self.robot.model.chain
+        found = np.empty_like(starts)
+        solved = solve_from(
+            chain.placement,
+            chain.axis,
+            chain.prismatic,
+            self._tip,
+            wanted,
+            model.lower,
+            model.upper,
+            starts[0],
+            starts,
+            found,
+        )
+        return [found[k].copy() for k in range(solved)]
+
+    def seeds(self, wanted: Transform, rng: np.random.Generator, count: int) -> Array:
+        """Return starts for the search, near to solutions: shape (at most ``count``, n).
+
+        Args:
+            wanted: pose of the tool in the robot's base frame.
+            rng: what is drawn from.
+            count: how many are wanted.
+        """
+        table, model = self._table, self.robot.model
+        among = min(max(_NEAREST, 2 * count), len(table.q))
+        _, near = table.tree.query(self._features(wanted[None])[0], k=among)
+        chosen = rng.permutation(np.atleast_1d(near))[:count]
+        q = table.q[chosen].copy()
+        for row, tool in zip(q, table.tool[chosen], strict=True):
+            if self.mobile:
+                tool = self._drive(row, tool, wanted, rng)
+            if table.spin:
+                turn = _turn_about_z(tool, wanted)
+                row[-1] = _within(row[-1] + table.spin * turn, model, -1)
+        fits = np.all((q >= model.lower) & (q <= model.upper), axis=1)
+        return np.ascontiguousarray(q[fits])
+
+    def _drive(
+        self, q: Array, tool: Transform, wanted: Transform, rng: np.random.Generator
+    ) -> Transform:
+        """Write the base's position to ``q``; return where the tool is then."""
+        if np.hypot(wanted[0, 2], wanted[1, 2]) < _UPRIGHT:
+            yaw = rng.uniform(-np.pi, np.pi)
+        else:
+            yaw = np.arctan2(wanted[1, 2], wanted[0, 2])
+            yaw -= np.arctan2(tool[1, 2], tool[0, 2])
+        yaw = _within(yaw, self.robot.model, 2)
+        c, s = np.cos(yaw), np.sin(yaw)
+        turned = np.array(tool)
+        turned[:2] = np.array(((c, -s), (s, c))) @ tool[:2]
+        q[:2] = wanted[:2, 3] - turned[:2, 3]
+        q[2] = yaw
+        turned[:2, 3] = wanted[:2, 3]
+        return turned
+
+    def _features(self, tool: Array) -> Array:
+        """Return what must be alike before the base drives, shape (s, f)."""
+        if self.mobile:
+            lean = np.arcsin(np.clip(tool[:, 2, 2], -1.0, 1.0))
+            return np.column_stack([tool[:, 2, 3], _LEAN * lean])
+        return np.column_stack([tool[:, :3, 3], _LEAN * tool[:, :3, 2]])
+
+    def _arm_table(self) -> _ArmTable:
+        model = self.robot.model
+        key = (id(model), self.frame)
+        if key not in _TABLES:
+            _TABLES[key] = (model, self._draw(model))
+        return _TABLES[key][1]
+
+    def _draw(self, model: RobotModel) -> _ArmTable:
+        alone = PlacedRobot("alone", model, identity(), model.home)
+        cell = Workcell((alone,), (), ())
+        checker = SceneChecker(cell, "alone", start_state(cell), frozenset())
+        rng = np.random.default_rng(11)
+        q = rng.uniform(model.lower, model.upper, (_SAMPLES, model.dof))
+        if self.mobile:
+            q[:, :3] = 0.0
+        q = np.ascontiguousarray([row for row in q if checker.configuration_free(row)])
+        tool = np.array([joint_poses_of(alone, row)[-1] @ self._tip for row in q])
+        along = model.chain.axis[-1] @ self._tip[:3, 2]
+        spin = float(np.sign(along)) if abs(along) > 1.0 - 1e-9 else 0.0
+        return _ArmTable(q, tool, KDTree(self._features(tool)), spin)
+
+
+def _turn_about_z(tool: Transform, wanted: Transform) -> float:
+    """Return the turn about its own z axis that brings a tool nearest to a wanted orientation."""
+    rest = tool[:3, :3].T @ wanted[:3, :3]
+    return float(np.arctan2(rest[1, 0] - rest[0, 1], rest[0, 0] + rest[1, 1]))
+
+
+def _within(angle: float, model: RobotModel, joint: int) -> float:
+    """Return an angle plus whole turns, within limits where there is one, else as it is."""
+    if model.chain.prismatic[joint]:
+        return angle
+    low, high = float(model.lower[joint]), float(model.upper[joint])
+    turned = low + (angle - low) % (2.0 * np.pi)
+    fits = np.arange(turned, high, 2.0 * np.pi)
+    return float(fits[np.argmin(np.abs(fits))]) if len(fits) else turned
