@@ -108,7 +108,11 @@ def _new_log_folder(scenario_name: str) -> Path:
 
 
 def manifest(
-    scenario: Mapping[str, Any], cell: Workcell, *, seed: int
+    scenario: Mapping[str, Any],
+    cell: Workcell,
+    *,
+    seed: int,
+    run: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return what is needed to understand and repeat a run.
 
@@ -116,21 +120,29 @@ def manifest(
         scenario: the resolved scenario, as plain JSON values.
         cell: built from it.
         seed: of the run.
+        run: what else a run needs that is to be resumed.
     """
+    about = {} if run is None else {"run": dict(run)}
     return {
         "scenario": dict(scenario),
         "scenario_sha256": scenario_sha256(scenario),
         "seed": seed,
         "versions": versions(),
         "robots": [_robot_entry(robot) for robot in cell.robots],
+        **about,
     }
 
 
 def write_manifest(
-    folder: Path, scenario: Mapping[str, Any], cell: Workcell, *, seed: int
+    folder: Path,
+    scenario: Mapping[str, Any],
+    cell: Workcell,
+    *,
+    seed: int,
+    run: Mapping[str, Any] | None = None,
 ) -> None:
     """Write ``manifest.json`` into a run folder; see manifest."""
-    write_json(folder / MANIFEST, manifest(scenario, cell, seed=seed))
+    write_json(folder / MANIFEST, manifest(scenario, cell, seed=seed, run=run))
 
 
 def scenario_sha256(scenario: Mapping[str, Any]) -> str:

@@ -17,7 +17,7 @@ from twin.recorders.jsonl import JsonlRecorder
 from twin.recorders.memory import MemoryRecorder
 from twin.recorders.observers import Recorder
 from twin.recorders.parquet import objects_table, trajectory_table, write_table
-from twin.run import Policy, Run
+from twin.run import DeadlockError, Policy, Run
 from twin.run_folder import (
     EVENTS,
     GANTT,
@@ -48,6 +48,25 @@ class Keep:
 
     recording: bool = True
     audit: bool = True
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """What is known before a run begins and wanted when it has ended, maybe after a kill.
+
+    Attributes:
+        base: folder in which relative paths of the scenario start.
+        recording: whether ``run.rrd`` is wanted.
+        audit: whether PyBullet is to check what was executed.
+        planning_s: wall-clock seconds of the planning stages.
+        makespan_sequential_s: makespan of the plan, one task after another [s].
+    """
+
+    base: str
+    recording: bool
+    audit: bool
+    planning_s: Mapping[str, float]
+    makespan_sequential_s: float | None
 
 
 @dataclass(frozen=True)
@@ -99,7 +118,15 @@ def try_plan(
         DeadlockError: no robot could go on.
     """
     keep = keep or Keep()
-    write_manifest(folder, resolved(scenario), tpg.cell, seed=scenario.seed)
+    about = Preparation(
+        base=str(base.resolve()),
+        recording=keep.recording,
+        audit=keep.audit,
+        planning_s=dict(planning_s or {}),
+        makespan_sequential_s=_sequential_s(scenario, turns or tpg, base),
+    )
+    content = resolved(scenario)
+    write_manifest(folder, content, tpg.cell, seed=scenario.seed, run=asdict(about))
     save_plan(tpg, folder)
     progress(SIMULATION, 0, 1)
     memory = MemoryRecorder()
@@ -107,25 +134,57 @@ def try_plan(
     run = execute(
         scenario, tpg, base, scenario.execution.policy, recorders=(log, memory)
     )
-    sequential_s = None
-    if run.outcome == "completed":
-        baseline = execute(scenario, turns or tpg, base, "sequential")
-        sequential_s = baseline.makespan_s
     progress(SIMULATION, 1, 1)
-    _write_records(folder, scenario, tpg, run, memory.events, keep, progress)
-    audit = None
-    if keep.audit and run.outcome == "completed":
-        audit = _audit(folder, progress)
+    return conclude(scenario, tpg, folder, run, memory.events, about, progress)
+
+
+def conclude(
+    scenario: Scenario,
+    tpg: TemporalPlanGraph,
+    folder: Path,
+    run: Run,
+    events: list[Event],
+    about: Preparation,
+    progress: Report = report_nothing,
+) -> Trial:
+    """Write everything about a run that has been simulated, besides its event log.
+
+    Args:
+        scenario: what was executed.
+        tpg: the plan.
+        folder: of the run.
+        run: how it went.
+        events: the rows of its log.
+        about: what was known before it began.
+        progress: told how far each stage has come.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    _write_records(folder, scenario, tpg, run, events, about.recording, progress)
+    completed = run.outcome == "completed"
+    audit = _audit(folder, progress) if about.audit and completed else None
     summary = summarise(
         tpg,
         run,
         scenario=scenario.name,
-        planning_s=planning_s,
+        planning_s=about.planning_s,
         audit=audit,
-        makespan_sequential_s=sequential_s,
+        makespan_sequential_s=about.makespan_sequential_s if completed else None,
     )
     write_summary(folder / SUMMARY, summary)
     return Trial(folder, run, summary)
+
+
+def _sequential_s(
+    scenario: Scenario, tpg: TemporalPlanGraph, base: Path
+) -> float | None:
+    """Return the makespan of one task at a time [s], None where that comes to no end."""
+    try:
+        baseline = execute(scenario, tpg, base, "sequential")
+    except DeadlockError:
+        return None
+    return baseline.makespan_s if baseline.outcome == "completed" else None
 
 
 def execute(
@@ -158,10 +217,10 @@ def _write_records(
     tpg: TemporalPlanGraph,
     run: Run,
     events: list[Event],
-    keep: Keep,
+    recording: bool,
     progress: Report,
 ) -> None:
-    total = 3 + keep.recording
+    total = 3 + recording
     progress(RECORDS, 0, total)
     motions = robot_trajectories(tpg, run)
     write_table(folder / TRAJECTORY, trajectory_table(motions))
@@ -169,7 +228,7 @@ def _write_records(
     progress(RECORDS, 2, total)
     draw_gantt(folder / GANTT, tpg, run, title=scenario.name)
     progress(RECORDS, 3, total)
-    if keep.recording:
+    if recording:
         from twin.recorders.rerun_recording import write_recording
 
         write_recording(folder / RECORDING, tpg, run, events, name=scenario.name)
