@@ -3,33 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
-from planning.geometry.kernel import robot_kernel
 from planning.geometry.reach import boxes_in_reach
+from planning.geometry.robot_bodies import flange_pose, robot_bodies
 from planning.geometry.scene import SceneChecker
+from planning.geometry.standing import StandingBoxes, stand_boxes
 from planning.kinematics import inverse_kinematics
 from planning.sequential import MARGIN
 from planning.skill_targets import SkillTargets, Subgoal
 from planning.transforms import Array
-from planning.workcell import (
-    Attachment,
-    CellObject,
-    PlacedRobot,
-    Workcell,
-    WorldState,
-)
+from planning.workcell import Attachment, CellObject, PlacedRobot, Workcell
 
 LARGEST_TURN = 1.2
 """Most that a joint may turn between two subgoals of a skill; more is another arm posture [rad]."""
 
 Pairs = frozenset[frozenset[str]]
 """Unordered pairs of entities that may touch."""
+
+Placed = tuple[CellObject, Attachment]
+"""An object and where it is."""
 
 
 @dataclass(frozen=True)
@@ -123,68 +122,140 @@ class SkillScene:
     """
 
     cell: Workcell
-    objects: Mapping[str, tuple[CellObject, Attachment]]
+    objects: Mapping[str, Placed]
     configurations: Mapping[str, Array]
     contacts: SkillContacts
     handed: tuple[str, Attachment] | None = None
-    refill: tuple[CellObject, Attachment] | None = None
+    refill: Placed | None = None
 
-    def without(self, name: str) -> SkillScene:
-        """Return the scene without one object."""
-        kept = {k: v for k, v in self.objects.items() if k != name}
-        return replace(self, objects=kept)
-
-    def near(self, path: SkillPath) -> SkillScene:
-        """Return the scene with only the objects that anything on a path may come near to.
+    def near(self, path: SkillPath) -> StandingBoxes:
+        """Return the fixtures, and the objects at rest that anything on a path may come near to.
 
         Nothing that could touch is left out: what counts are the capsules swept along the
-        path by the robot and by all that it ever holds on it.
+        path by the robot and by all that it ever holds on it. The object that changes hands
+        is not among them.
         """
-        robot = self.cell.robot(path.robot)
-        held = [(i, at) for i, at in self.objects.values() if at.holder == robot.name]
-        if self.handed is not None and self.handed[1].holder == robot.name:
+        held = self._held_by(path.robot, after=False)
+        if self.handed is not None and self.handed[1].holder == path.robot:
             held.append((self.objects[self.handed[0]][0], self.handed[1]))
-        names = [k for k, (_, at) in self.objects.items() if at.holder is None]
-        close = boxes_in_reach(
-            robot_kernel(robot, [(item.body, at.pose) for item, at in held]),
-            np.vstack([path.lead, path.path]),
-            np.array([self.objects[k][1].pose for k in names]).reshape(-1, 4, 4),
-            np.array([self.objects[k][0].size for k in names]).reshape(-1, 3) / 2,
-            self.cell.clearances.robot_object + MARGIN,
+        boxes = self._at_rest
+        objects = boxes.rows[boxes.fixtures :]
+        return boxes.only(
+            boxes_in_reach(
+                robot_bodies(self.cell.robot(path.robot), held).kernel,
+                np.vstack([path.lead, path.path]),
+                boxes.places.pose[objects],
+                boxes.places.half[objects],
+                self.cell.clearances.robot_object + MARGIN,
+            )
         )
-        keep = {k for k, near in zip(names, close, strict=True) if near}
-        keep |= {k for k, (_, at) in self.objects.items() if at.holder is not None}
+
+    def checker(self, robot: str, boxes: StandingBoxes, phase: Phase) -> SceneChecker:
+        """Return the collision checker of a robot in a phase of the skill.
+
+        Args:
+            robot: who does the skill.
+            boxes: what stands around but for what changes hands, see ``near``.
+            phase: of the skill.
+        """
+        after = phase in (Phase.SINCE_CHANGE, Phase.AFTER)
+        more = []
+        for name, (item, at) in self._not_at_rest(after=after).items():
+            if at.holder == robot:
+                continue
+            pose = at.pose
+            if at.holder is not None:
+                holder = self.cell.robot(at.holder)
+                pose = flange_pose(holder, self.configurations[at.holder]) @ pose
+            more.append((name, item.body, item.size, pose))
+        if phase is Phase.AFTER and self.refill is not None:
+            item, at = self.refill
+            more.append((item.name, item.body, item.size, at.pose))
+        return SceneChecker.amid(
+            self.cell,
+            robot,
+            self._held_by(robot, after=after),
+            boxes.plus(more),
+            self.configurations,
+            self.contacts.in_phase(phase),
+            margin=MARGIN,
+        )
+
+    @cached_property
+    def _at_rest(self) -> StandingBoxes:
+        handed = None if self.handed is None else self.handed[0]
+        return stand_boxes(
+            self.cell,
+            [
+                (name, item.body, item.size, at.pose)
+                for name, (item, at) in self.objects.items()
+                if at.holder is None and name != handed
+            ],
+        )
+
+    def _not_at_rest(self, *, after: bool) -> dict[str, Placed]:
+        """Return what changes hands, and what is held, before or after the change."""
+        out = {k: v for k, v in self.objects.items() if v[1].holder is not None}
         if self.handed is not None:
-            keep.add(self.handed[0])
-        kept = {k: v for k, v in self.objects.items() if k in keep}
-        return replace(self, objects=kept)
+            name, at = self.handed
+            item, start = self.objects[name]
+            out[name] = (item, at if after else start)
+        return out
 
-    def phase_checker(self, robot: str, phase: Phase) -> SceneChecker:
-        """Return the collision checker of a robot in a phase of the skill."""
-        if phase is Phase.BEFORE:
-            return self.checker(robot, self.contacts.before)
-        if phase is Phase.UNTIL_CHANGE:
-            return self.checker(robot, self.contacts.during)
-        if phase is Phase.SINCE_CHANGE:
-            return self.checker(robot, self.contacts.during, handed_over=True)
-        scene = self
-        if self.refill is not None:
-            item = self.refill[0]
-            scene = replace(self, objects={**self.objects, item.name: self.refill})
-        return scene.checker(robot, self.contacts.after, handed_over=True)
+    def _held_by(self, robot: str, *, after: bool) -> list[Placed]:
+        around = self._not_at_rest(after=after)
+        return [placed for placed in around.values() if placed[1].holder == robot]
 
-    def checker(
-        self, robot: str, allowed: Pairs, *, handed_over: bool = False
-    ) -> SceneChecker:
-        """Return the collision checker of a robot before or after the object changed hands."""
-        attachments = {k: at for k, (_, at) in self.objects.items()}
-        if handed_over and self.handed is not None:
-            attachments[self.handed[0]] = self.handed[1]
-        items = tuple(item for item, _ in self.objects.values())
-        state = WorldState(self.configurations, attachments)
-        return SceneChecker(
-            replace(self.cell, objects=items), robot, state, allowed, margin=MARGIN
-        )
+
+class SkillTrial:
+    """A path in a scene, checked until something is in the way.
+
+    Attributes:
+        path: of the skill.
+        found: what is in the way, None when nothing is (any more).
+        gone: names of what has been taken away, in this order.
+    """
+
+    def __init__(self, path: SkillPath, scene: SkillScene) -> None:
+        self.path = path
+        self.gone: list[str] = []
+        self._scene = scene
+        self._near = scene.near(path)
+        self._built: dict[bool, SceneChecker] = {}
+        self._checkers: dict[Phase, SceneChecker] = {}
+        self._obstructions = obstructions(path, self._checker)
+        self.found = next(self._obstructions, None)
+
+    def take_away(self, names: Collection[str]) -> Obstruction | None:
+        """Go on without whatever is in the way and among some names; return what remains so."""
+        while self.found is not None and self.found.by in names:
+            assert self.found.by is not None
+            if self.found.by in self.gone:
+                break
+            self.gone.append(self.found.by)
+            self._checkers.clear()
+            self.found = next(self._obstructions, None)
+        return self.found
+
+    def _checker(self, phase: Phase) -> SceneChecker:
+        if phase not in self._checkers:
+            checker = self._whole(phase)
+            if self.gone:
+                checker = checker.without(self.gone)
+            self._checkers[phase] = checker
+        return self._checkers[phase]
+
+    def _whole(self, phase: Phase) -> SceneChecker:
+        """Build one checker while things stay where they are, whatever may touch."""
+        scene, robot = self._scene, self.path.robot
+        if phase is Phase.AFTER and scene.refill is not None:
+            return scene.checker(robot, self._near, phase)
+        changed = scene.handed is not None
+        after = phase in (Phase.SINCE_CHANGE, Phase.AFTER) and changed
+        if after not in self._built:
+            self._built[after] = scene.checker(robot, self._near, phase)
+            return self._built[after]
+        return self._built[after].with_allowed(scene.contacts.in_phase(phase))
 
 
 def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:
@@ -193,20 +264,7 @@ def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:
     Checked are the goals of the transits before it, every stretch of its reference path, and
     its last configuration, from which the next transit starts.
     """
-    near = scene.near(path)
-    built: dict[bool, SceneChecker] = {}
-
-    def checker_of(phase: Phase) -> SceneChecker:
-        """Build one checker while things stay where they are, whatever may touch."""
-        if phase is Phase.AFTER and near.refill is not None:
-            return near.phase_checker(path.robot, phase)
-        handed = phase in (Phase.SINCE_CHANGE, Phase.AFTER) and near.handed is not None
-        if handed not in built:
-            built[handed] = near.phase_checker(path.robot, phase)
-            return built[handed]
-        return built[handed].with_allowed(near.contacts.in_phase(phase))
-
-    return check_skill(path, checker_of)
+    return SkillTrial(path, scene).found
 
 
 def check_skill(
@@ -218,19 +276,35 @@ def check_skill(
         path: of the skill.
         checker_of: returns the collision checker of the robot in a phase of the skill.
     """
+    return next(obstructions(path, checker_of), None)
+
+
+def obstructions(
+    path: SkillPath, checker_of: Callable[[Phase], SceneChecker]
+) -> Iterator[Obstruction]:
+    """Yield what stands in the way of a skill, from its start to its end.
+
+    Whoever goes on has taken away what was yielded last: the same place is looked at again, and
+    what was clear before it still is.
+
+    Args:
+        path: of the skill.
+        checker_of: returns the collision checker of the robot in a phase of the skill, at any
+            time.
+    """
     waypoints = path.waypoints
     change = len(waypoints) if path.change_at is None else path.change_at
-    checker = checker_of(Phase.BEFORE)
     for q in path.lead:
-        if found := _at(checker, q, "before"):
-            return found
-    checker = checker_of(Phase.UNTIL_CHANGE)
-    for k in range(len(waypoints) - 1):
+        while found := _at(checker_of(Phase.BEFORE), q, "before"):
+            yield found
+    phase = Phase.UNTIL_CHANGE
+    for k, (q_a, q_b) in enumerate(pairwise(waypoints)):
         if k == change:
-            checker = checker_of(Phase.SINCE_CHANGE)
-        if not checker.motion_free(waypoints[k], waypoints[k + 1]):
-            return _on_the_way(checker, waypoints[k], waypoints[k + 1])
-    return _at(checker_of(Phase.AFTER), waypoints[-1], "after")
+            phase = Phase.SINCE_CHANGE
+        while not checker_of(phase).motion_free(q_a, q_b):
+            yield _on_the_way(checker_of(phase), q_a, q_b)
+    while found := _at(checker_of(Phase.AFTER), waypoints[-1], "after"):
+        yield found
 
 
 def resolve_skill(
@@ -251,15 +325,29 @@ def resolve_skill(
     Returns:
         The path, or why the posture nearest to HOME that came furthest failed.
     """
-    first = targets.subgoals[0]
-    postures = _solve(robot, first, robot.home, restarts=40)
     reason: Obstruction | None = None
-    for posture in postures:
+    for path in skill_postures(robot, targets, support=support):
+        found = path if isinstance(path, Obstruction) else check(path)
+        if found is None:
+            assert isinstance(path, SkillPath)
+            return path
+        reason = nearer_reason(reason, found)
+    return reason or unreachable(targets)
+
+
+def skill_postures(
+    robot: PlacedRobot, targets: SkillTargets, *, support: int = 0
+) -> Iterator[SkillPath | Obstruction]:
+    """Yield the skill in every posture found to start in, nearest to HOME first.
+
+    Where a posture does not lead through all poses, why that is.
+    """
+    for posture in _solve(robot, targets.subgoals[0], robot.home, restarts=40):
         chain = _follow(robot, targets.subgoals, posture)
         if isinstance(chain, Obstruction):
-            reason = reason or chain
+            yield chain
             continue
-        path = SkillPath(
+        yield SkillPath(
             targets.skill,
             robot.name,
             chain[: targets.lead],
@@ -267,12 +355,18 @@ def resolve_skill(
             _change_at(targets),
             support,
         )
-        found = check(path)
-        if found is None:
-            return path
-        if reason is None or reason.by is None:
-            reason = found
-    return reason or Obstruction(f"{first.name} is out of reach")
+
+
+def nearer_reason(known: Obstruction | None, found: Obstruction) -> Obstruction:
+    """Return which of two reasons says more: something in the way, in the earlier posture."""
+    if known is None or (known.by is None and found.by is not None):
+        return found
+    return known
+
+
+def unreachable(targets: SkillTargets) -> Obstruction:
+    """Return that there is no posture at all to start in."""
+    return Obstruction(f"{targets.subgoals[0].name} is out of reach")
 
 
 def joint_distance(q_a: Array, q_b: Array) -> float:

@@ -10,7 +10,10 @@ from planning.workcell import Attachment, Workcell, WorldState
 
 
 def apply_handlings(state: WorldState, handlings: Iterable[Handling]) -> WorldState:
-    """Return the state after objects have changed hands."""
+    """Return the state after objects have changed hands, the same one if none do."""
+    handlings = list(handlings)
+    if not handlings:
+        return state
     attachments = dict(state.attachments)
     for handling in handlings:
         attachments[handling.object] = Attachment(handling.holder, handling.pose)

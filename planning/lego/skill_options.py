@@ -42,8 +42,10 @@ from planning.skill_paths import (
     SkillContacts,
     SkillPath,
     SkillScene,
-    find_obstruction,
-    resolve_skill,
+    SkillTrial,
+    nearer_reason,
+    skill_postures,
+    unreachable,
 )
 from planning.skill_targets import SkillTargets, Subgoal
 from planning.transforms import Array, translation
@@ -334,32 +336,32 @@ class SkillOptions:
         support: int = 0,
     ) -> SkillOption | Obstruction:
         """Return a path clear of everything, or else of everything that will be gone."""
-        path = resolve_skill(
-            robot, targets, lambda p: find_obstruction(p, scene), support=support
-        )
-        if isinstance(path, SkillPath):
-            return SkillOption(path)
-        if path.by is None or path.by not in (loose := set(loose)):
-            return path
-        removed: dict[int, list[str]] = {}
-
-        def clear_but_loose(candidate: SkillPath) -> Obstruction | None:
-            rest = scene
-            gone: list[str] = []
-            while True:
-                found = find_obstruction(candidate, rest)
-                if found is None:
-                    removed[id(candidate)] = gone
-                    return None
-                if found.by is None or found.by not in loose or found.by in gone:
-                    return found
-                gone.append(found.by)
-                rest = rest.without(found.by)
-
-        again = resolve_skill(robot, targets, clear_but_loose, support=support)
-        if not isinstance(again, SkillPath):
-            return again
-        return self._with_obstacles(again, removed[id(again)])
+        trials: list[SkillTrial | Obstruction] = []
+        reason: Obstruction | None = None
+        for path in skill_postures(robot, targets, support=support):
+            if isinstance(path, Obstruction):
+                trials.append(path)
+                reason = nearer_reason(reason, path)
+                continue
+            trial = SkillTrial(path, scene)
+            if trial.found is None:
+                return SkillOption(path)
+            trials.append(trial)
+            reason = nearer_reason(reason, trial.found)
+        if reason is None:
+            return unreachable(targets)
+        loose = set(loose)
+        if reason.by not in loose:
+            return reason
+        reason = None
+        for item in trials:
+            found = item if isinstance(item, Obstruction) else item.take_away(loose)
+            if found is None:
+                assert isinstance(item, SkillTrial)
+                return self._with_obstacles(item.path, item.gone)
+            reason = nearer_reason(reason, found)
+        assert reason is not None
+        return reason
 
     def _with_obstacles(self, path: SkillPath, gone: Iterable[str]) -> SkillOption:
         steps: Mapping[str, int] = {

@@ -93,3 +93,38 @@ def robot_tip(q):
     from planning.kinematics import frame_pose
 
     return frame_pose(ROBOT, q, "tool")[:3, 3]
+
+
+@settings(max_examples=25, deadline=None)
+@given(turns, st.lists(places, min_size=3, max_size=12, unique=True), st.booleans())
+def test_a_checker_without_some_bricks_is_the_one_that_never_had_them(
+    turn, where, allow
+):
+    path = np.array([MODEL.home, MODEL.home + np.array(turn)])
+    tip = robot_tip(MODEL.home)
+    items = [brick(f"b{k}", *p) for k, p in enumerate(where)]
+    items += [brick("tip", *tip), brick("aside", tip[0] + 0.004, tip[1], tip[2])]
+    pairs = frozenset({frozenset({"arm/tool", "aside"})} if allow else ())
+    full = checker(items, pairs)
+    gone = {"tip", "b0", "b2"}
+    fewer = checker([item for item in items if item.name not in gone], pairs)
+    derived = full.without(["tip", "b0"]).without(["b2"])
+    swapped = derived.with_allowed(frozenset()).with_allowed(pairs)
+    for again in (derived, swapped):
+        assert again.motion_free(*path) == fewer.motion_free(*path)
+        for q in path:
+            assert str(again.contact(q)) == str(fewer.contact(q))
+    assert not full.configuration_free(MODEL.home)
+
+
+def test_objects_that_move_are_seen_where_they_are_now():
+    """The same mapping with another place in it is another scene."""
+    item = brick("near", *robot_tip(MODEL.home))
+    cell = Workcell((ROBOT, OTHER), (), (item,), Clearances(0.001, 0.0))
+    places_now = {"near": Attachment(None, item.start)}
+    state = WorldState({"arm": MODEL.home, "other": MODEL.home}, places_now)
+    assert not SceneChecker(cell, "arm", state).configuration_free(MODEL.home)
+    places_now["near"] = Attachment(None, readonly(translation(0.0, 0.4, 0.1)))
+    assert SceneChecker(cell, "arm", state).configuration_free(MODEL.home)
+    del places_now["near"]
+    assert SceneChecker(cell, "arm", state).configuration_free(MODEL.home)

@@ -1,0 +1,302 @@
+"""What stands around a robot: boxes and other robots, collected once wherever they stand.
+
+An object stands in the same place in very many scenes. All its places are rows of arrays that
+scenes share: a scene is a choice of rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from threading import Lock
+from typing import NamedTuple
+
+import numpy as np
+
+from planning.geometry.body import ConvexBody
+from planning.geometry.exact import Solid, resting_solid
+from planning.geometry.hull_table import AT_REST, HullTable, hull_table
+from planning.geometry.kernel import RobotKernel
+from planning.geometry.proposals import Integers
+from planning.geometry.robot_bodies import joint_poses_of, robot_bodies
+from planning.geometry.swept import sweep_segments
+from planning.transforms import Array, Transform
+from planning.workcell import PlacedRobot, Workcell
+
+_MOST_PLACES = 50_000
+_MOST_STANDS = 2_000
+
+
+class _Places:
+    """Growing arrays, a row for every place of every body; rows never change."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.corners_used = 0
+        self.pose = np.empty((1024, 4, 4))
+        self.half = np.empty((1024, 3))
+        self.bounds = np.empty((1024, 6))
+        self.corner_first = np.zeros(1025, dtype=np.int64)
+        self.corners = np.empty((8192, 3))
+        self.most_corners = 0
+        self.solids: list[Solid] = []
+        self._bodies: list[ConvexBody] = []
+        self._known: dict[tuple[int, bytes], int] = {}
+        self._lock = Lock()
+
+    def row(self, body: ConvexBody, size: Array, pose: Transform) -> int:
+        """Return the row of a body, a box of some size, at a pose."""
+        key = id(body), pose.tobytes()
+        known = self._known.get(key)
+        if known is None:
+            with self._lock:
+                known = self._known.get(key)
+                if known is None:
+                    known = self._known[key] = self._add(body, size, pose)
+        return known
+
+    def _add(self, body: ConvexBody, size: Array, pose: Transform) -> int:
+        row, used = self.count, self.corners_used
+        corners = body.vertices @ pose[:3, :3].T + pose[:3, 3]
+        if row == len(self.pose):
+            self.pose, self.half, self.bounds = (
+                _grown(self.pose),
+                _grown(self.half),
+                _grown(self.bounds),
+            )
+            self.corner_first = np.concatenate(
+                [self.corner_first, np.zeros(row, dtype=np.int64)]
+            )
+        while used + len(corners) > len(self.corners):
+            self.corners = _grown(self.corners)
+        half = 0.5 * np.asarray(size, dtype=np.float64)
+        reach = np.abs(pose[:3, :3]) @ half
+        self.pose[row] = pose
+        self.half[row] = half
+        self.bounds[row, :3] = pose[:3, 3] - reach
+        self.bounds[row, 3:] = pose[:3, 3] + reach
+        self.corners[used : used + len(corners)] = corners
+        self.corners_used = used + len(corners)
+        self.corner_first[row + 1] = self.corners_used
+        self.most_corners = max(self.most_corners, len(corners))
+        self.solids.append(resting_solid(body.name, body, pose))
+        # The body is kept so that its id is not given to another one.
+        self._bodies.append(body)
+        self.count += 1
+        return row
+
+
+def _grown(values: Array) -> Array:
+    return np.concatenate([values, np.empty_like(values)])
+
+
+_places = _Places()
+
+
+@dataclass(frozen=True)
+class StandingBoxes:
+    """Boxes at rest in the world.
+
+    Attributes:
+        names: of the fixtures, then of the objects.
+        rows: of their places, in the same order.
+        fixtures: how many fixtures there are.
+        places: arrays that the rows are of.
+    """
+
+    names: tuple[str, ...]
+    rows: Integers
+    fixtures: int
+    places: _Places
+
+    @cached_property
+    def column(self) -> Mapping[str, int]:
+        """At which place each name stands."""
+        return {name: k for k, name in enumerate(self.names)}
+
+    @property
+    def pose(self) -> Array:
+        """Poses of the boxes, shape (b, 4, 4)."""
+        return self.places.pose[self.rows]
+
+    @property
+    def half(self) -> Array:
+        """Half edge lengths, shape (b, 3) [m]."""
+        return self.places.half[self.rows]
+
+    @property
+    def bounds(self) -> Array:
+        """Least and greatest corners, shape (b, 6) [m]."""
+        return self.places.bounds[self.rows]
+
+    def solid(self, k: int) -> Solid:
+        """Return a box for exact decisions."""
+        return self.places.solids[int(self.rows[k])]
+
+    def hulls(self, kernel: RobotKernel) -> HullTable:
+        """Return the corners for compiled code; any kernel will do, none carries them."""
+        places, n = self.places, kernel.placement.shape[0]
+        count = len(self.rows)
+        return HullTable(
+            kernel,
+            np.zeros((1, n)),
+            np.zeros((1, n)),
+            self.rows.astype(np.int32)[None],
+            np.full(places.count, AT_REST, dtype=np.int64),
+            places.corner_first,
+            places.corners,
+            np.zeros(count + 1, dtype=np.int64),
+            np.empty((0, 2, 3)),
+            np.empty(0),
+        )
+
+    def only(self, keep: Iterable[bool]) -> StandingBoxes:
+        """Return the fixtures and those of the objects that are marked.
+
+        Args:
+            keep: one mark an object.
+        """
+        chosen = np.flatnonzero(np.asarray(keep)) + self.fixtures
+        chosen = np.concatenate([np.arange(self.fixtures), chosen])
+        names = self.names
+        return StandingBoxes(
+            tuple(names[k] for k in chosen.tolist()),
+            self.rows[chosen],
+            self.fixtures,
+            self.places,
+        )
+
+    def plus(
+        self, boxes: Sequence[tuple[str, ConvexBody, Array, Transform]]
+    ) -> StandingBoxes:
+        """Return these boxes and more of them, each with name, body, size and pose."""
+        if not boxes:
+            return self
+        rows = [self.places.row(body, size, pose) for _, body, size, pose in boxes]
+        return StandingBoxes(
+            (*self.names, *(name for name, *_ in boxes)),
+            np.concatenate([self.rows, np.array(rows, dtype=np.int64)]),
+            self.fixtures,
+            self.places,
+        )
+
+
+def stand_boxes(
+    cell: Workcell, boxes: Iterable[tuple[str, ConvexBody, Array, Transform]]
+) -> StandingBoxes:
+    """Return the fixtures of a cell and some objects, each with name, body, size and pose."""
+    global _places
+    if _places.count >= _MOST_PLACES:
+        _places = _Places()
+    empty = StandingBoxes((), np.empty(0, dtype=np.int64), len(cell.fixtures), _places)
+    fixtures = [(f.name, f.body, f.size, f.pose) for f in cell.fixtures]
+    return empty.plus([*fixtures, *boxes])
+
+
+class StandingRobots(NamedTuple):
+    """Robots that stand.
+
+    Attributes:
+        entities: of the bodies, as allowed contacts name them.
+        solids: for exact decisions.
+        start, end, radius: capsules, shapes (c, 3), (c, 3), (c,) [m].
+        first: capsules of body s are ``first[s]:first[s + 1]``.
+        bounds: least and greatest corner of each body, shape (s, 6) [m].
+        hulls: their corners.
+    """
+
+    entities: tuple[str, ...]
+    solids: tuple[Solid, ...]
+    start: Array
+    end: Array
+    radius: Array
+    first: Integers
+    bounds: Array
+    hulls: HullTable
+
+
+_STANDS: dict[tuple[object, ...], tuple[tuple[object, ...], StandingRobots]] = {}
+
+
+def stand_robots(
+    robots: Sequence[PlacedRobot], configurations: Mapping[str, Array]
+) -> StandingRobots:
+    """Return robots, with empty hands, where they stand."""
+    at = [np.array(configurations[r.name], dtype=np.float64) for r in robots]
+    key = tuple(
+        (id(r.model), r.name, r.base.tobytes(), q.tobytes())
+        for r, q in zip(robots, at, strict=True)
+    )
+    known = _STANDS.get(key)
+    if known is None:
+        if len(_STANDS) >= _MOST_STANDS:
+            _STANDS.clear()
+        # The models are kept so that their ids are not given to others.
+        kept = tuple(r.model for r in robots)
+        known = _STANDS[key] = kept, _collect(robots, at)
+    return known[1]
+
+
+def _collect(robots: Sequence[PlacedRobot], at: Sequence[Array]) -> StandingRobots:
+    starts, ends = [np.empty((0, 3))], [np.empty((0, 3))]
+    radii, bodies = [np.empty(0)], [np.empty(0, dtype=np.int64)]
+    entities: list[str] = []
+    solids: list[Solid] = []
+    for robot, q in zip(robots, at, strict=True):
+        own = robot_bodies(robot)
+        start, end, radius = sweep_segments(own.kernel, q[None], q[None])
+        starts.append(start[0])
+        ends.append(end[0])
+        radii.append(radius[0])
+        bodies.append(own.kernel.body + len(solids))
+        poses = joint_poses_of(robot, q)
+        entities += own.entities
+        solids += [
+            resting_solid(solid.name, part.body, poses[part.joint + 1])
+            for solid, part in zip(own.solids, robot.model.parts, strict=True)
+        ]
+    parts = [part.body for robot in robots for part in robot.model.parts]
+    start, end = np.concatenate(starts), np.concatenate(ends)
+    radius = np.concatenate(radii)
+    first = np.searchsorted(np.concatenate(bodies), np.arange(len(solids) + 1))
+    kernel = robot_bodies(robots[0]).kernel if robots else _NO_KERNEL
+    n = kernel.placement.shape[0]
+    which = np.arange(len(solids), dtype=np.int32)[None]
+    return StandingRobots(
+        tuple(entities),
+        tuple(solids),
+        start,
+        end,
+        radius,
+        first.astype(np.int64),
+        _capsule_bounds(start, end, radius, first.tolist()),
+        hull_table(kernel, np.zeros((1, n)), np.zeros((1, n)), which, solids, parts),
+    )
+
+
+_NO_KERNEL = RobotKernel(
+    np.empty((0, 4, 4)),
+    np.empty((0, 3)),
+    np.empty(0, dtype=np.bool_),
+    np.eye(4),
+    np.empty(0, dtype=np.int64),
+    np.empty((0, 3)),
+    np.empty((0, 3)),
+    np.empty(0),
+    np.empty(0, dtype=np.int64),
+)
+"""Carries nothing: there is no other robot."""
+
+
+def _capsule_bounds(
+    start: Array, end: Array, radius: Array, first: Sequence[int]
+) -> Array:
+    low = np.minimum(start, end) - radius[:, None]
+    high = np.maximum(start, end) + radius[:, None]
+    return np.array(
+        [
+            np.concatenate([low[i:j].min(axis=0), high[i:j].max(axis=0)])
+            for i, j in zip(first, first[1:], strict=False)
+        ]
+    ).reshape(-1, 6)
