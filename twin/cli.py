@@ -12,6 +12,7 @@ from twin.commands.doctor import doctor
 from twin.commands.guard import FAILED, INTERRUPTED, print_error
 from twin.commands.import_task import app as import_app
 from twin.commands.replay import replay
+from twin.commands.resume import resume
 from twin.commands.robots import robots
 from twin.commands.run import run
 from twin.commands.schema import schema
@@ -32,6 +33,7 @@ app.command()(sequence)
 app.command()(compare)
 app.command()(study)
 app.command()(replay)
+app.command()(resume)
 app.add_typer(import_app, name="import")
 app.command()(verify)
 app.command()(robots)
