@@ -10,7 +10,7 @@ from twin.durations import Nanoseconds
 from twin.precedence import PrecedenceArrays, last_ends
 
 OTHER = 2
-"""Cause of a wait that no other robot ended: a message under way, the clock, a turn."""
+"""Cause of a wait that the plan did not ask for: a message under way, the clock, a turn."""
 
 
 def explain(

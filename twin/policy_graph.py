@@ -14,7 +14,8 @@ import numpy as np
 from scheduling.barriers import with_barriers
 from scheduling.dispatcher import Dispatcher
 from scheduling.rollout import earliest_times
-from scheduling.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from twin.critical_paths import OTHER
 from twin.durations import nominal_durations
 from twin.precedence import PrecedenceArrays, precedence_arrays
 from twin.run import Policy
@@ -36,7 +37,7 @@ def policy_graph(tpg: TemporalPlanGraph, policy: Policy) -> PrecedenceArrays:
         barred = with_barriers(tpg)
         # Barriers need not follow the planned starts, as edges do.
         order = np.fromiter(sequential_order(barred), dtype=np.int64)
-        return precedence_arrays(barred)._replace(order=order)
+        return _turns_marked(barred, tpg)._replace(order=order)
     if policy == "sequential":
         return _in_turns(tpg)
     if policy == "open-loop":
@@ -58,7 +59,18 @@ def _in_turns(tpg: TemporalPlanGraph) -> PrecedenceArrays:
         order=order,
         edge_first=np.concatenate([[0], np.cumsum(has_edge)]).astype(np.int64),
         source=source[has_edge],
-        cause=np.full(np.count_nonzero(has_edge), TASK_DEPENDENCY, dtype=np.uint8),
+        cause=np.full(np.count_nonzero(has_edge), OTHER, dtype=np.uint8),
+    )
+
+
+def _turns_marked(
+    barred: TemporalPlanGraph, tpg: TemporalPlanGraph
+) -> PrecedenceArrays:
+    """Return a graph with barriers, in which a wait for a barrier is one for a turn."""
+    own = {tuple(edge) for edge in tpg.edges.tolist()}
+    added = np.array([tuple(edge) not in own for edge in barred.edges.tolist()], bool)
+    return precedence_arrays(
+        replace(barred, cause=np.where(added, OTHER, barred.cause).astype(np.uint8))
     )
 
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 from scheduling.plan_files import load_plan, save_plan
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.disturbance_models import needs_event_engine, scenario_disturbances
-from twin.duration_models import skill_models
-from twin.durations import SkillDurations
+from twin.duration_models import skill_durations
 from twin.pipeline import order_motions, plan_in_slots, plan_in_turns, shorten
 from twin.progress import Report
 from twin.scenario import Scenario
@@ -127,11 +125,10 @@ def scenario_workload(
     robots = tuple(robot.name for robot in scenario.cell.robots)
     latency = execution.latency_s
     report, order = execution.report_latency_s, execution.release_latency_s
-    durations = SkillDurations(skill_models(own, base))
     return Workload(
         tpg=tpg,
         policy=PLAN_OF_POLICY[policy][1],
-        durations=replace(durations, antithetic=antithetic),
+        durations=skill_durations(own, base, antithetic=antithetic),
         disturbances=scenario_disturbances(execution, robots, base),
         seed=own.seed,
         queue_depth=execution.queue_depth,

@@ -11,7 +11,7 @@ from planning.errors import TwinError
 from twin.atomic import write_json
 from twin.bulk_engine import BulkEngine
 from twin.cell import build_workcell
-from twin.duration_models import skill_models
+from twin.duration_models import skill_durations
 from twin.durations import NANOSECONDS
 from twin.progress import Report, report_nothing
 from twin.study.experiment import PLAN_OF_POLICY
@@ -76,7 +76,7 @@ def start_study(
     experiment, scenario = request.experiment, request.scenario
     # Refuses what does not fit before the time that planning takes is spent.
     for variant in experiment.variants:
-        skill_models(varied(scenario, variant), request.base)
+        skill_durations(varied(scenario, variant), request.base)
     plans = plan_for_study(
         scenario,
         request.base,

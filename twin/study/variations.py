@@ -91,6 +91,9 @@ def varied(scenario: Scenario, variant: Variant) -> Scenario:
 
 def _assign(tree: dict[str, Any], key: str, value: Any) -> None:
     *path, last = key.split(".")
+    if path[:1] == ["skills"] and len(path) > 1:
+        # A skill without a section has the packaged timings.
+        tree["skills"].setdefault(path[1], {"kind": "packaged", "skill": path[1]})
     place: Any = tree
     walked = "execution"
     for name in path:
