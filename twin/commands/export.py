@@ -1,0 +1,66 @@
+"""``twin export``: a run in the formats of other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from planning.errors import OutputError
+from twin.commands.guard import guarded
+
+Run = Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")]
+Names = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--format",
+        "-f",
+        help="csv, parquet, perfetto, joint-trajectory, graphml, dot or mermaid; "
+        "may be given several times.",
+        metavar="FORMAT",
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        "-o",
+        help="File to write, or folder for several; default: RUN/exports.",
+        metavar="PATH",
+    ),
+]
+Nodes = Annotated[
+    bool,
+    typer.Option(
+        "--nodes",
+        help="Every node of the temporal plan graph, not one entry a task "
+        "(graphml, dot, perfetto).",
+    ),
+]
+
+
+@guarded
+def export(
+    run: Run, formats: Names = None, out: Out = None, nodes: Nodes = False
+) -> None:
+    """Write a run as tables, timeline, trajectories or graph for other programs."""
+    from twin.exports.exporter import ExportOptions
+    from twin.exports.recorded_run import open_run
+    from twin.exports.registry import FORMATS, export_run
+
+    names = list(dict.fromkeys(formats or []))
+    unknown = [name for name in names if name not in FORMATS]
+    if unknown or not names:
+        what = f"unknown format {unknown[0]!r}" if unknown else "--format is missing"
+        raise OutputError(
+            f"--format: {what}" if unknown else what, choices=tuple(FORMATS)
+        )
+    if out is not None and len(names) > 1:
+        if out.is_file():
+            raise OutputError(f"{out}: several formats need a folder, this is a file")
+        out.mkdir(parents=True, exist_ok=True)
+    found = open_run(run)
+    for name in names:
+        for path in export_run(found, name, out, ExportOptions(nodes=nodes)):
+            typer.echo(path)

@@ -1,0 +1,156 @@
+"""What each robot was doing when, as the events of a run tell it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from twin.events import Event
+from twin.lanes import FAILED, RETRYING, STALLED, STOPPED, WAITING
+
+STANDING = frozenset({WAITING, STALLED, STOPPED, RETRYING, FAILED})
+"""States in which a robot does not get on with its work."""
+
+_STANDS = {"stalled": STALLED, "stopped": STOPPED}
+
+
+@dataclass(frozen=True)
+class Activity:
+    """A stretch of time of one robot in one state.
+
+    Attributes:
+        state: kind of the task, or one of STANDING.
+        start_ns, end_ns: when [ns].
+        task: the task under way, or waited for; -1 for a robot that will never go on.
+        first, last: nodes of the robot that it belongs to, or that are waited for; -1 as above.
+    """
+
+    state: str
+    start_ns: int
+    end_ns: int
+    task: int
+    first: int
+    last: int
+
+    @property
+    def duration_ns(self) -> int:
+        """How long it took [ns]."""
+        return self.end_ns - self.start_ns
+
+
+def robot_activities(
+    tpg: TemporalPlanGraph, events: Sequence[Event], *, nodes: bool = False
+) -> dict[str, tuple[Activity, ...]]:
+    """Return what each robot with work did, without gaps, until its last node was complete.
+
+    Args:
+        tpg: the graph that was executed.
+        events: of the run.
+        nodes: one entry a node at least; otherwise those of a task that follow each other in the
+            same state are one.
+    """
+    end_ns = events[-1].t_ns if events else 0
+    return {
+        chain.robot: tuple(_joined(_Story(tpg, k).tell(events, end_ns), nodes=nodes))
+        for k, chain in enumerate(tpg.chains)
+    }
+
+
+class _Story:
+    """Follows one robot through the events."""
+
+    def __init__(self, tpg: TemporalPlanGraph, chain: int) -> None:
+        self._tasks = tpg.tasks
+        self._chain = tpg.chains[chain]
+        self._node = -1
+        self._next = 0
+        self._failed = False
+        self._stands: list[str] = []
+        self._merged = 0
+        self._clock = 0
+        self._out: list[Activity] = []
+
+    def tell(self, events: Iterable[Event], end_ns: int) -> list[Activity]:
+        """Return all stretches of the robot, none of them empty."""
+        mine = [event for event in events if event.robot == self._chain.robot]
+        for node in _node_by_node(mine):
+            kinds = [event.kind for event in node]
+            # Stops that overlap begin one by one and end together.
+            begun = sum(kind in _STANDS for kind in kinds)
+            self._merged = begun - kinds.count("resumed")
+            for event in node:
+                self._hear(event)
+        if self._next < len(self._chain):
+            self._until(end_ns, FAILED if self._failed else self._state())
+        return self._out
+
+    def _hear(self, event: Event) -> None:
+        t = event.t_ns
+        if event.kind in ("retried", "failed") and self._node >= 0:
+            self._until(t, RETRYING)
+            self._nothing_came_of_it()
+            self._failed = event.kind == "failed"
+            return
+        self._until(t, self._state())
+        if event.kind == "started":
+            self._node = event.node
+        elif event.kind == "completed":
+            self._node, self._next = -1, event.node + 1
+            self._stands.clear()
+        elif event.kind in _STANDS:
+            stand = _STANDS[event.kind]
+            if self._merged > 0 and self._stands[-1:] == [STOPPED] == [stand]:
+                self._merged -= 1
+            else:
+                self._stands.append(stand)
+        elif event.kind == "resumed" and self._stands:
+            self._stands.pop()
+
+    def _nothing_came_of_it(self) -> None:
+        """Tell the motion of the node under way as a failed attempt: motion comes last."""
+        for k in range(len(self._out) - 1, -1, -1):
+            if self._out[k].first != self._node:
+                break
+            if self._out[k].state not in STANDING:
+                self._out[k] = replace(self._out[k], state=RETRYING)
+
+    def _state(self) -> str:
+        if self._stands:
+            return self._stands[-1]
+        if self._node < 0:
+            return WAITING
+        return self._tasks[int(self._chain.task[self._node])].kind
+
+    def _until(self, t_ns: int, state: str) -> None:
+        if t_ns > self._clock:
+            node = self._node if self._node >= 0 else self._next
+            there = node < len(self._chain)
+            task = int(self._chain.task[node]) if there else -1
+            node = node if there else -1
+            self._out.append(Activity(state, self._clock, t_ns, task, node, node))
+            self._clock = t_ns
+
+
+def _node_by_node(events: Iterable[Event]) -> Iterator[list[Event]]:
+    """Yield the events of a robot up to each completion, and what is left."""
+    part: list[Event] = []
+    for event in events:
+        part.append(event)
+        if event.kind == "completed":
+            yield part
+            part = []
+    yield part
+
+
+def _joined(stretches: Iterable[Activity], *, nodes: bool) -> list[Activity]:
+    """Join stretches that follow each other in the same state and task."""
+    out: list[Activity] = []
+    for item in stretches:
+        last = out[-1] if out else None
+        alike = last is not None and (last.state, last.task) == (item.state, item.task)
+        if last is not None and alike and (not nodes or last.last == item.first):
+            out[-1] = replace(last, end_ns=item.end_ns, last=item.last)
+            continue
+        out.append(item)
+    return out

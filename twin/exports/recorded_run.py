@@ -1,0 +1,153 @@
+"""The folder of a run, each file read when it is first asked for."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from planning.errors import OutputError
+from twin.event_log import EventLogError, parse_event, read_log
+from twin.events import Event
+from twin.run_folder import EVENTS, MANIFEST, OBJECTS, SUMMARY, TRAJECTORY
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from scheduling.temporal_plan_graph import TemporalPlanGraph
+    from twin.durations.nanoseconds import Nanoseconds
+
+PLAN = "plan.json"
+
+_MOST_FOLDERS = 8
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """What a run left; see docs/reference/formats.md.
+
+    Attributes:
+        folder: of the run.
+    """
+
+    folder: Path
+
+    @cached_property
+    def tpg(self) -> TemporalPlanGraph:
+        """The temporal plan graph that was executed."""
+        from scheduling.plan_files import load_plan
+
+        self._existing(PLAN)
+        return load_plan(self.folder)
+
+    @cached_property
+    def events(self) -> tuple[Event, ...]:
+        """Everything that happened; a last line that was not written to its end is left out."""
+        path = self._existing(EVENTS)
+        out = []
+        for number, line in enumerate(read_log(path).lines, start=1):
+            try:
+                out.append(parse_event(line))
+            except EventLogError as error:
+                raise OutputError(f"{path}:{number}: {error}") from error
+        return tuple(out)
+
+    @cached_property
+    def trajectory(self) -> pa.Table:
+        """Where every robot was."""
+        return self._table(TRAJECTORY)
+
+    @cached_property
+    def objects(self) -> pa.Table:
+        """Where every object was."""
+        return self._table(OBJECTS)
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """The figures; empty for a run that was killed."""
+        return self._json(SUMMARY) if (self.folder / SUMMARY).exists() else {}
+
+    @cached_property
+    def scenario(self) -> str:
+        """Name of the scenario."""
+        name = self._json(MANIFEST).get("scenario", {}).get("name")
+        return str(name or self.folder.name)
+
+    @cached_property
+    def node_times_ns(self) -> tuple[tuple[Nanoseconds, Nanoseconds], ...]:
+        """Start and end of every node, a pair of arrays a chain; -1 for what did not happen."""
+        chains = {chain.robot: k for k, chain in enumerate(self.tpg.chains)}
+        times = tuple(
+            (np.full(len(c), -1, np.int64), np.full(len(c), -1, np.int64))
+            for c in self.tpg.chains
+        )
+        for event in self.events:
+            if event.kind in ("started", "completed"):
+                if event.robot not in chains:
+                    raise self._foreign(f"robot {event.robot!r}")
+                start, end = times[chains[event.robot]]
+                if not 0 <= event.node < len(start):
+                    raise self._foreign(f"node {event.node} of {event.robot}")
+                (start if event.kind == "started" else end)[event.node] = event.t_ns
+        return times
+
+    @property
+    def makespan_ns(self) -> int:
+        """When the last event happened [ns]."""
+        return self.events[-1].t_ns if self.events else 0
+
+    def _foreign(self, what: str) -> OutputError:
+        return OutputError(
+            f"{self.folder}: {EVENTS} tells of {what}, which {PLAN} does not have"
+        )
+
+    def _existing(self, name: str) -> Path:
+        path = self.folder / name
+        if not path.is_file():
+            raise OutputError(f"{self.folder}: this run has no {name}")
+        return path
+
+    def _json(self, name: str) -> dict[str, Any]:
+        path = self._existing(name)
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise OutputError(f"{path}: cannot be read: {error}") from error
+        if not isinstance(content, dict):
+            raise OutputError(f"{path}: an object was expected")
+        return content
+
+    def _table(self, name: str) -> pa.Table:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        path = self._existing(name)
+        try:
+            return pq.read_table(path)
+        except (OSError, pa.ArrowException) as error:
+            raise OutputError(f"{path}: cannot be read: {error}") from error
+
+
+def open_run(folder: Path) -> RecordedRun:
+    """Return the run in a folder.
+
+    Raises:
+        OutputError: there is none; lists the runs beside it, or in ``logs``, newest first.
+    """
+    if (folder / MANIFEST).is_file():
+        return RecordedRun(folder)
+    reason = f"it has no {MANIFEST}" if folder.is_dir() else "there is no such folder"
+    near = _runs_in(folder) or _runs_in(folder.parent) or _runs_in(Path("logs"))
+    raise OutputError(
+        f"{folder}: this is no run, {reason}", choices=tuple(map(str, near))
+    )
+
+
+def _runs_in(folder: Path) -> list[Path]:
+    runs = [path.parent for path in folder.glob(f"*/{MANIFEST}")]
+    runs.sort(key=lambda run: (run / MANIFEST).stat().st_mtime, reverse=True)
+    return runs[:_MOST_FOLDERS]
