@@ -8,18 +8,21 @@ the base so that the tool is where it should be, and let damped least squares do
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from planning.geometry.damped_least_squares import solve_from
-from planning.geometry.scene import SceneChecker, joint_poses_of
+from planning.geometry.robot_bodies import joint_poses_of
+from planning.geometry.scene import SceneChecker
 from planning.kinematics import frame_in_last_joint
 from planning.robots.model import RobotModel
 from planning.transforms import Array, Transform, identity, inverse
 from planning.workcell import PlacedRobot, Workcell, start_state
 
 _SAMPLES = 3000
+_DRAWS = 12_000
 _NEAREST = 48
 _LEAN = 0.5
 """A radian of the tool's direction weighs as much as that [m]."""
@@ -175,10 +178,11 @@ class ReachSampler:
         cell = Workcell((alone,), (), ())
         checker = SceneChecker(cell, "alone", start_state(cell), frozenset())
         rng = np.random.default_rng(11)
-        q = rng.uniform(model.lower, model.upper, (_SAMPLES, model.dof))
+        drawn = rng.uniform(model.lower, model.upper, (_DRAWS, model.dof))
         if self.mobile:
-            q[:, :3] = 0.0
-        q = np.ascontiguousarray([row for row in q if checker.configuration_free(row)])
+            drawn[:, :3] = 0.0
+        free = (row for row in drawn if checker.configuration_free(row))
+        q = np.ascontiguousarray(list(islice(free, _SAMPLES)))
         tool = np.array([joint_poses_of(alone, row)[-1] @ self._tip for row in q])
         along = model.chain.axis[-1] @ self._tip[:3, 2]
         spin = float(np.sign(along)) if abs(along) > 1.0 - 1e-9 else 0.0
