@@ -1,0 +1,189 @@
+"""Cuts timelines into pieces: what will be the nodes of a temporal plan graph.
+
+Time has one grid for all robots. A piece is a straight motion within one cell of it, a stand of
+any length, or a stretch of a skill, which counts for the whole time of the skill. If no two
+pieces of different robots that share any time come too close, each anywhere on its own, then
+the nodes made of them keep every guarantee of the graph: conflicts are left only between nodes
+one of which ends before the other starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.construction.fixed_world import FixedWorld
+from planning.construction.timeline import SAME, RobotTimeline
+from planning.transforms import Array, Transform
+from planning.workcell import Workcell
+
+Integers = npt.NDArray[np.int64]
+
+Hand = tuple[tuple[str, bytes], ...]
+"""What a robot holds: names of objects, and their poses in the flange frame as bytes."""
+
+
+class Pieces(NamedTuple):
+    """The motion of one robot from some time on, in order.
+
+    Attributes:
+        start, end: the time for which a piece counts, shape (p,) [s]; the last one may never
+            end.
+        q_a, q_b: ends of its straight motion, shape (p, n).
+        whole: True where it counts as a whole all the time, False where the robot is at a
+            definite place at each time, shape (p,).
+        moment: when it begins to be carried out, shape (p,) [s]; ``start`` but in skills.
+    """
+
+    start: Array
+    end: Array
+    q_a: Array
+    q_b: Array
+    whole: npt.NDArray[np.bool_]
+    moment: Array
+
+
+def cut_timeline(
+    line: RobotTimeline,
+    start: float,
+    until: float,
+    step: float,
+    cuts: Sequence[float] = (),
+) -> Pieces:
+    """Return the pieces of a timeline.
+
+    Args:
+        line: the timeline.
+        start: pieces that end before are left out [s].
+        until: the robot is there up to this time, infinity for ever [s].
+        step: cells of time begin at its multiples [s].
+        cuts: more times at which pieces end, such as those at which objects change hands.
+    """
+    inside = [span for span in line.skills if span[0] <= start < span[1]]
+    begin = min([start, *(span[0] for span in inside)])
+    last = min(line.end, until)
+    grid = np.arange(np.ceil(begin / step), np.floor(last / step) + 1) * step
+    skills = [s for s in line.skills if s[1] > begin and s[0] < until]
+    for a, b in skills:
+        grid = grid[(grid <= a + SAME) | (grid >= b - SAME)]
+    times = np.concatenate(
+        [[begin], grid, line.time, cuts, [t for span in skills for t in span], [last]]
+    )
+    times = np.unique(times[(times >= begin) & (times <= max(last, begin))])
+    if len(times) > 1:
+        keep = np.concatenate([[True], np.diff(times) > SAME])
+        times = times[keep]
+    q = np.stack([np.interp(times, line.time, column) for column in line.path.T], 1)
+    if until > last + SAME:
+        # It stands from the end of its timeline on.
+        later = sorted(c for c in cuts if last + SAME < c < until)
+        times = np.concatenate([times, later, [until]])
+        q = np.vstack([q, np.tile(q[-1], (len(later) + 1, 1))])
+    t_a, t_b = times[:-1].copy(), times[1:].copy()
+    whole = np.zeros(len(t_a), dtype=np.bool_)
+    for a, b in skills:
+        whole |= (t_a >= a - SAME) & (t_b <= b + SAME)
+    q_a, q_b = q[:-1], q[1:]
+    moves = np.any(q_a != q_b, axis=1) | whole
+    # Stands that follow each other are one stand, unless something changes in the hand.
+    joined = np.zeros(len(t_a), dtype=np.bool_)
+    joined[1:] = ~moves[1:] & ~moves[:-1]
+    for c in cuts:
+        joined &= np.abs(t_a - c) > SAME
+    first = np.flatnonzero(~joined)
+    stop = np.append(first[1:], len(t_a)) - 1
+    moment = t_a[first]
+    t_a, t_b = t_a[first], t_b[stop]
+    whole = whole[first]
+    for a, b in skills:
+        own = whole & (t_a >= a - SAME) & (t_b <= b + SAME)
+        t_a[own], t_b[own] = a, b
+    return Pieces(
+        t_a,
+        t_b,
+        np.ascontiguousarray(q_a[first]),
+        np.ascontiguousarray(q_b[stop]),
+        whole,
+        moment,
+    )
+
+
+def hand_changes(world: FixedWorld, robot: str) -> list[tuple[float, Hand]]:
+    """Return what a robot holds from which times on, the first from ever (minus infinity)."""
+    spans: list[tuple[float, float, str, bytes]] = []
+    for name, line in world.objects.items():
+        for k, change in enumerate(line.changes):
+            if change.holder == robot:
+                last = k + 1 == len(line.changes)
+                end = np.inf if last else line.changes[k + 1].time
+                spans.append((change.time, end, name, change.pose.tobytes()))
+    times = sorted({t for a, b, _, _ in spans for t in (a, b) if np.isfinite(t)})
+    out: list[tuple[float, Hand]] = []
+    for t in [-np.inf, *times]:
+        hand = tuple((name, pose) for a, b, name, pose in spans if a <= t < b)
+        if not out or out[-1][1] != hand:
+            out.append((t, hand))
+    return out
+
+
+class Rest(NamedTuple):
+    """An object lies somewhere.
+
+    Attributes:
+        object: its name.
+        start, end: when [s]: from the beginning of the skill that puts it there to the end of
+            the skill that takes it away.
+        pose: of its centre in the world.
+    """
+
+    object: str
+    start: float
+    end: float
+    pose: Transform
+
+
+def rests_of(world: FixedWorld, name: str) -> list[Rest]:
+    """Return where and when an object lies, in order."""
+    item = world.cell.object(name)
+    changes = world.objects[name].changes
+    out: list[Rest] = []
+    since, pose = (-np.inf, item.start)
+    resting = not item.later
+    holder: str | None = None
+    for change in changes:
+        if change.holder is None:
+            begin = change.time
+            if holder is not None:
+                begin = _skill_at(world.robots[holder], change.time)[0]
+            since, pose, resting = begin, change.pose, True
+        elif resting:
+            end = _skill_at(world.robots[change.holder], change.time)[1]
+            out.append(Rest(name, since, end, pose))
+            resting = False
+        holder = change.holder
+    if resting:
+        out.append(Rest(name, since, np.inf, pose))
+    return out
+
+
+def _skill_at(line: RobotTimeline, t: float) -> tuple[float, float]:
+    """Return the skill of a robot that goes on at time ``t``, ``(t, t)`` where there is none."""
+    for a, b in line.skills:
+        if a - SAME <= t <= b + SAME:
+            return a, b
+    return t, t
+
+
+def pose_of(hand: bytes) -> Transform:
+    """Return a pose from its bytes."""
+    return np.frombuffer(hand, dtype=np.float64).reshape(4, 4)
+
+
+def entity_numbers(cell: Workcell) -> dict[str, int]:
+    """Return the number of every entity: arm and tool of each robot, fixtures, objects."""
+    names = [f"{r.name}/{group}" for r in cell.robots for group in ("arm", "tool")]
+    names += [f.name for f in cell.fixtures] + [o.name for o in cell.objects]
+    return {name: k for k, name in enumerate(names)}

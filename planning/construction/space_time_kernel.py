@@ -1,0 +1,319 @@
+"""Continuous checks of motions in space-time, compiled.
+
+A motion is looked at twice. Against what lies still, and against itself, it is halved until
+capsules swept over the stretch are clear or hulls decide. Against robots that move it is cut
+at the cells of time: in each cell the whole of its stretch must clear the whole of what every
+other robot sweeps in the cell, and where that fails the cell is halved a few times. So what is
+found free can become nodes of a temporal plan graph, see ``motion_pieces``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from planning.construction.arena import Arena, column, row, table
+from planning.construction.body_checks import (
+    BLOCKED,
+    CLEAR,
+    clear_of_pieces,
+    meet_boxes,
+    meet_self,
+    movers_clear,
+)
+from planning.construction.space_time_scene import (
+    AROUND,
+    BEGIN,
+    BOX_BOUNDS,
+    BOX_FROM,
+    BOX_UNTIL,
+    HALVINGS,
+    JOINT_FIRST,
+    NEAR,
+    OWN_QA,
+    OWN_QB,
+    PIECE_END,
+    PIECE_START,
+    SETTINGS,
+    STACK,
+    STEP,
+    TRACK_FIRST,
+    TREE,
+    TREE_FIRST,
+    WIDEST,
+    apart,
+    sweep_own,
+)
+from planning.construction.tracks import near_stretch, pieces_at
+from planning.transforms import Array
+
+_PROBE = 0.4
+"""Distance of the instants probed before a whole motion [s, rad or m]."""
+
+
+@njit(cache=True)
+def own_at(
+    scene: Arena, q0: Array, t0: float, q1: Array, t1: float, t: float, out: Array
+) -> None:
+    """Write where the movers are at a time: each goes straight once it is free to move."""
+    begins, joints = column(scene, BEGIN), row(scene, JOINT_FIRST)
+    for m in range(len(begins)):
+        begin = max(t0, begins[m])
+        if t <= begin and t < t1:
+            share = 0.0
+        elif t >= t1:
+            share = 1.0 if begin < t1 or t0 >= t1 else 0.0
+        else:
+            share = (t - begin) / (t1 - begin)
+        for j in range(joints[m], joints[m + 1]):
+            out[j] = q1[j] if share == 1.0 else q0[j] + share * (q1[j] - q0[j])
+
+
+@njit(cache=True)
+def still_clear_until(
+    scene: Arena, q0: Array, t0: float, q1: Array, t1: float, whole: int
+) -> tuple[bool, float]:
+    """Tell whether a motion is clear of all that lies still and of itself, and until when it is.
+
+    Args:
+        scene: the scene.
+        q0, t0: where it begins, and when, shape (n,).
+        q1, t1: where it ends, and when.
+        whole: where 1, every bit of it must be clear of what lies there at any time of it.
+    """
+    q_a, q_b = column(scene, OWN_QA), column(scene, OWN_QB)
+    own_at(scene, q0, t0, q1, t1, t0, q_a)
+    own_at(scene, q0, t0, q1, t1, t1, q_b)
+    sweep_own(scene, t0, t1)
+    around, bounds = column(scene, AROUND), table(scene, BOX_BOUNDS)
+    start, end = column(scene, BOX_FROM), column(scene, BOX_UNTIL)
+    widest, near = column(scene, SETTINGS)[WIDEST], row(scene, NEAR)
+    boxes = 0
+    for b in range(len(bounds)):
+        if (start[b] >= t1 and t1 > t0) or start[b] > t1 or end[b] <= t0:
+            continue
+        if not apart(around, bounds[b], widest):
+            near[boxes] = b
+            boxes += 1
+    stack = table(scene, STACK)
+    stack[0, 0], stack[0, 1] = t0, t1
+    depth = 1
+    while depth > 0:
+        depth -= 1
+        lo, hi = stack[depth, 0], stack[depth, 1]
+        if lo > t0 or hi < t1:
+            own_at(scene, q0, t0, q1, t1, lo, q_a)
+            own_at(scene, q0, t0, q1, t1, hi, q_b)
+            sweep_own(scene, lo, hi)
+        if whole == 1:
+            found = meet_boxes(scene, boxes, t0, t1)
+        else:
+            found = meet_boxes(scene, boxes, lo, hi)
+        if found == CLEAR:
+            found = meet_self(scene)
+        if found == CLEAR:
+            continue
+        if found == BLOCKED or depth + 2 > len(stack) or hi - lo < 1e-9:
+            return False, lo
+        middle = 0.5 * (lo + hi)
+        stack[depth, 0], stack[depth, 1] = middle, hi
+        stack[depth + 1, 0], stack[depth + 1, 1] = lo, middle
+        depth += 2
+    return True, t1
+
+
+@njit(cache=True)
+def moving_clear_until(
+    scene: Arena, q0: Array, t0: float, q1: Array, t1: float
+) -> tuple[bool, float]:
+    """Tell whether a motion is clear of robots that move, and until when it is.
+
+    Args:
+        scene: the scene.
+        q0, t0: where it begins, and when, shape (n,).
+        q1, t1: where it ends, and when.
+    """
+    q_a, q_b = column(scene, OWN_QA), column(scene, OWN_QB)
+    settings = column(scene, SETTINGS)
+    several = len(column(scene, BEGIN)) > 1
+    own_at(scene, q0, t0, q1, t1, t0, q_a)
+    own_at(scene, q0, t0, q1, t1, t1, q_b)
+    sweep_own(scene, t0, t1)
+    near = row(scene, NEAR)
+    begin, finish = _cells(settings[STEP], t0, t1)
+    tracks = 0
+    for r in range(len(row(scene, TRACK_FIRST)) - 1):
+        p, q = _near_pieces(scene, r, begin, finish)
+        if p < q:
+            near[tracks] = r
+            tracks += 1
+    if tracks == 0 and not several:
+        return True, t1
+    stack = table(scene, STACK)
+    stack[0, 0], stack[0, 1], stack[0, 2] = t0, t1, 0.0
+    depth = 1
+    while depth > 0:
+        depth -= 1
+        lo, hi = stack[depth, 0], stack[depth, 1]
+        level = int(stack[depth, 2])
+        if lo > t0 or hi < t1:
+            own_at(scene, q0, t0, q1, t1, lo, q_a)
+            own_at(scene, q0, t0, q1, t1, hi, q_b)
+            sweep_own(scene, lo, hi)
+        size = settings[STEP] / (1 << level)
+        begin, finish = _cells(size, lo, hi)
+        single = finish - begin < 1.5 * size
+        clear = True
+        for k in range(tracks):
+            p, q = _near_pieces(scene, near[k], begin, finish)
+            if p < q and not (single and clear_of_pieces(scene, p, q, begin, finish)):
+                clear = False
+                break
+        if clear and several:
+            clear = movers_clear(scene, 1 if single else 0)
+        if clear:
+            continue
+        if single:
+            if level >= settings[HALVINGS] or hi - lo < 1e-9:
+                return False, lo
+            level += 1
+            middle = begin + 0.5 * size
+            if middle <= lo + 1e-9 or middle >= hi - 1e-9:
+                stack[depth, 2] = level
+                depth += 1
+                continue
+        else:
+            middle = begin + size * np.round(0.5 * (finish - begin) / size)
+        if depth + 2 > len(stack):
+            return False, lo
+        stack[depth, 0], stack[depth, 1], stack[depth, 2] = middle, hi, level
+        stack[depth + 1, 0], stack[depth + 1, 1] = lo, middle
+        stack[depth + 1, 2] = level
+        depth += 2
+    return True, t1
+
+
+@njit(cache=True)
+def _cells(size: float, lo: float, hi: float) -> tuple[float, float]:
+    """Return the cells of time that a span lies in; an instant is left as it is."""
+    if hi - lo < 1e-12:
+        return lo, hi
+    return np.floor(lo / size + 1e-6) * size, np.ceil(hi / size - 1e-6) * size
+
+
+@njit(cache=True)
+def _near_pieces(
+    scene: Arena, track: int, begin: float, finish: float
+) -> tuple[int, int]:
+    """Return the pieces of a track in a span, none where all are out of the movers' reach."""
+    firsts = row(scene, TRACK_FIRST)
+    first, last = firsts[track], firsts[track + 1]
+    start, end = column(scene, PIECE_START), column(scene, PIECE_END)
+    p, q = pieces_at(start, end, first, last, begin, finish)
+    base = row(scene, TREE_FIRST)[track]
+    around, widest = column(scene, AROUND), column(scene, SETTINGS)[WIDEST]
+    tree = table(scene, TREE)
+    if near_stretch(tree, base, last - first, p - first, q - first, around, widest):
+        return p, q
+    return p, p
+
+
+@njit(cache=True)
+def clear_throughout(scene: Arena, q0: Array, q1: Array, lo: float, hi: float) -> bool:
+    """Tell whether a straight motion is clear of everything, wherever it is in a span.
+
+    Args:
+        scene: the scene.
+        q0, q1: ends of the motion, shape (n,).
+        lo, hi: the span [s].
+    """
+    clear, _ = still_clear_until(scene, q0, lo, q1, hi, 1)
+    if not clear:
+        return False
+    settings = column(scene, SETTINGS)
+    size = settings[STEP] / (1 << int(settings[HALVINGS]))
+    begin = np.floor(lo / size + 1e-6) * size
+    finish = np.ceil(hi / size - 1e-6) * size
+    column(scene, OWN_QA)[:] = q0
+    column(scene, OWN_QB)[:] = q1
+    sweep_own(scene, lo, hi)
+    for r in range(len(row(scene, TRACK_FIRST)) - 1):
+        p, q = _near_pieces(scene, r, begin, finish)
+        if p < q and not clear_of_pieces(scene, p, q, begin, finish):
+            return False
+    return len(column(scene, BEGIN)) == 1 or movers_clear(scene, 1)
+
+
+@njit(cache=True)
+def configuration_clear(scene: Arena, q: Array, t: float) -> bool:
+    """Tell whether the movers may be at ``q``, shape (n,), at one instant."""
+    clear, _ = still_clear_until(scene, q, t, q, t, 0)
+    if clear:
+        clear, _ = moving_clear_until(scene, q, t, q, t)
+    return clear
+
+
+@njit(cache=True)
+def clear_until(
+    scene: Arena, q0: Array, t0: float, q1: Array, t1: float
+) -> tuple[bool, float]:
+    """Tell whether a whole motion is clear, and until when it is.
+
+    Each mover that is free to move by then goes straight, at constant speed.
+
+    Args:
+        scene: the scene.
+        q0, t0: where it begins, and when, shape (n,).
+        q1, t1: where it ends, and when.
+    """
+    begins = column(scene, BEGIN)
+    a, b = np.empty_like(q0), np.empty_like(q1)
+    a[:] = q0
+    begin = t0
+    while begin < t1:
+        # A mover that becomes free within the motion appears there.
+        end = t1
+        for m in range(len(begins)):
+            if begin + 1e-9 < begins[m] < end:
+                end = begins[m]
+        own_at(scene, q0, t0, q1, t1, end, b)
+        clear, until = still_clear_until(scene, a, begin, b, end, 0)
+        if not clear:
+            if until <= begin:
+                return False, begin
+            own_at(scene, q0, t0, q1, t1, until, b)
+        moving, first = moving_clear_until(scene, a, begin, b, until)
+        if not moving:
+            return False, first
+        if not clear:
+            return False, until
+        a[:] = b
+        begin = end
+    return True, t1
+
+
+@njit(cache=True)
+def motion_clear(scene: Arena, q0: Array, t0: float, q1: Array, t1: float) -> bool:
+    """Tell whether a whole motion is clear: a few instants of it first."""
+    if not configuration_clear(scene, q1, t1):
+        return False
+    widest = t1 - t0
+    for j in range(len(q0)):
+        widest = max(widest, abs(q1[j] - q0[j]))
+    step = 1
+    while step * _PROBE < widest and step < 16:
+        step *= 2
+    q = np.empty_like(q0)
+    # Ever finer in between: the middle first.
+    width = step
+    while width > 1:
+        k = width // 2
+        while k < step:
+            t = t0 + (t1 - t0) * k / step
+            own_at(scene, q0, t0, q1, t1, t, q)
+            if not configuration_clear(scene, q, t):
+                return False
+            k += width
+        width //= 2
+    clear, _ = clear_until(scene, q0, t0, q1, t1)
+    return clear
