@@ -119,6 +119,10 @@ class ReachSampler:
         )
         return [found[k].copy() for k in range(solved)]
 
+    def draw(self, rng: np.random.Generator) -> Array:
+        """Return a configuration of the arm, shape (n,); a mobile base stands at zero."""
+        return np.array(self._table.q[int(rng.integers(len(self._table.q)))])
+
     def seeds(self, wanted: Transform, rng: np.random.Generator, count: int) -> Array:
         """Return starts for the search, near to solutions: shape (at most ``count``, n).
 
