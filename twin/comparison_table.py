@@ -14,13 +14,15 @@ from twin.comparison_figures import STAGES, TOTAL
 
 _STAGE_NAMES = {
     "sequence": "sequence",
-    "assignment": "who does what",
+    "assignment": "tasks",
     "motion": "motions",
     "synchronous": "slots",
-    "tpg": "what waits for what",
+    "tpg": "TPG",
     "shortcut": "shortcuts",
     TOTAL: "total",
 }
+_WIDE = 136
+"""Columns that the tables need to show deviations and headings in full."""
 
 
 def print_comparison(
@@ -40,9 +42,10 @@ def print_comparison(
     """
     console = Console(highlight=False)
     if not console.is_terminal:
-        console.width = max(console.width, 140)
-    console.print(_quality(figures, heading))
-    console.print(_planning(figures, compiled=compiled))
+        console.width = max(console.width, _WIDE)
+    wide = console.width >= _WIDE
+    console.print(_quality(figures, heading, wide=wide))
+    console.print(_planning(figures, compiled=compiled, wide=wide))
     for name in BASELINES:
         ratio = figures[name]["straight_line_ratio"]
         if ratio is not None:
@@ -54,45 +57,46 @@ def print_comparison(
     console.print(f"results: {folder}", soft_wrap=True)
 
 
-def _quality(figures: Mapping[str, Mapping[str, Any]], heading: str) -> Table:
+def _quality(
+    figures: Mapping[str, Mapping[str, Any]], heading: str, *, wide: bool
+) -> Table:
     table = Table(title=heading, title_justify="left")
-    table.add_column("", style="bold", no_wrap=True)
-    for column in (
-        "makespan, s",
-        "of sequential",
-        "bound: straight, s",
-        "bound: tasks, s",
-        "wait, s",
-        "of sequential",
-    ):
-        table.add_column(column, justify="right")
+    table.add_column("seconds", style="bold", no_wrap=wide)
+    share = "of sequential" if wide else "%"
+    bounds = ("least, straight", "least, tasks") if wide else ("straight", "tasks")
+    for column in ("makespan", share, *bounds, "wait", share):
+        table.add_column(column, justify="right", no_wrap=True)
+    value = spread if wide else mean
     for name, row in figures.items():
         table.add_row(
             name,
-            spread(row["makespan_s"]),
+            value(row["makespan_s"]),
             percent(row["relative_makespan"]),
             mean(row["straight_line_s"]),
             mean(row["critical_path_s"]),
-            spread(row["wait_s"]),
+            value(row["wait_s"]),
             percent(row["relative_wait"]),
         )
     return table
 
 
-def _planning(figures: Mapping[str, Mapping[str, Any]], *, compiled: bool) -> Table:
+def _planning(
+    figures: Mapping[str, Mapping[str, Any]], *, compiled: bool, wide: bool
+) -> Table:
     used = [
         s
         for s in (*STAGES, TOTAL)
         if any(s in row["planning_s"] for row in figures.values())
     ]
     remark = ", the first seed with compiling" if compiled else ""
-    table = Table(title=f"planning, s{remark}", title_justify="left")
-    table.add_column("", style="bold", no_wrap=True)
+    table = Table(title=f"planning{remark}", title_justify="left")
+    table.add_column("seconds", style="bold", no_wrap=wide)
     for stage in used:
-        table.add_column(_STAGE_NAMES[stage], justify="right")
+        table.add_column(_STAGE_NAMES[stage], justify="right", no_wrap=True)
+    value = spread if wide else mean
     for name, row in figures.items():
         cells = [row["planning_s"].get(stage) for stage in used]
-        table.add_row(name, *(spread(cell, 2) if cell else "" for cell in cells))
+        table.add_row(name, *(value(cell, 2) if cell else "" for cell in cells))
     return table
 
 
