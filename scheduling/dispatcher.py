@@ -101,6 +101,20 @@ class Dispatcher:
                 safe.append(self._node(target))
         return safe
 
+    def observe(self, robot: int, node: int) -> None:
+        """Take note that a robot has completed a node, whether it was allowed to or not.
+
+        All its nodes before it count as complete too.
+        """
+        self._number(robot, node)
+        while (done := self._done[robot]) <= node:
+            number = self._first[robot] + done
+            self._done[robot] = done + 1
+            if done + 1 < self._length[robot]:
+                self._unmet[number + 1] -= 1
+            for target in self._successors.get(number, ()):
+                self._unmet[target] -= 1
+
     def waits_for(self, robot: int, node: int) -> list[Node]:
         """Return the incomplete sources of a node's type-2 edges: what it still waits for."""
         out = []
