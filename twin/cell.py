@@ -51,6 +51,10 @@ def _robot(section: RobotSection, folder: Path) -> PlacedRobot:
         home = readonly(section.home_rad_or_m)
     else:
         home = model.home
+    if section.parked is not None:
+        x, y = section.parked.at_m
+        stand = (x, y, np.deg2rad(section.parked.facing_deg))
+        home = readonly((*stand, *home[3:]))
     return PlacedRobot(section.name, model, build_transform(section.base), home)
 
 

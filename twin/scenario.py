@@ -11,61 +11,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from twin.scenario_base import Name, PoseSection, Section, Size3
+from twin.scenario_base import Name, Section
+from twin.scenario_cell import CellSection as CellSection
+from twin.scenario_cell import FixtureSection as FixtureSection
+from twin.scenario_cell import RobotSection as RobotSection
 from twin.scenario_execution import ExecutionSection as ExecutionSection
 from twin.scenario_goals import GoalsSection
 from twin.scenario_lego import LegoSection
 from twin.scenario_pick_place import PickPlaceSection
-
-
-class RobotSection(Section):
-    """A robot of the cell.
-
-    Attributes:
-        name: unique in the cell.
-        model: a name that ``twin robots`` lists, or the path of a URDF, relative to the file.
-        base: pose of the base in the world.
-        home_deg: HOME of a robot with revolute joints only [deg]; default: the model's.
-        home_rad_or_m: HOME of any robot, joint by joint [rad or m].
-        frames: tool frames, each a pose in the flange frame; they replace the model's.
-    """
-
-    name: Name
-    model: str
-    base: PoseSection
-    home_deg: tuple[float, ...] | None = None
-    home_rad_or_m: tuple[float, ...] | None = None
-    frames: dict[Name, PoseSection] = Field(default_factory=dict)
-
-    @model_validator(mode="after")
-    def _one_home(self) -> RobotSection:
-        if self.home_deg is not None and self.home_rad_or_m is not None:
-            raise ValueError("give home_deg or home_rad_or_m, not both")
-        return self
-
-
-class FixtureSection(Section):
-    """An immovable box; ``pose`` is that of its centre in the world."""
-
-    name: Name
-    size_m: Size3
-    pose: PoseSection
-
-
-class ClearanceSection(Section):
-    """Least distances kept: between robots, and between a robot and anything else."""
-
-    robot_robot_m: Annotated[float, Field(ge=0, le=1)] = 0.001
-    robot_object_m: Annotated[float, Field(ge=0, le=1)] = 0.0
-
-
-class CellSection(Section):
-    """Who works, and what stands around."""
-
-    robots: Annotated[tuple[RobotSection, ...], Field(min_length=1)]
-    fixtures: tuple[FixtureSection, ...] = ()
-    clearance: ClearanceSection = ClearanceSection()
-
 
 AssemblySection = Annotated[
     LegoSection | PickPlaceSection | GoalsSection, Field(discriminator="kind")

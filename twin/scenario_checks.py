@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from planning.errors import RobotModelError, ScenarioError
 from twin.assemblies.kinds import assembly_kind
 from twin.duration_checks import Found, check_durations
-from twin.scenario import RobotSection, Scenario
+from twin.scenario import Scenario
+from twin.scenario_cell import CellSection
 from twin.scenario_problems import Problem, mark_problems, unknown_name
 from twin.scenario_yaml import KeyPath, YamlDocument
 
@@ -22,7 +22,7 @@ def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
     """
     folder = document.path.parent
     found: list[tuple[KeyPath, str]] = []
-    found += _check_robots(scenario.cell.robots, folder)
+    found += _check_robots(scenario.cell, folder)
     found += _check_names(scenario)
     found += check_durations(scenario, folder)
     found += _check_robot_names(scenario)
@@ -33,7 +33,7 @@ def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
 def _check_names(scenario: Scenario) -> Found:
     """Robots have names of their own; so have fixtures and objects together."""
     robots = [
-        (("cell", "robots", i, "name"), r.name)
+        (_place(scenario.cell, i, "name"), r.name)
         for i, r in enumerate(scenario.cell.robots)
     ]
     things: list[tuple[KeyPath, str]] = [
@@ -55,30 +55,45 @@ def _check_names(scenario: Scenario) -> Found:
             yield path, f"the name {name!r} is that of {owner}"
 
 
-def _check_robots(robots: Sequence[RobotSection], folder: Path) -> Found:
+def _place(cell: CellSection, robot: int, key: str) -> KeyPath:
+    """Return where a key of a robot stands in the file; a team stands for all of its robots."""
+    if robot < len(cell.listed):
+        return ("cell", "robots", robot, key)
+    return ("cell", "team", key)
+
+
+def _check_robots(cell: CellSection, folder: Path) -> Found:
+    from planning.robots.mobile import is_mobile
     from planning.robots.registry import robot_model
 
-    for i, robot in enumerate(robots):
-        at: KeyPath = ("cell", "robots", i)
+    # The robots of a team are alike: what is wrong with one is said once.
+    for i, robot in enumerate(cell.robots[: len(cell.listed) + 1]):
+        at = _place(cell, i, "model")
         try:
             model = robot_model(robot.model, folder)
         except (RobotModelError, ScenarioError) as error:
             if error.choices:
-                text = unknown_name("robot model", robot.model, error.choices)
-                yield (*at, "model"), text
+                yield at, unknown_name("robot model", robot.model, error.choices)
             else:
-                yield (*at, "model"), str(error)
+                yield at, str(error)
             continue
+        if robot.parked is not None and not is_mobile(model):
+            in_team = i >= len(cell.listed)
+            place = _place(cell, i, "ring" if in_team else "parked")
+            yield place, f"{robot.model} cannot park: its first joints do not drive it"
         home = robot.home_deg or robot.home_rad_or_m
         key = "home_deg" if robot.home_deg else "home_rad_or_m"
         if home is not None and len(home) != model.dof:
             joints = ", ".join(model.joint_names)
             yield (
-                (*at, key),
+                _place(cell, i, key),
                 f"{len(home)} values for the {model.dof} joints of {robot.model} ({joints})",
             )
         if robot.home_deg and model.chain.prismatic.any():
-            yield (*at, key), f"{robot.model} has sliding joints: use home_rad_or_m"
+            yield (
+                _place(cell, i, key),
+                f"{robot.model} has sliding joints: use home_rad_or_m",
+            )
 
 
 def _check_robot_names(scenario: Scenario) -> Found:

@@ -17,6 +17,7 @@ from planning.geometry.damped_least_squares import solve_from
 from planning.geometry.robot_bodies import joint_poses_of
 from planning.geometry.scene import SceneChecker
 from planning.kinematics import frame_in_last_joint
+from planning.robots.mobile import is_mobile
 from planning.robots.model import RobotModel
 from planning.transforms import Array, Transform, identity, inverse
 from planning.workcell import PlacedRobot, Workcell, start_state
@@ -28,17 +29,6 @@ _LEAN = 0.5
 """A radian of the tool's direction weighs as much as that [m]."""
 
 _UPRIGHT = 0.05
-
-
-def is_mobile(model: RobotModel) -> bool:
-    """Return whether a robot drives: its first joints are slides along x and y, and a turn about z."""
-    axis, prismatic = model.chain.axis[:3], model.chain.prismatic[:3]
-    return (
-        model.dof > 3
-        and tuple(prismatic) == (True, True, False)
-        and bool(np.allclose(axis, np.eye(3)))
-        and bool(np.allclose(model.chain.placement[:3], np.eye(4)))
-    )
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -13,6 +14,7 @@ from planning.transforms import readonly
 from planning.workcell import CellObject, Fixture, Workcell
 from twin.assemblies.kind import ASSIGNMENT, Prepared, Stages
 from twin.poses import build_transform
+from twin.scenario_cell import CellSection
 from twin.scenario_goals import GoalsSection, MoveSection
 from twin.scenario_problems import Problem, mark_problems, unknown_name
 from twin.scenario_yaml import KeyPath, YamlDocument
@@ -71,7 +73,8 @@ class GoalsKind:
             return Prepared(goals, prepare_goals(cell, goals))
 
     def _check_robots(self, document: YamlDocument) -> Iterator[tuple[KeyPath, str]]:
-        names = tuple(robot["name"] for robot in document.data["cell"]["robots"])
+        cell = CellSection.model_validate_json(json.dumps(document.data["cell"]))
+        names = tuple(robot.name for robot in cell.robots)
         for k, move in enumerate(self.section.moves):
             if move.robot not in names:
                 at: KeyPath = ("assembly", "moves", k, "robot")
