@@ -7,6 +7,7 @@ TwinError
 +-- ConstructionError      a construction cannot be built as it is, or by this team
 +-- TransitError           no collision-free path was found
 +-- PlanInvariantError     a plan breaks a guarantee it must keep
++-- RequestError           what was asked for does not go together, or not with what is there
 +-- OutputError            a file or folder cannot be written or read
 """
 
@@ -50,6 +51,10 @@ class TransitError(TwinError):
 
 class PlanInvariantError(TwinError):
     """A plan breaks a guarantee that it must keep."""
+
+
+class RequestError(TwinError):
+    """What was asked for does not go together, or not with what is there."""
 
 
 class OutputError(TwinError):

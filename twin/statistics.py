@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from planning.errors import TwinError
+from planning.errors import RequestError, TwinError
 from planning.transforms import Array
 
 
@@ -160,7 +160,7 @@ class Precision:
             and 2 <= self.least <= self.most
             and 0 < self.confidence < 1
         ):
-            raise TwinError(
+            raise RequestError(
                 "precision: need relative_half_width > 0, 2 <= least <= most and"
                 f" 0 < confidence < 1, not {self}"
             )

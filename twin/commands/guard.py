@@ -12,6 +12,7 @@ import typer
 from planning.errors import (
     InfeasibleStepError,
     OutputError,
+    RequestError,
     RobotModelError,
     ScenarioError,
     TwinError,
@@ -20,7 +21,13 @@ from planning.errors import (
 COMPLETED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit codes: done; the work failed or violates a guarantee; input is at fault; Ctrl-C."""
 
-_INPUTS = (ScenarioError, RobotModelError, OutputError, InfeasibleStepError)
+_INPUTS = (
+    ScenarioError,
+    RobotModelError,
+    OutputError,
+    InfeasibleStepError,
+    RequestError,
+)
 
 P = ParamSpec("P")
 
@@ -28,8 +35,9 @@ P = ParamSpec("P")
 def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
     """Return a command that ends with an exit code whatever happens.
 
-    ScenarioError, RobotModelError, OutputError and InfeasibleStepError (what is asked for cannot
-    be built) are the user's input and end with 2, any other TwinError with 1, an interrupt with 130. A command may return its own code.
+    Errors in the user's input, such as ScenarioError, and InfeasibleStepError (what is asked for
+    cannot be built) end with 2, any other TwinError with 1, an interrupt with 130. A command may
+    return its own code.
     """
 
     @functools.wraps(command)

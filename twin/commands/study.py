@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from planning.errors import TwinError
+from planning.errors import RequestError
 from twin.commands.guard import COMPLETED, guarded
 
 if TYPE_CHECKING:
@@ -175,7 +175,7 @@ def study(
             from twin.study.variations import parse_variation, variants
 
             if scenario is None:
-                raise TwinError("give a scenario file, or --resume DIR")
+                raise RequestError("give a scenario file, or --resume DIR")
             names = tuple(name.replace(" ", "") for name in policy or _DEFAULT_POLICIES)
             experiment = Experiment(
                 policies=names,
@@ -232,7 +232,7 @@ def _start(
 
     if out is not None and (out / MANIFEST).exists():
         same_study(out, request.scenario)
-        raise TwinError(
+        raise RequestError(
             f"{out} holds a study already: go on with it by --resume {out}, or give"
             " another folder"
         )

@@ -14,7 +14,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from planning.errors import TwinError
+from planning.errors import RequestError
 
 T = TypeVar("T")
 
@@ -22,7 +22,7 @@ ANSWER_WITHIN_S = 10.0
 """A scheduler that has not answered by then is taken to be absent [s]."""
 
 
-class ClusterError(TwinError):
+class ClusterError(RequestError):
     """A cluster cannot be used: it does not answer, has no workers, or its package is missing."""
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import ceil
 
-from planning.errors import TwinError
+from planning.errors import RequestError
 from twin.run import Policy
 from twin.statistics import Precision
 from twin.study.variations import Variant
@@ -66,11 +66,17 @@ class Experiment:
     def __post_init__(self) -> None:
         for policy in self.policies:
             if policy not in PLAN_OF_POLICY:
-                raise TwinError(f"no policy {policy!r}", choices=tuple(PLAN_OF_POLICY))
+                raise RequestError(
+                    f"no policy {policy!r}", choices=tuple(PLAN_OF_POLICY)
+                )
         if len(set(self.policies)) < len(self.policies) or not self.policies:
-            raise TwinError("a study needs at least one policy, and each of them once")
+            raise RequestError(
+                "a study needs at least one policy, and each of them once"
+            )
         if self.replications is not None and self.replications < 1:
-            raise TwinError(f"replications must be at least 1, not {self.replications}")
+            raise RequestError(
+                f"replications must be at least 1, not {self.replications}"
+            )
 
     @property
     def cells(self) -> tuple[tuple[str, Variant], ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from planning.errors import TwinError
+from planning.errors import RequestError
 from twin.atomic import write_json
 from twin.bulk_engine import BulkEngine
 from twin.cell import build_workcell
@@ -70,7 +70,7 @@ def start_study(
 
     Raises:
         ScenarioError: a varied input does not fit the scenario.
-        TwinError: the scenario cannot be planned, or the deadline is not possible.
+        RequestError: the scenario cannot be planned, or the deadline is not possible.
     """
     check_deadline(request.deadline_s)
     experiment, scenario = request.experiment, request.scenario
@@ -178,7 +178,7 @@ def _check_possible(deadline_s: float | None, loads: Sequence[Workload]) -> None
         if not load.disturbances.speed
     ]
     if len(bounds) == len(loads) and deadline_s * NANOSECONDS < min(bounds):
-        raise TwinError(
+        raise RequestError(
             f"a deadline of {deadline_s:g} s is impossible: even if every skill is as"
             f" quick as it can be, the run takes {min(bounds) / NANOSECONDS:.1f} s"
         )

@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from planning.errors import OutputError, TwinError
+from planning.errors import OutputError, RequestError
 from planning.workcell import Workcell
 from twin.atomic import write_json
 from twin.run_folder import MANIFEST, manifest
@@ -85,12 +85,12 @@ def same_study(folder: Path, scenario: Scenario) -> None:
     """Refuse a folder that holds a study of another scenario.
 
     Raises:
-        TwinError: it does.
+        RequestError: it does.
         OutputError: it holds none.
     """
     there = read_request(folder).scenario
     if fingerprint(there) != fingerprint(scenario):
-        raise TwinError(
+        raise RequestError(
             f"{folder} holds a study of scenario {there.name!r} as it was then, not of this"
             f" {scenario.name!r}; give another folder, or leave the scenario away to go on"
             " with that one"

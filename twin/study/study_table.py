@@ -22,7 +22,7 @@ def print_study(result: StudyResult) -> None:
     )
     varied = list(summary["cells"][0]["variant"])
     for name in ("policy", *varied):
-        table.add_column(name)
+        table.add_column(name, overflow="fold", min_width=min(len(name), 12))
     broken = any(cell["not_completed"]["estimate"] for cell in summary["cells"])
     names = ["n", "mean", "P50", "P90", "P99", "waits"]
     for name in [*names, "not completed"] if broken else names:
@@ -59,8 +59,9 @@ def print_study(result: StudyResult) -> None:
 def _row(cell: Mapping[str, Any], varied: list[str]) -> list[str]:
     row = [cell["policy"], *(str(cell["variant"][key]) for key in varied)]
     row.append(str(cell["replications"]))
-    for key in ("makespan_s", "makespan_p50_s", "makespan_p90_s", "makespan_p99_s"):
-        row.append(_estimate(cell.get(key)))
+    row.append(_estimate(cell.get("makespan_s")))
+    for key in ("makespan_p50_s", "makespan_p90_s", "makespan_p99_s"):
+        row.append(f"{cell[key]['estimate']:.1f}" if key in cell else "-")
     waits = cell.get("wait_s")
     row.append("-" if waits is None else f"{sum(waits.values()):.1f}")
     return row

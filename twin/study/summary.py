@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.errors import TwinError
+from planning.errors import RequestError
 from planning.transforms import Array
 from twin.durations import NANOSECONDS
 from twin.statistics import (
@@ -167,10 +167,10 @@ def check_deadline(deadline_s: float | None) -> None:
     """Refuse a deadline that no run can meet or that is no time at all.
 
     Raises:
-        TwinError: it is not a positive, finite number.
+        RequestError: it is not a positive, finite number.
     """
     if deadline_s is not None and not 0 < deadline_s < math.inf:
-        raise TwinError(f"a deadline must be more than 0 s, not {deadline_s:g} s")
+        raise RequestError(f"a deadline must be more than 0 s, not {deadline_s:g} s")
 
 
 def _entry(interval: Interval) -> dict[str, Any]:

@@ -12,15 +12,27 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from scheduling.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
+from scheduling.temporal_plan_graph import (
+    MOTION_CONFLICT,
+    TASK_DEPENDENCY,
+    TemporalPlanGraph,
+)
 from twin.atomic import replacing
 from twin.contraction import contract
+from twin.critical_paths import OTHER
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.policy_graph import policy_graph
 from twin.study.block_files import blocks_done, read_block
 from twin.study.experiment import Experiment
 from twin.study.task_tally import TaskTally, task_groups
 from twin.study.workload import BlockResult, Workload
+
+CAUSES = {
+    TASK_DEPENDENCY: "dependency",
+    MOTION_CONFLICT: "conflict",
+    OTHER: "turn",
+}
+"""Causes of edges, as ``edges.parquet`` names them."""
 
 ROWS_A_GROUP = 20_000
 """Rows of a row group; fixed, so that the file does not depend on how blocks were cut."""
@@ -145,11 +157,10 @@ def _edge_rows(load: Workload) -> dict[str, Any]:
     graph = policy_graph(tpg, load.policy)
     task = np.concatenate([chain.task for chain in tpg.chains])
     target = np.repeat(np.arange(len(task)), np.diff(graph.edge_first))
-    conflict = graph.cause == MOTION_CONFLICT
     return {
         "first_task": task[graph.source],
         "then_task": task[target],
-        "cause": np.where(conflict, "conflict", "dependency"),
+        "cause": [CAUSES[cause] for cause in graph.cause.tolist()],
     }
 
 

@@ -1,0 +1,187 @@
+"""``twin study`` as people use it: run, kill, go on, and what it says to what cannot be."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from twin.cli import app
+
+ROOT = Path(__file__).parents[3]
+SCENARIO = ROOT / "scenarios/multi_arm/rearrangement.yaml"
+POLICIES = ("--policy", "sequential", "--policy", "asynchronous")
+TABLES = ("replications.parquet", "tasks.parquet", "edges.parquet", "summary.json")
+
+
+def _twin(*arguments: str | Path) -> tuple[int, str]:
+    found = CliRunner().invoke(app, [str(a) for a in arguments])
+    return found.exit_code, found.output
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("study") / "whole"
+    vary = ("--vary", "skills.pick.scale=1,2", "--deadline", "90")
+    code, output = _twin(
+        *("study", SCENARIO, "-n", "1500", *POLICIES, *vary),
+        *("--workers", "0", "--out", folder, "-q"),
+    )
+    assert code == 0, output
+    return folder
+
+
+def test_a_killed_study_goes_on(study: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "killed"
+    shutil.copytree(study, folder)
+    for name in (*TABLES, "report.html"):
+        (folder / name).unlink()
+    shutil.rmtree(folder / "blocks")
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "twin.cli", "study"),
+            *("--resume", str(folder), "--workers", "0", "-q"),
+        ],
+        cwd=ROOT,
+    )
+    blocks = folder / "blocks"
+    deadline = time.monotonic() + 60
+    while len(list(blocks.glob("[0-9]*.npz"))) < 2 and time.monotonic() < deadline:
+        assert process.poll() is None
+        time.sleep(0.002)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    done = {path: path.stat().st_mtime_ns for path in blocks.glob("[0-9]*.npz")}
+    assert len(done) >= 2
+    assert not (folder / "replications.parquet").exists()
+    code, output = _twin("study", "--resume", folder, "--workers", "0", "-q")
+    assert code == 0, output
+    for name in TABLES:
+        assert (folder / name).read_bytes() == (study / name).read_bytes(), name
+    for path, written in done.items():
+        assert path.stat().st_mtime_ns == written
+
+
+def test_the_tables_are_tidy(study: Path) -> None:
+    rows = pq.read_table(study / "replications.parquet")
+    assert rows.num_rows == 4 * 1500
+    table = rows.to_pydict()
+    keys = list(
+        zip(
+            table["policy"],
+            table["skills.pick.scale"],
+            table["replication"],
+            strict=True,
+        )
+    )
+    assert len(set(keys)) == len(keys)
+    tasks = pq.read_table(study / "tasks.parquet").to_pydict()
+    assert max(tasks["criticality"]) == 1.0
+    assert all(
+        low <= mid <= high
+        for low, mid, high in zip(
+            tasks["end_p10_s"], tasks["end_p50_s"], tasks["end_p90_s"], strict=True
+        )
+    )
+    edges = pq.read_table(study / "edges.parquet").to_pydict()
+    assert set(edges["cause"]) <= {"dependency", "conflict", "turn"}
+
+
+def test_the_summary_says_how_sure_one_can_be(study: Path) -> None:
+    summary = json.loads((study / "summary.json").read_text())
+    for cell in summary["cells"]:
+        mean = cell["makespan_s"]
+        assert mean["low"] < mean["estimate"] < mean["high"]
+        assert cell["makespan_p50_s"]["estimate"] < cell["makespan_p99_s"]["estimate"]
+        assert cell["not_completed"]["estimate"] == 0 < cell["not_completed"]["high"]
+    first, second = summary["differences"]
+    assert first["makespan_s"]["high"] < 0
+    assert second["makespan_s"]["estimate"] < first["makespan_s"]["estimate"]
+
+
+class _Outside(HTMLParser):
+    """Collects what a page would fetch from elsewhere."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+        self.tags: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.found += [
+            value
+            for name, value in attrs
+            if name in ("src", "href", "xlink:href")
+            and value
+            and not value.startswith(("#", "data:"))
+        ]
+
+
+def test_the_report_opens_offline(study: Path) -> None:
+    parser = _Outside()
+    parser.feed((study / "report.html").read_text(encoding="utf-8"))
+    assert parser.found == []
+    assert parser.tags.count("svg") == 5
+    for name in ("makespan", "waits", "gantt", "tornado", "response-skills-pick-scale"):
+        assert (study / f"{name}.png").stat().st_size > 5000
+
+
+def test_a_folder_of_another_scenario_is_refused(study: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.yaml"
+    other.write_text(SCENARIO.read_text().replace("name: ", "name: my-", 1))
+    for arguments in (("--resume", study), ("--out", study)):
+        code, output = _twin("study", other, *arguments)
+        assert code == 2
+        assert "holds a study of scenario" in " ".join(output.split())
+    code, output = _twin("study", SCENARIO, "--out", study)
+    assert code == 2
+    assert "--resume" in output
+    code, output = _twin("study", "--resume", tmp_path)
+    assert code == 2
+    assert "no folder of a study" in " ".join(output.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--policy", "asynchron"), "no policy 'asynchron'"),
+        (("--vary", "skills.pik.scale=1,2"), "pik"),
+        (("--vary", "stalls.count=1,2"), "execution.stalls has no 'count'"),
+        (("--least", "30", "--most", "20"), "least <= most"),
+        (("--deadline", "-3"), "must be more than 0 s"),
+        (("--scheduler", "tcp://127.0.0.1:1"), "no scheduler answered"),
+    ],
+)
+def test_what_cannot_be_is_said_at_once(
+    arguments: tuple[str, ...], message: str, tmp_path: Path
+) -> None:
+    started = time.monotonic()
+    code, output = _twin("study", SCENARIO, *arguments, "--out", tmp_path / "study")
+    assert code == 2
+    assert message in " ".join(output.split())
+    assert time.monotonic() - started < 15
+    assert not (tmp_path / "study").exists()
+
+
+def test_a_deadline_that_nothing_can_meet_is_refused(
+    study: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "study"
+    shutil.copytree(study, folder)
+    about = json.loads((folder / "manifest.json").read_text())
+    about["study"]["deadline_s"] = 5.0
+    (folder / "manifest.json").write_text(json.dumps(about))
+    code, output = _twin("study", "--resume", folder, "--workers", "0")
+    assert code == 2
+    assert "a deadline of 5 s is impossible" in " ".join(output.split())
