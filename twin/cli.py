@@ -10,6 +10,7 @@ import typer
 from twin.commands.compare import compare
 from twin.commands.doctor import doctor
 from twin.commands.export import export
+from twin.commands.fit import fit
 from twin.commands.guard import FAILED, INTERRUPTED, print_error
 from twin.commands.import_task import app as import_app
 from twin.commands.replay import replay
@@ -34,6 +35,7 @@ app.command()(sequence)
 app.command()(compare)
 app.command()(study)
 app.command()(replay)
+app.command()(fit)
 app.command()(resume)
 app.command()(export)
 app.add_typer(import_app, name="import")

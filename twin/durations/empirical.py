@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -38,21 +39,7 @@ class Empirical:
             ScenarioError: the file cannot be read, has no such column or no rows, or a value
                 is not a finite number of at least 0; the message names file and line.
         """
-        try:
-            with path.open(newline="", encoding="utf-8") as file:
-                reader = csv.DictReader(file)
-                names = tuple(reader.fieldnames or ())
-                if column not in names:
-                    raise ScenarioError(f"{path}: no column {column!r}", choices=names)
-                values = [
-                    _duration_in_cell(path, reader.line_num, column, row[column])
-                    for row in reader
-                ]
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise ScenarioError(f"{path}: cannot read durations: {error}") from error
-        if not values:
-            raise ScenarioError(f"{path}: column {column!r} has no rows")
-        return cls(values)
+        return cls([value for _, value in read_durations(path, column)])
 
     def ppf(self, u: Array) -> Array:
         """Return the quantiles [s]: the inverse of the empirical distribution function."""
@@ -74,6 +61,44 @@ class Empirical:
     def minimum(self) -> float:
         """Shortest duration [s]."""
         return float(self.values_s[0])
+
+
+def read_durations(
+    path: Path, column: str, labels: Sequence[str] = ()
+) -> list[tuple[tuple[str, ...], float]]:
+    """Read durations [s] and what labels them from a CSV file with a header line.
+
+    Args:
+        path: the file.
+        column: of the durations.
+        labels: columns of labels.
+
+    Returns:
+        For each row its labels and its duration.
+
+    Raises:
+        ScenarioError: the file cannot be read, lacks a column or has no rows, or a value is
+            not a finite number of at least 0; the message names file and line.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            names = tuple(reader.fieldnames or ())
+            for name in (column, *labels):
+                if name not in names:
+                    raise ScenarioError(f"{path}: no column {name!r}", choices=names)
+            rows = [
+                (
+                    tuple((row[name] or "").strip() for name in labels),
+                    _duration_in_cell(path, reader.line_num, column, row[column]),
+                )
+                for row in reader
+            ]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ScenarioError(f"{path}: cannot read durations: {error}") from error
+    if not rows:
+        raise ScenarioError(f"{path}: column {column!r} has no rows")
+    return rows
 
 
 def _duration_in_cell(path: Path, line: int, column: str, text: str | None) -> float:

@@ -1,0 +1,174 @@
+"""``twin fit``: distributions for measured durations."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from twin.commands.guard import guarded
+
+if TYPE_CHECKING:
+    from twin.fit.candidates import Candidate
+    from twin.fit.snippet import Fit
+
+File = Annotated[
+    Path,
+    typer.Argument(
+        help="CSV file with a header line, a row a duration.", metavar="CSV"
+    ),
+]
+Column = Annotated[str, typer.Option(help="Column of the durations, in seconds.")]
+By = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Fit each value of this column on its own: skill, robot or object. Repeatable.",
+        show_default=False,
+    ),
+]
+Skill = Annotated[
+    str | None,
+    typer.Option(
+        help="What all rows are of; default: the file's name where it is a skill.",
+        show_default=False,
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder for the results; default: logs/fit-<name>-<UTC time>.",
+        show_default=False,
+    ),
+]
+Resamples = Annotated[
+    int, typer.Option(min=19, max=100_000, help="Bootstrap samples of each test.")
+]
+Seed = Annotated[int, typer.Option(min=0, help="Of the bootstrap.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print fit.json only.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+
+
+@guarded
+def fit(
+    csv: File,
+    column: Column = "duration_s",
+    by: By = None,
+    skill: Skill = None,
+    out: Out = None,
+    resamples: Resamples = 499,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Find the distributions that fit measured durations best.
+
+    Each family is fitted by greatest likelihood and tested: Anderson-Darling, its p value by
+    parametric bootstrap. Those that are not rejected (p of at least 0.05) come first, in each
+    part by their AICc. Leaves durations.yaml, the lines for a scenario; fit.json, all figures;
+    and a picture of each group: histogram with densities, and quantiles.
+    """
+    from twin.atomic import write_json
+    from twin.fit.chart import draw_fit
+    from twin.fit.run import fit_samples, results_folder
+    from twin.fit.samples import read_samples
+    from twin.fit.snippet import snippet, write_snippet
+    from twin.progress import StageDisplay
+
+    samples = read_samples(csv, column=column, by=by or (), skill=skill)
+    folder = results_folder(out, csv.stem)
+    silent = quiet or as_json
+    with StageDisplay(enabled=not silent) as display:
+        fits = fit_samples(samples, resamples=resamples, seed=seed, progress=display)
+        for k, one in enumerate(fits):
+            display("pictures", k, len(fits))
+            draw_fit(folder / f"{one.sample.name}.png", one)
+    content = [_content(one) for one in fits]
+    write_snippet(folder, fits, csv.name)
+    write_json(folder / "fit.json", content)
+    if as_json:
+        typer.echo(json.dumps(content, indent=2))
+    elif not quiet:
+        for one in fits:
+            _print(one)
+        typer.echo(snippet(fits, csv.name))
+        _hint(csv, by or ())
+        typer.echo(f"written to {folder}")
+
+
+def _content(fit: Fit) -> dict[str, Any]:
+    return {
+        **fit.sample.labels,
+        "durations": len(fit.sample.values_s),
+        "section": dict(fit.section),
+        "candidates": [_figures(candidate) for candidate in fit.candidates],
+    }
+
+
+def _figures(candidate: Candidate) -> dict[str, Any]:
+    return {
+        "distribution": candidate.family.name,
+        "section": dict(candidate.section),
+        "aicc": candidate.aicc,
+        "anderson_darling": candidate.anderson_darling,
+        "p_value": candidate.p_value,
+        "rejected": candidate.rejected,
+    }
+
+
+def _print(fit: Fit) -> None:
+    import numpy as np
+    from rich.console import Console
+    from rich.table import Table
+
+    values = fit.sample.values_s
+    low, median, high = np.percentile(values, (0, 50, 100))
+    labels = ", ".join(fit.sample.labels.values()) or "durations"
+    typer.echo(
+        f"{labels}: {len(values)} durations, median {median:.3g} s, "
+        f"from {low:.3g} to {high:.3g} s"
+    )
+    if not fit.candidates:
+        typer.echo("all the same")
+        return
+    table = Table(caption="p below 0.05: rejected", caption_justify="left")
+    for name in ("distribution", "AICc", "A²", "p"):
+        table.add_column(name, justify="left" if name == "distribution" else "right")
+    table.add_column("parameters", overflow="fold")
+    for candidate in fit.candidates:
+        table.add_row(
+            candidate.family.name,
+            f"{candidate.aicc:.1f}",
+            f"{candidate.anderson_darling:.2f}",
+            f"{candidate.p_value:.3f}",
+            _parameters(candidate.section),
+            style="dim" if candidate.rejected else "",
+        )
+    Console().print(table)
+    if fit.best is None:
+        typer.echo("no distribution fits: use the measured times themselves")
+
+
+def _parameters(section: Any) -> str:
+    """Return the parameters of a section in one line."""
+    parts = []
+    for key, value in section.items():
+        if key == "model":
+            parts.append(_parameters(value))
+        elif key != "kind":
+            parts.append(f"{key} {value:.4g}")
+    return ", ".join(parts)
+
+
+def _hint(csv: Path, by: Sequence[str]) -> None:
+    """Say so when the file tells groups apart that were fitted as one."""
+    from twin.fit.samples import unused_labels
+
+    for name, values in unused_labels(csv, by).items():
+        typer.echo(
+            f"column {name!r} has {len(values)} values, fitted as one: "
+            f"--by {name} fits each on its own",
+            err=True,
+        )

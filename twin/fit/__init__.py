@@ -1,0 +1,1 @@
+"""Distributions fitted to measured durations: candidates, tests of fit, YAML and pictures."""

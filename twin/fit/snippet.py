@@ -1,0 +1,114 @@
+"""What a fit becomes: the lines of a scenario that draw such durations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.atomic import replacing
+from twin.fit.candidates import Candidate
+from twin.fit.family import rounded
+from twin.fit.samples import Sample
+from twin.scenario_text import scenario_text
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A sample and the distributions fitted to it.
+
+    Attributes:
+        sample: the durations.
+        candidates: best first; none where all durations are as good as the same.
+    """
+
+    sample: Sample
+    candidates: tuple[Candidate, ...]
+
+    @property
+    def best(self) -> Candidate | None:
+        """The best candidate, None where the test rejects all of them."""
+        if self.candidates and not self.candidates[0].rejected:
+            return self.candidates[0]
+        return None
+
+    @property
+    def csv(self) -> str:
+        """Name of the file of the durations themselves, where nothing fits."""
+        return f"{self.sample.name}.csv"
+
+    @property
+    def section(self) -> Mapping[str, Any]:
+        """What a scenario should say: the best fit, or the measured times themselves."""
+        if not self.candidates:
+            return {
+                "kind": "fixed",
+                "value_s": rounded(np.median(self.sample.values_s)),
+            }
+        if self.best is None:
+            return {"kind": "empirical", "csv": self.csv}
+        return self.best.section
+
+
+def write_snippet(folder: Path, fits: Sequence[Fit], source: str) -> Path:
+    """Write ``durations.yaml``, and the durations of each sample that nothing fits.
+
+    Args:
+        folder: where.
+        fits: of one file.
+        source: name of that file, for the comment on top.
+
+    Returns:
+        The path of the snippet.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    for fit in fits:
+        if fit.candidates and fit.best is None:
+            with replacing(folder / fit.csv) as temporary:
+                lines = "".join(
+                    f"{value!r}\n" for value in fit.sample.values_s.tolist()
+                )
+                temporary.write_text(f"duration_s\n{lines}", encoding="utf-8")
+    path = folder / "durations.yaml"
+    with replacing(path) as temporary:
+        temporary.write_text(snippet(fits, source), encoding="utf-8")
+    return path
+
+
+def snippet(fits: Sequence[Fit], source: str) -> str:
+    """Return the lines of a scenario, with a comment that says where they come from."""
+    count = sum(len(fit.sample.values_s) for fit in fits)
+    note = [f"{count} durations of {source}, fitted by: twin fit"]
+    empirical = [fit.csv for fit in fits if fit.section["kind"] == "empirical"]
+    if empirical:
+        note.append(
+            f"No distribution fits {', '.join(empirical)}: copy beside the scenario."
+        )
+    content: dict[str, Any]
+    if not any(fit.sample.labels for fit in fits):
+        note.append("Put it wherever a scenario takes a duration.")
+        content = {"duration": dict(fits[0].section)}
+    else:
+        content = {"execution": _execution(fits)}
+    return scenario_text(content, "\n".join(note))
+
+
+def _execution(fits: Sequence[Fit]) -> dict[str, Any]:
+    skills, overrides = {}, []
+    for fit in fits:
+        labels = dict(fit.sample.labels)
+        if set(labels) == {"skill"}:
+            skills[labels["skill"]] = dict(fit.section)
+        else:
+            overrides.append({**labels, "duration": dict(fit.section)})
+    out: dict[str, Any] = {}
+    if skills:
+        out["skills"] = skills
+    if overrides:
+        out["skill_overrides"] = overrides
+    return out
