@@ -89,6 +89,7 @@ def _end_times(
     released: Nanoseconds,
     end: Nanoseconds,
 ) -> None:
+    now = np.int64(past.now_ns)
     chain_of = np.empty(len(graph.order), np.int64)
     for chain in range(len(graph.chain_first) - 1):
         for n in range(graph.chain_first[chain], graph.chain_first[chain + 1]):
@@ -104,7 +105,7 @@ def _end_times(
                 if known_end >= 0:
                     end[n, r] = known_end
                 else:
-                    end[n, r] = max(past.now_ns, past.not_before_ns[chain, r])
+                    end[n, r] = max(now, past.not_before_ns[chain, r])
                     end[n, r] += busy[n, r]
                 continue
             t = np.int64(0)
@@ -118,7 +119,7 @@ def _end_times(
             t += release
             if own >= 0:
                 t = max(t, end[own, r])
-            t = max(t, past.now_ns)
+            t = max(t, now)
             t = max(t, graph.not_before[n])
             t = max(t, past.not_before_ns[chain, r])
             end[n, r] = t + busy[n, r]
