@@ -24,6 +24,7 @@ from planning.geometry.robot_bodies import (
     entity,
     flange_pose,
     held_by,
+    joint_poses_of,
     robot_bodies,
     robot_solids,
 )
@@ -36,6 +37,7 @@ __all__ = [
     "SceneChecker",
     "entity",
     "flange_pose",
+    "joint_poses_of",
     "robot_solids",
 ]
 
