@@ -1,4 +1,8 @@
-"""Every command in the documentation runs, and prints what the page says it prints."""
+"""Every command in the documentation runs, and prints what the page says it prints.
+
+Blocks marked as a story are run one after the other, in a folder of their own: what one command
+writes the next may read.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,7 @@ PAGES = sorted(
     [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/**/*.md")]
 )
 _BLOCK = re.compile(
-    r"(?P<mark><!-- expensive -->\n)?```console\n(?P<body>.*?)```", re.DOTALL
+    r"(<!-- (?P<mark>expensive|story) -->\n)?```console\n(?P<body>.*?)```", re.DOTALL
 )
 
 
@@ -28,7 +32,7 @@ class Command:
     page: Path
     line: str
     output: str
-    expensive: bool
+    mark: str | None
 
     def __str__(self) -> str:
         return f"{self.page.stem}: {self.line}"
@@ -40,23 +44,30 @@ def commands() -> list[Command]:
         for block in _BLOCK.finditer(page.read_text(encoding="utf-8")):
             for part in re.split(r"^\$ ", block["body"], flags=re.MULTILINE)[1:]:
                 line, _, output = part.partition("\n")
-                out.append(Command(page, line, output, block["mark"] is not None))
+                out.append(Command(page, line, output, block["mark"]))
     return out
 
 
 COMMANDS = commands()
-CHEAP = [c for c in COMMANDS if c.line.startswith("twin ") and not c.expensive]
-EXPENSIVE = [c for c in COMMANDS if c.line.startswith("twin ") and c.expensive]
+TWIN = [c for c in COMMANDS if c.line.startswith("twin ")]
+CHEAP = [c for c in TWIN if c.mark is None]
+EXPENSIVE = [c for c in TWIN if c.mark == "expensive"]
+STORIES = {
+    page.stem: [c for c in TWIN if c.page == page and c.mark == "story"]
+    for page in dict.fromkeys(c.page for c in TWIN if c.mark == "story")
+}
 
 
-def run(line: str, logs: Path) -> subprocess.CompletedProcess[str]:
+def run(
+    line: str, logs: Path | None, folder: Path = ROOT
+) -> subprocess.CompletedProcess[str]:
     program, *arguments = shlex.split(line)
     assert program == "twin"
-    if arguments[0] in ("run", "compare"):
+    if logs is not None and arguments[0] in ("run", "compare"):
         arguments += ["--out", str(logs)]
     return subprocess.run(
         [sys.executable, "-m", "twin.cli", *arguments],
-        cwd=ROOT,
+        cwd=folder,
         capture_output=True,
         text=True,
         check=False,
@@ -81,6 +92,16 @@ def test_command_runs(command: Command, tmp_path: Path) -> None:
 def test_expensive_command_runs(command: Command, tmp_path: Path) -> None:
     done = run(command.line, tmp_path / "run")
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.expensive
+@pytest.mark.parametrize("page", STORIES)
+def test_story_runs(page: str, tmp_path: Path) -> None:
+    (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
+    for command in STORIES[page]:
+        done = run(command.line, None, tmp_path)
+        assert done.returncode == 0, f"{command.line}\n{done.stderr}"
+        assert command.output.strip() in done.stdout, command.line
 
 
 def test_make_knows_every_target_that_a_page_names() -> None:

@@ -24,6 +24,11 @@ _SHARE = 0.005
 
 _MILLISECOND = 1_000_000
 
+_KEYWORDS = re.compile(
+    r"(gantt|title|section|dateFormat|axisFormat|tickInterval|todayMarker|inclusiveEndDates"
+    r"|topAxis|excludes|includes|weekday|weekend|click|accTitle|accDescr|call|href)\b"
+)
+
 
 class MermaidExporter:
     """Writes ``gantt.mmd``."""
@@ -93,5 +98,6 @@ def _time(t_ns: int) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return a text without the characters that mean something to Mermaid."""
-    return re.sub(r"\s+", " ", re.sub(r"[:;#,%{}]", " ", text)).strip() or "-"
+    """Return a text without the characters and first words that mean something to Mermaid."""
+    words = re.sub(r"[\s:;#,%{}]+", " ", text).strip()
+    return f"- {words}".rstrip() if not words or _KEYWORDS.match(words) else words

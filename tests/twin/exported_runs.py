@@ -1,0 +1,61 @@
+"""Folders of made-up runs for the tests of exports."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.twin_toys import random_tpg
+from twin.disturbances import Disturbances, EmergencyStop, RandomStalls, SkillFailure
+from twin.durations import Fixed, SkillDurations, packaged_timings
+from twin.engine import simulate
+from twin.exports.exporter import ExportOptions
+from twin.exports.recorded_run import RecordedRun
+from twin.exports.registry import exporter
+from twin.recorders.jsonl import JsonlRecorder
+from twin.recorders.parquet import objects_table, trajectory_table, write_table
+from twin.run import Run
+from twin.trajectory import object_placements, robot_trajectories
+
+DISTURBED = Disturbances(
+    stalls=RandomStalls(2),
+    emergency_stops=(EmergencyStop("robot_1", 7.0, 4.0),),
+    failures={"pick": SkillFailure(0.4, 5, Fixed(1.5))},
+)
+
+
+def toy_run(
+    folder: Path,
+    seed: int = 3,
+    *,
+    disturbances: Disturbances = DISTURBED,
+    tpg: TemporalPlanGraph | None = None,
+) -> tuple[RecordedRun, Run]:
+    """Write the folder of a run of two robots, one with a joint more than the other.
+
+    Toys cannot be saved as plans: the graph is put into the run by hand.
+    """
+    tpg = tpg or random_tpg(seed, tasks=24, edges=60)
+    run = simulate(
+        tpg,
+        SkillDurations(packaged_timings()),
+        seed=seed,
+        disturbances=disturbances,
+        recorders=[JsonlRecorder(folder / "events.jsonl")],
+    )
+    moves = trajectory_table(robot_trajectories(tpg, run))
+    write_table(folder / "trajectory.parquet", moves)
+    write_table(folder / "objects.parquet", objects_table(object_placements(tpg, run)))
+    manifest = {"scenario": {"name": 'toy: "run"'}, "seed": seed}
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    summary = {"seed": seed, "policy": run.policy, "outcome": run.outcome}
+    (folder / "summary.json").write_text(json.dumps(summary))
+    recorded = RecordedRun(folder)
+    recorded.__dict__["tpg"] = tpg
+    return recorded, run
+
+
+def exported(run: RecordedRun, name: str, *, nodes: bool = False) -> dict[str, bytes]:
+    """Return the files of a run in a format."""
+    return dict(exporter(name).export(run, ExportOptions(nodes=nodes)))
