@@ -77,6 +77,12 @@ Deadline = Annotated[
 Antithetic = Annotated[
     bool, typer.Option("--antithetic", help="Draw replications in mirrored pairs.")
 ]
+Sobol = Annotated[
+    int,
+    typer.Option(
+        min=0, help="Points of the sample for Sobol indices, such as 128; 0 for none."
+    ),
+]
 Audited = Annotated[
     int,
     typer.Option(
@@ -141,6 +147,7 @@ def study(
     vary: Vary = None,
     deadline: Deadline = None,
     antithetic: Antithetic = False,
+    sobol: Sobol = 0,
     audit_sample: Audited = 20,
     shortcuts: Shortcuts = None,
     seed: Seed = None,
@@ -185,7 +192,7 @@ def study(
                 antithetic=antithetic,
                 audited=audit_sample,
             )
-            request = _request(scenario, experiment, seed, shortcuts, deadline)
+            request = _request(scenario, experiment, seed, shortcuts, deadline, sobol)
             result = _start(request, out, executor, progress)
         from twin.study.report import write_report
 
@@ -208,6 +215,7 @@ def _request(
     seed: int | None,
     shortcuts: int | None,
     deadline: float | None,
+    sobol: int,
 ) -> StudyRequest:
     from twin.comparison import shortcut_budget
     from twin.scenario_file import load_scenario
@@ -217,7 +225,7 @@ def _request(
     if seed is not None:
         chosen = chosen.model_copy(update={"seed": seed})
     candidates = shortcut_budget(chosen) if shortcuts is None else shortcuts
-    return StudyRequest(chosen, path.parent, experiment, candidates, deadline)
+    return StudyRequest(chosen, path.parent, experiment, candidates, deadline, sobol)
 
 
 def _start(

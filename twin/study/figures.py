@@ -15,6 +15,7 @@ from planning.transforms import Array
 from scheduling.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
 from twin.critical_paths import OTHER
 from twin.study.replication_rows import WAIT_COLUMNS
+from twin.study.sobol import SobolIndex
 from twin.study.tornado import Influence
 
 INK = "#2b2f36"
@@ -117,6 +118,26 @@ def draw_tornado(
     axes.set_yticks(range(len(shown)), [one.name for one in shown])
     axes.invert_yaxis()
     axes.set_xlabel(f"change of the mean makespan of {mean_s:.0f} s [s]")
+    _legend(axes, below=True)
+    return figure
+
+
+def draw_sobol(indices: Sequence[SobolIndex], share: float) -> Figure:
+    """Draw the shares of inputs in the variance of the mean makespan."""
+    shown = list(indices)[:14]
+    figure, axes = _figure(9.0, 1.5 + 0.42 * max(len(shown), 1))
+    places = np.arange(len(shown))
+    for offset, colour, label, values in (
+        (-0.18, COLOURS[0], "alone", [one.first for one in shown]),
+        (0.18, COLOURS[1], "alone and together with others", [o.total for o in shown]),
+    ):
+        axes.barh(places + offset, values, height=0.34, color=colour, label=label)
+    axes.set_yticks(places, [one.name for one in shown])
+    axes.invert_yaxis()
+    axes.set_xlabel(
+        f"share in the variance of the mean makespan, inputs within"
+        f" {100 * share:.0f} % of what they are"
+    )
     _legend(axes, below=True)
     return figure
 

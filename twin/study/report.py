@@ -23,18 +23,20 @@ from twin.study.figures import (
     cell_label,
     draw_ecdf,
     draw_response,
+    draw_sobol,
     draw_tornado,
     draw_waits,
 )
 from twin.study.plans import load_plans, workloads
 from twin.study.replication_rows import COMPLETED
+from twin.study.sobol import sobol_indices
 from twin.study.study import StudyResult
 from twin.study.study_folder import BLOCKS, PLANS, REPORT
 from twin.study.tables import cell_blocks, cell_tally
 from twin.study.tornado import SHARE, influences
 
-DRAWING = "report"
-"""Name of the stage for progress displays."""
+DRAWING, SENSITIVITY = "report", "Sobol indices"
+"""Names of the stages for progress displays."""
 
 
 def write_report(result: StudyResult, progress: Report) -> None:
@@ -86,6 +88,16 @@ def _pictures(
         mean = summary["cells"][cell]["makespan_s"]["estimate"]
         figure = draw_tornado(found, SHARE, mean)
         yield "tornado", (figure, f"Which inputs the makespan hangs on: {label}")
+        points = result.request.sobol_points
+        if points:
+            indices = sobol_indices(
+                loads[cell],
+                points,
+                seed=result.request.scenario.seed,
+                progress=lambda done, total: progress(SENSITIVITY, done, total),
+            )
+            heading = f"Which inputs it hangs on when all vary at once: {label}"
+            yield "sobol", (draw_sobol(indices, SHARE), heading)
     progress(DRAWING, 4, 5)
 
 

@@ -18,6 +18,7 @@ from twin.study.experiment import PLAN_OF_POLICY
 from twin.study.open_loop_audit import OPEN_LOOP, audit_open_loop
 from twin.study.plans import Plans, load_plans, plan_for_study, save_plans, workloads
 from twin.study.runner import OpenExecutor, run_replications
+from twin.study.sobol import check_points
 from twin.study.study_folder import (
     AUDITS,
     BLOCKS,
@@ -73,6 +74,8 @@ def start_study(
         RequestError: the scenario cannot be planned, or the deadline is not possible.
     """
     check_deadline(request.deadline_s)
+    if request.sobol_points:
+        check_points(request.sobol_points)
     experiment, scenario = request.experiment, request.scenario
     # Refuses what does not fit before the time that planning takes is spent.
     for variant in experiment.variants:

@@ -36,6 +36,7 @@ class StudyRequest:
         experiment: policies, varied inputs, replications.
         candidates: shortcuts tried, where a policy takes them.
         deadline_s: ask how likely the run is over by then [s], None not to.
+        sobol_points: of the sample for Sobol indices, 0 for none.
     """
 
     scenario: Scenario
@@ -43,6 +44,7 @@ class StudyRequest:
     experiment: Experiment
     candidates: int
     deadline_s: float | None = None
+    sobol_points: int = 0
 
 
 def write_request(folder: Path, request: StudyRequest, cell: Workcell) -> None:
@@ -54,6 +56,7 @@ def write_request(folder: Path, request: StudyRequest, cell: Workcell) -> None:
         "experiment": experiment,
         "shortcut_candidates": request.candidates,
         "deadline_s": request.deadline_s,
+        "sobol_points": request.sobol_points,
     }
     write_json(folder / MANIFEST, {**about, "study": study})
 
@@ -74,6 +77,7 @@ def read_request(folder: Path) -> StudyRequest:
             _experiment(study["experiment"]),
             int(study["shortcut_candidates"]),
             study["deadline_s"],
+            int(study["sobol_points"]),
         )
     except FileNotFoundError as error:
         raise OutputError(f"{folder}: is no folder of a study: {error}") from error

@@ -1,0 +1,79 @@
+"""What inputs do to the makespan: bars of a tornado, and Sobol indices of a plan that adds up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planning.errors import RequestError
+from tests.twin.study.study_toys import toy_workload
+from tests.twin.twin_toys import random_tpg
+from twin.disturbances import Disturbances, StallRate
+from twin.durations import Fixed, SkillDurations, Uniform
+from twin.study.experiment import Block
+from twin.study.inputs import inputs_of
+from twin.study.sobol import sobol_indices
+from twin.study.timing_graph import timing_graph
+from twin.study.tornado import influences, makespans_s
+from twin.study.workload import Workload
+
+
+def _sum_of_two() -> Workload:
+    """One robot: the makespan is the sum of its picks and its other motions."""
+    tpg = timing_graph(random_tpg(3, dofs=(2,), tasks=8, edges=0))
+    tasks = tuple(
+        replace(task, kind="pick") if task.kind != "transit" else task
+        for task in tpg.tasks
+    )
+    return Workload(
+        replace(tpg, tasks=tasks),
+        "asynchronous",
+        SkillDurations({"pick": Fixed(2.0)}),
+        Disturbances(),
+        0,
+    )
+
+
+def test_a_sum_answers_as_a_sum_does() -> None:
+    load = _sum_of_two()
+    skills = 4 * 2.0
+    moves = float(makespans_s(load, Block(0, 0, 1))[0]) - skills
+    found = {one.name: one for one in influences(load, share=0.2, replications=5)}
+    assert set(found) == {"duration of pick", "motions of robot_0"}
+    picks, motions = found["duration of pick"], found["motions of robot_0"]
+    assert (picks.less_s, picks.more_s) == pytest.approx((-0.2 * skills, 0.2 * skills))
+    assert (motions.less_s, motions.more_s) == pytest.approx(
+        (-0.2 * moves, 0.2 * moves), abs=1e-6
+    )
+
+
+def test_sobol_indices_of_a_sum_are_shares_of_variance() -> None:
+    load = _sum_of_two()
+    skills = 4 * 2.0
+    moves = float(makespans_s(load, Block(0, 0, 1))[0]) - skills
+    calls: list[int] = []
+    found = sobol_indices(load, 64, progress=lambda done, total: calls.append(done))
+    assert calls == list(range(1, 64 * 4 + 1))
+    shares = {"duration of pick": skills**2, "motions of robot_0": moves**2}
+    for one in found:
+        expected = shares[one.name] / sum(shares.values())
+        assert one.first == pytest.approx(expected, abs=0.1)
+        assert one.total == pytest.approx(expected, abs=0.1)
+    with pytest.raises(RequestError, match="power of 2"):
+        sobol_indices(load, 48)
+
+
+def test_inputs_are_what_the_plan_has() -> None:
+    stalls = StallRate(30.0, Uniform(1.0, 2.0))
+    load = toy_workload(disturbances=Disturbances(stall_rate=stalls))
+    names = [one.name for one in inputs_of(load)]
+    assert "rate of stalls" in names
+    assert "duration of support-bottom" not in names
+    block = Block(0, 0, 30)
+    base = makespans_s(load, block)
+    for one in inputs_of(load):
+        same = makespans_s(one.times(load, 1.0), block)
+        assert np.allclose(same, base, atol=1e-6)
+        assert np.all(makespans_s(one.times(load, 1.5), block) >= base - 1e-6)
