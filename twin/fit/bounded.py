@@ -20,8 +20,8 @@ from twin.fit.family import rounded
 from twin.fit.search import golden_section
 
 _PERT_WEIGHT = 4.0
-_ROUNDS = 3
-_STEPS = 12
+_ROUNDS = 10
+_STEPS = 10
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ class _PeakedFamily(ABC):
     parameters: int = 3
 
     def suits(self, x: Array) -> bool:
-        """Tell whether there is any spread."""
-        return bool(x[0] < x[-1])
+        """Tell whether there is any spread, and nothing at 0, where the density is none."""
+        return bool(0 < x[0] < x[-1])
 
     def fit(self, x: Array) -> Array:
         """Return likely parameters of each sample: one after the other is made likelier.

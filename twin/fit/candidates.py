@@ -116,7 +116,7 @@ def fit_candidates(
     for k, family in enumerate(suiting):
         progress(k, len(suiting))
         with suppress(ValidationError, ScenarioError):  # no scenario can say it
-            found.append(_fit(family, x, resamples, np.random.default_rng(seed)))
+            found.append(fit_family(family, x, resamples=resamples, seed=seed))
     progress(len(suiting), len(suiting))
     return tuple(sorted(found, key=lambda c: (c.rejected, c.aicc)))
 
@@ -139,9 +139,16 @@ def anderson_darling(cdf: Array) -> Array:
     return np.asarray(-n - (weights * sums).mean(axis=1))
 
 
-def _fit(
-    family: Family, x: Array, resamples: int, generator: np.random.Generator
-) -> Candidate:
+def fit_family(family: Family, x: Array, *, resamples: int, seed: int) -> Candidate:
+    """Fit one family to one sample and test it.
+
+    Args:
+        family: it must suit the sample.
+        x: durations in rising order, shape (n,) [s].
+        resamples: bootstrap samples.
+        seed: of the bootstrap.
+    """
+    generator = np.random.default_rng(seed)
     n, k = len(x), family.parameters
     theta = family.fit(x[None])
     section = family.section(theta[0])
