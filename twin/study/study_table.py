@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
@@ -19,6 +20,8 @@ def print_study(result: StudyResult) -> None:
     table = Table(
         title=f"{summary['scenario']}: makespan in seconds, {share} intervals",
         title_justify="left",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
     )
     varied = list(summary["cells"][0]["variant"])
     for name in ("policy", *varied):
