@@ -15,13 +15,15 @@ from twin.scenario_base import Name, Section
 from twin.scenario_cell import CellSection as CellSection
 from twin.scenario_cell import FixtureSection as FixtureSection
 from twin.scenario_cell import RobotSection as RobotSection
+from twin.scenario_construction import ConstructionSection
 from twin.scenario_execution import ExecutionSection as ExecutionSection
 from twin.scenario_goals import GoalsSection
 from twin.scenario_lego import LegoSection
 from twin.scenario_pick_place import PickPlaceSection
 
 AssemblySection = Annotated[
-    LegoSection | PickPlaceSection | GoalsSection, Field(discriminator="kind")
+    LegoSection | PickPlaceSection | GoalsSection | ConstructionSection,
+    Field(discriminator="kind"),
 ]
 """What is built; ``kind`` says which of them it is."""
 

@@ -88,6 +88,7 @@ class ConstructionProblem:
         approach: straight way before and after a touch, and of a part before it reaches and
             after it leaves a place [m].
         speeds: joint speed limits by robot, each of shape (n,) [rad/s or m/s].
+        carried: whether a part waits for everything that it rests on, see PartGraph.placeable.
         seed: of everything that is drawn.
     """
 
@@ -99,6 +100,7 @@ class ConstructionProblem:
     seconds: SkillSeconds = field(default_factory=SkillSeconds)
     approach: float = 0.1
     speeds: Mapping[str, Array] = field(default_factory=dict)
+    carried: bool = True
     seed: int = 0
 
     def part(self, name: str) -> Part:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from twin.assemblies.kind import AssemblyKind
+from twin.scenario_construction import ConstructionSection
 from twin.scenario_goals import GoalsSection
 from twin.scenario_lego import LegoSection
 from twin.scenario_pick_place import PickPlaceSection
 
 
 def assembly_kind(
-    section: LegoSection | PickPlaceSection | GoalsSection,
+    section: LegoSection | PickPlaceSection | GoalsSection | ConstructionSection,
 ) -> AssemblyKind:
     """Return what the twin needs of the assembly that a section describes."""
     match section:
@@ -25,3 +26,7 @@ def assembly_kind(
             from twin.assemblies.goals import GoalsKind
 
             return GoalsKind(section)
+        case ConstructionSection():
+            from twin.assemblies.construction import ConstructionKind
+
+            return ConstructionKind(section)

@@ -1,0 +1,200 @@
+"""Constructions in the twin: from their section of a scenario to what planning works with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from planning.errors import ScenarioError
+from planning.transforms import Array, Transform, readonly
+from planning.workcell import CellObject, Fixture, Workcell
+from twin.assemblies.kind import Prepared, Stages
+from twin.poses import build_transform
+from twin.scenario_construction import (
+    ConstructionPartSection,
+    ConstructionSection,
+    ModelSection,
+    PavilionSection,
+    SpiralSection,
+    SupplySection,
+    TowerSection,
+    WallSection,
+    WellSection,
+)
+from twin.scenario_problems import Problem
+from twin.scenario_yaml import KeyPath, YamlDocument
+
+if TYPE_CHECKING:
+    from planning.construction.models import ModelPart
+    from planning.construction.problem import ConstructionProblem, SkillSeconds
+    from planning.construction.supply import SupplyLayout
+
+
+@dataclass(frozen=True)
+class ConstructionKind:
+    """A construction of a scenario.
+
+    Attributes:
+        section: what the file says.
+    """
+
+    section: ConstructionSection
+
+    def steps(self) -> int:
+        """Return how many parts are placed."""
+        return len(self.parts)
+
+    def supply(self) -> str:
+        """Return in words what there is to build with."""
+        mass = sum(part.mass for part in self.parts)
+        return f"{len(self.parts)} parts, {mass:.0f} kg"
+
+    def names(self) -> Iterator[tuple[KeyPath, str]]:
+        """Yield the names of the parts, each with its key; those of a model have the model's."""
+        if self.section.model is not None:
+            for part in self.parts:
+                yield ("assembly", "model"), part.name
+        for i, own in enumerate(self.section.parts):
+            yield ("assembly", "parts", i, "name"), own.name
+
+    def object_kinds(self) -> tuple[str, ...]:
+        """Return the sizes of the parts: what their kinds are called."""
+        return tuple(dict.fromkeys(item.kind for item in self.objects()))
+
+    def reserved(self, name: str) -> str | None:
+        """Return whether a name is that of the floor."""
+        from planning.construction.site import GROUND
+
+        return "the floor" if name == GROUND else None
+
+    def problems(self, document: YamlDocument) -> list[Problem]:
+        """Return nothing: what can be wrong takes geometry to see, and is seen when planning."""
+        return []
+
+    def fixtures(self) -> tuple[Fixture, ...]:
+        """Return the floor."""
+        from planning.construction.site import ground_fixture
+
+        return (ground_fixture(self.section.ground_m),)
+
+    def objects(self) -> tuple[CellObject, ...]:
+        """Return the parts where they are at the start."""
+        from planning.construction.site import part_objects
+
+        starts: dict[str, Transform] = {
+            part.name: readonly(build_transform(part.start))
+            for part in self.section.parts
+            if part.start is not None
+        }
+        return part_objects(self.parts, supply_layout(self.section.supply), starts)
+
+    def prepare(self, cell: Workcell, stages: Stages) -> Prepared:
+        """Refuse: there are no candidates to choose from before robots and times are known."""
+        raise ScenarioError(
+            "a construction is planned in space and time at once, not one task after another"
+        )
+
+    @cached_property
+    def parts(self) -> tuple[ModelPart, ...]:
+        """The parts and where they belong."""
+        if self.section.model is not None:
+            return model_parts(self.section.model)
+        return tuple(_own_part(part) for part in self.section.parts)
+
+    def problem(
+        self, cell: Workcell, seconds: SkillSeconds, seed: int
+    ) -> ConstructionProblem:
+        """Return what is to be built, checked as far as lower bounds go.
+
+        Args:
+            cell: built of the same scenario.
+            seconds: nominal durations of the skills.
+            seed: of everything that is drawn.
+
+        Raises:
+            ConstructionError: it cannot be built as it is, or not by these robots.
+        """
+        from planning.construction.checks import require_buildable
+        from planning.construction.site import build_problem
+
+        insertions: dict[str, Array] = {
+            part.name: np.array(part.insertion) / np.linalg.norm(part.insertion)
+            for part in self.section.parts
+            if part.insertion is not None
+        }
+        problem = build_problem(
+            cell,
+            self.parts,
+            frame=self.section.grips.frame,
+            offsets=self.section.grips.offsets_m,
+            insertions=insertions,
+            seconds=seconds,
+            approach=self.section.approach_m,
+            touch=self.section.touch_m,
+            carried=self.section.carried,
+            seed=seed,
+        )
+        require_buildable(problem)
+        return problem
+
+
+def model_parts(section: ModelSection) -> tuple[ModelPart, ...]:
+    """Return the parts of a model."""
+    from planning.construction.models import pavilion, tower, wall, well
+
+    match section:
+        case TowerSection():
+            return tower(section.levels, section.size_m)
+        case WallSection():
+            return wall(
+                section.columns, section.courses, section.size_m, section.joint_m
+            )
+        case WellSection():
+            return well(
+                section.sides,
+                section.courses,
+                section.radius_m,
+                section.section_m,
+                section.joint_m,
+            )
+        case PavilionSection():
+            return pavilion(
+                section.arches,
+                section.chord_m,
+                section.depth_m,
+                section.thickness_m,
+                section.joint_m,
+                section.crown_deg,
+            )
+
+
+def supply_layout(section: SupplySection) -> SupplyLayout:
+    """Return the layout of a supply."""
+    from planning.construction.supply import Rows, Spiral
+
+    if isinstance(section, SpiralSection):
+        return Spiral(section.radius_m, section.growth_m, section.turn_rad)
+    return Rows(
+        (section.first_m[0], section.first_m[1]),
+        section.columns,
+        (section.pitch_m[0], section.pitch_m[1]),
+        float(np.deg2rad(section.yaw_deg)),
+    )
+
+
+def _own_part(section: ConstructionPartSection) -> ModelPart:
+    from planning.construction.models import ModelPart
+
+    red, green, blue = section.colour
+    return ModelPart(
+        name=section.name,
+        size=readonly(section.size_m),
+        mass=section.mass_kg,
+        goal=readonly(build_transform(section.goal)),
+        faces=section.faces,
+        colour=(red, green, blue),
+    )
