@@ -63,7 +63,7 @@ def run(
 ) -> subprocess.CompletedProcess[str]:
     program, *arguments = shlex.split(line)
     assert program == "twin"
-    if logs is not None and arguments[0] in ("run", "compare"):
+    if logs is not None and arguments[0] in ("run", "compare", "fit"):
         arguments += ["--out", str(logs)]
     return subprocess.run(
         [sys.executable, "-m", "twin.cli", *arguments],
