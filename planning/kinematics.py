@@ -5,16 +5,33 @@ Inverse kinematics runs compiled damped least squares from the seed and from ran
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from planning.errors import RobotModelError
 from planning.geometry.chain import joint_poses
-from planning.geometry.damped_least_squares import TOLERANCE, solve_from
+from planning.geometry.damped_least_squares import (
+    TOLERANCE,
+    follow_targets,
+    solve_from,
+)
 from planning.robots.model import RobotModel
 from planning.transforms import Array, Transform, inverse
 from planning.workcell import PlacedRobot
 
-__all__ = ["TOLERANCE", "frame_in_last_joint", "frame_pose", "inverse_kinematics"]
+__all__ = [
+    "TOLERANCE",
+    "follow_poses",
+    "frame_in_last_joint",
+    "frame_pose",
+    "inverse_kinematics",
+]
+
+_SOLVED: dict[tuple[object, ...], tuple[RobotModel, list[Array]]] = {}
+"""Answers given: the same poses are asked for again and again while candidates are sought."""
+
+_MOST_SOLVED = 20_000
 
 
 def frame_pose(robot: PlacedRobot, q: Array, frame: str = "flange") -> Transform:
@@ -87,15 +104,100 @@ def inverse_kinematics(
     Raises:
         RobotModelError: the robot has no such frame.
     """
+    seed = np.asarray(seed, dtype=np.float64)
+    key = (
+        id(robot.model),
+        robot.base.tobytes(),
+        frame,
+        target.tobytes(),
+        seed.tobytes(),
+        restarts,
+        rng_seed,
+    )
+    known = _SOLVED.get(key)
+    if known is None:
+        if len(_SOLVED) >= _MOST_SOLVED:
+            _SOLVED.clear()
+        found = _solve(robot, frame, target, seed, restarts, rng_seed)
+        # The model is kept so that its id is not given to another one.
+        known = _SOLVED[key] = robot.model, found
+    return [solution.copy() for solution in known[1]]
+
+
+def follow_poses(
+    robot: PlacedRobot,
+    frames: Sequence[str],
+    targets: Sequence[Transform],
+    start: Array,
+    *,
+    restarts: int = 20,
+) -> Iterator[Array | None]:
+    """Yield the configurations that lead through poses, each the solution nearest to the last.
+
+    What ``inverse_kinematics`` finds for each pose from the configuration before it, without
+    restarts where that finds anything.
+
+    Args:
+        robot: robot and where it stands.
+        frames: which frame is to be at each pose.
+        targets: wanted poses in the world; the first is that of ``start``.
+        start: configuration to begin with, shape (n,) [rad or m].
+        restarts: number of random starts where the search from the last one fails.
+
+    Yields:
+        One configuration a pose from the second on; None, as the last, where there is none.
+    """
     model = robot.model
-    tip = np.ascontiguousarray(frame_in_last_joint(model, frame))
+    chain = np.empty((len(targets), model.dof))
+    chain[0] = start
+    tips = np.array([frame_in_last_joint(model, frame) for frame in frames])
+    wanted = inverse(robot.base) @ np.array(targets)
+    done = 1
+    while done < len(targets):
+        first = done
+        done = follow_targets(
+            model.chain.placement,
+            model.chain.axis,
+            model.chain.prismatic,
+            tips,
+            wanted,
+            model.lower,
+            model.upper,
+            chain,
+            done,
+        )
+        yield from chain[first:done]
+        if done < len(targets):
+            others = inverse_kinematics(
+                robot, frames[done], targets[done], chain[done - 1], restarts=restarts
+            )
+            if not others:
+                yield None
+                return
+            chain[done] = others[0]
+            yield chain[done]
+            done += 1
+
+
+def _solve(
+    robot: PlacedRobot,
+    frame: str,
+    target: Transform,
+    seed: Array,
+    restarts: int,
+    rng_seed: int,
+) -> list[Array]:
+    model = robot.model
+    # Writable copies: numba compiles read-only arrays anew.
+    tip = np.array(frame_in_last_joint(model, frame))
     wanted = np.ascontiguousarray(inverse(robot.base) @ target)
     chain = model.chain
     starts = np.empty((restarts + 1, model.dof))
     starts[0] = np.clip(seed, model.lower, model.upper)
-    starts[1:] = np.random.default_rng(rng_seed).uniform(
-        model.lower, model.upper, (restarts, model.dof)
-    )
+    if restarts:
+        starts[1:] = np.random.default_rng(rng_seed).uniform(
+            model.lower, model.upper, (restarts, model.dof)
+        )
     found = np.empty_like(starts)
     count = solve_from(
         chain.placement,
@@ -105,10 +207,10 @@ def inverse_kinematics(
         wanted,
         model.lower,
         model.upper,
-        np.ascontiguousarray(seed, dtype=np.float64),
+        np.array(seed, dtype=np.float64),
         starts,
         found,
     )
     solutions = found[:count]
     order = np.argsort(np.abs(solutions - seed).sum(axis=1), kind="stable")
-    return [solutions[k].copy() for k in order]
+    return [solutions[k] for k in order]

@@ -15,7 +15,7 @@ from planning.geometry.reach import boxes_in_reach
 from planning.geometry.robot_bodies import flange_pose, robot_bodies
 from planning.geometry.scene import SceneChecker
 from planning.geometry.standing import StandingBoxes, stand_boxes
-from planning.kinematics import inverse_kinematics
+from planning.kinematics import follow_poses, inverse_kinematics
 from planning.sequential import MARGIN
 from planning.skill_targets import SkillTargets, Subgoal
 from planning.transforms import Array
@@ -342,7 +342,8 @@ def skill_postures(
 
     Where a posture does not lead through all poses, why that is.
     """
-    for posture in _solve(robot, targets.subgoals[0], robot.home, restarts=40):
+    first = targets.subgoals[0]
+    for posture in inverse_kinematics(robot, first.frame, first.pose, robot.home):
         chain = _follow(robot, targets.subgoals, posture)
         if isinstance(chain, Obstruction):
             yield chain
@@ -389,25 +390,21 @@ def _follow(
 ) -> Array | Obstruction:
     """Return the configurations of all subgoals in one posture, shape (s, n)."""
     chain = [start]
-    for before, subgoal in pairwise(subgoals):
-        solutions = _solve(robot, subgoal, chain[-1], restarts=0)
-        solutions = solutions or _solve(robot, subgoal, chain[-1], restarts=20)
-        if not solutions:
+    found = follow_poses(
+        robot,
+        [subgoal.frame for subgoal in subgoals],
+        [subgoal.pose for subgoal in subgoals],
+        start,
+    )
+    for (before, subgoal), solution in zip(pairwise(subgoals), found, strict=False):
+        if solution is None:
             return Obstruction(f"{subgoal.name} is out of reach")
-        if np.abs(solutions[0] - chain[-1]).max() > LARGEST_TURN:
+        if np.abs(solution - chain[-1]).max() > LARGEST_TURN:
             return Obstruction(
                 f"{subgoal.name} needs another posture than {before.name}"
             )
-        chain.append(solutions[0])
+        chain.append(solution)
     return np.array(chain)
-
-
-def _solve(
-    robot: PlacedRobot, subgoal: Subgoal, seed: Array, *, restarts: int
-) -> list[Array]:
-    return inverse_kinematics(
-        robot, subgoal.frame, subgoal.pose, seed, restarts=restarts
-    )
 
 
 def _at(checker: SceneChecker, q: Array, when: str) -> Obstruction | None:

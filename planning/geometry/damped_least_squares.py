@@ -71,6 +71,48 @@ def solve_from(
 
 
 @njit(cache=True)
+def follow_targets(
+    placement: Array,
+    axis: Array,
+    prismatic: npt.NDArray[np.bool_],
+    tips: Array,
+    targets: Array,
+    lower: Array,
+    upper: Array,
+    chain: Array,
+    begin: int,
+) -> int:
+    """Solve for targets one after another, each from the solution before it.
+
+    Args:
+        placement, axis, prismatic, lower, upper: see ``solve_from``.
+        tips: pose of the wanted frame of each target in the last joint's frame, shape
+            (s, 4, 4).
+        targets: wanted poses in the base frame, shape (s, 4, 4).
+        chain: receives the solutions, shape (s, n); the one before ``begin`` is given.
+        begin: first target to solve for, at least 1.
+
+    Returns:
+        The first target that was not solved for, s when all were.
+    """
+    n = chain.shape[1]
+    poses = np.empty((n + 1, 4, 4))
+    q = np.empty(n)
+    for k in range(begin, len(targets)):
+        for j in range(n):
+            q[j] = min(max(chain[k - 1, j], lower[j]), upper[j])
+        if not _converge(
+            placement, axis, prismatic, tips[k], targets[k], lower, upper, q, poses
+        ):
+            return k
+        for j in range(n):
+            if not prismatic[j]:
+                q[j] = _nearest_turn(q[j], chain[k - 1, j], lower[j], upper[j])
+            chain[k, j] = q[j]
+    return len(targets)
+
+
+@njit(cache=True)
 def _nearest_turn(value: float, seed: float, lower: float, upper: float) -> float:
     """Return the value plus whole turns, within limits, that is nearest to the seed."""
     turn = 2.0 * np.pi

@@ -172,4 +172,3 @@ def _place_ends(
     count = move_corners(table.corners, first, last, joint, poses, out, 0)
     pose_joints(table, q_b, poses)
     return move_corners(table.corners, first, last, joint, poses, out, count)
-

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -129,6 +130,7 @@ def cell_at(
     return cell
 
 
+@lru_cache(maxsize=20_000)
 def occupied_studs(cell: Cell, brick: BrickType) -> frozenset[tuple[int, int, int]]:
     """Return the (x, y, z) of every grid place that a brick fills."""
     nx, ny = footprint(cell, brick)

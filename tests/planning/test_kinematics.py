@@ -12,7 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import RobotModelError
-from planning.kinematics import TOLERANCE, frame_pose, inverse_kinematics
+from planning.kinematics import (
+    TOLERANCE,
+    follow_poses,
+    frame_pose,
+    inverse_kinematics,
+)
 from planning.robots.model import KinematicChain, RobotModel
 from planning.robots.registry import ROBOTS, robot_model
 from planning.transforms import (
@@ -41,7 +46,7 @@ def pinocchio_model(name: str) -> Any:
     for joint, value in ROBOTS[name].frozen.items():
         still[full.joints[full.getJointId(joint)].idx_q] = value
     ids = [full.getJointId(joint) for joint in ROBOTS[name].frozen]
-    return pinocchio.buildReducedModel(full, ids, still)
+    return pinocchio.buildReducedModel(full, ids, still) if ids else full
 
 
 def pose_error(pose: Transform, target: Transform) -> tuple[float, float]:
@@ -112,7 +117,7 @@ def test_gp4_home_points_down_in_front_of_the_arm() -> None:
 @settings(max_examples=150, deadline=None)
 @given(
     name=st.sampled_from(sorted(ROBOTS)),
-    share=st.lists(st.floats(0.02, 0.98), min_size=7, max_size=7),
+    share=st.lists(st.floats(0.02, 0.98), min_size=10, max_size=10),
 )
 def test_reachable_targets_are_reached(name: str, share: list[float]) -> None:
     model = robot_model(name)
@@ -277,3 +282,50 @@ def test_unknown_frame_lists_the_frames() -> None:
     with pytest.raises(RobotModelError, match="'gripper'") as caught:
         frame_pose(robot, robot.home, "gripper")
     assert caught.value.choices == ("flange", "tool")
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    name=st.sampled_from(sorted(ROBOTS)),
+    share=st.lists(st.floats(0.1, 0.9), min_size=10, max_size=10),
+    steps=st.lists(
+        st.lists(st.floats(-0.4, 0.4), min_size=10, max_size=10), min_size=1, max_size=5
+    ),
+    far=st.booleans(),
+)
+def test_following_poses_is_solving_for_one_after_another(
+    name: str, share: list[float], steps: list[list[float]], far: bool
+) -> None:
+    """Also where the way leads out of reach, and back."""
+    model = robot_model(name)
+    robot = placed(model)
+    q = model.lower + np.array(share[: model.dof]) * (model.upper - model.lower)
+    start, targets = q, [frame_pose(robot, q, "tool")]
+    for step in steps:
+        q = np.clip(q + np.array(step[: model.dof]), model.lower, model.upper)
+        targets.append(frame_pose(robot, q, "tool"))
+    if far:
+        targets[len(targets) // 2] = translation(9.0, 0.0, 0.0)
+    found = list(follow_poses(robot, ["tool"] * len(targets), targets, start))
+    last = start
+    for target, solution in zip(targets[1:], found, strict=False):
+        by_one = inverse_kinematics(robot, "tool", target, last, restarts=0)
+        by_one = by_one or inverse_kinematics(robot, "tool", target, last, restarts=20)
+        if not by_one:
+            assert solution is None
+            break
+        assert solution is not None
+        assert np.allclose(solution, by_one[0], atol=1e-6)
+        last = solution
+    assert (found[-1] is None) is (len(found) < len(targets) - 1 or not by_one)
+
+
+def test_the_same_question_has_the_same_answer_and_no_one_can_change_it() -> None:
+    robot = placed(robot_model("gp4"))
+    target = frame_pose(robot, robot.home + 0.2, "tool")
+    first = inverse_kinematics(robot, "tool", target, robot.home)
+    kept = [solution.copy() for solution in first]
+    for solution in first:
+        solution[:] = 7.0
+    again = inverse_kinematics(robot, "tool", target, robot.home)
+    assert np.array_equal(again, kept)
