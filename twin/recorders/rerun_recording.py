@@ -12,26 +12,21 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from planning.workcell import Workcell
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.atomic import replacing
 from twin.events import Event
 from twin.lanes import LANE_COLOURS, robot_lanes
 from twin.recorders import rerun_layout as layout
+from twin.recorders.rerun_objects import draw_fixtures, log_objects
 from twin.recorders.rerun_robots import (
-    TIMELINE,
-    WORLD_FRAME,
     entity_path,
-    flange_frame,
     log_robot,
-    quat_xyzw,
     time_column,
 )
 from twin.run import Run
-from twin.trajectory import Placement, object_placements, robot_trajectories
+from twin.trajectory import object_placements, robot_trajectories
 
 _LEVELS = {"failed": "ERROR", "stopped": "ERROR", "stalled": "WARN", "waiting": "WARN"}
-_FIXTURE_GREYS = ((178, 170, 158), (196, 201, 207), (140, 146, 154))
 _QUIET = ("released", "started", "completed")
 
 
@@ -64,94 +59,18 @@ def write_recording(
         rec.save(
             temporary, default_blueprint=layout.run_layout(tpg.cell, run.makespan_s)
         )
-        _log_fixtures(rec, tpg.cell)
+        draw_fixtures(rec, tpg.cell)
         for robot, motion in zip(
             tpg.cell.robots, robot_trajectories(tpg, run), strict=True
         ):
             log_robot(rec, robot, motion)
-        _log_objects(rec, tpg.cell, object_placements(tpg, run))
+        log_objects(rec, tpg.cell, object_placements(tpg, run))
         _log_lanes(rec, tpg, run)
         _log_progress(rec, tpg, run)
         _log_events(rec, tpg, events)
         rec.send_property("makespan_s", rr.AnyValues(value=run.makespan_s))
         rec.flush()
         rec.disconnect()
-
-
-def _log_fixtures(rec: rr.RecordingStream, cell: Workcell) -> None:
-    ground, *others = _FIXTURE_GREYS
-    for k, fixture in enumerate(cell.fixtures):
-        # The first one, mostly the table, is told apart from all that stand on it.
-        grey = ground if k == 0 else others[(k - 1) % len(others)]
-        rec.log(
-            entity_path(layout.FIXTURES, fixture.name),
-            rr.CoordinateFrame(WORLD_FRAME),
-            rr.Boxes3D(
-                # A hair larger each: faces that lie in one plane would flicker.
-                sizes=[fixture.size + 0.0004 * (k % 6)],
-                centers=[fixture.pose[:3, 3]],
-                quaternions=[quat_xyzw(fixture.pose)],
-                colors=[grey],
-                fill_mode=rr.components.FillMode.Solid,
-            ),
-            static=True,
-        )
-
-
-def _log_objects(
-    rec: rr.RecordingStream, cell: Workcell, placements: Sequence[Placement]
-) -> None:
-    """Hang every object on what holds it: one row a change.
-
-    What comes up later is drawn from then on.
-    """
-    rows: dict[str, list[Placement]] = {}
-    for placement in placements:
-        rows.setdefault(placement.object, []).append(placement)
-    for item in cell.objects:
-        own = rows.get(item.name)
-        if own is None:
-            continue  # it never came up
-        entity, frame = entity_path(layout.OBJECTS, item.name), f"@{item.name}"
-        if item.later:
-            rec.set_time(TIMELINE, duration=np.timedelta64(own[0].t_ns, "ns"))
-        rec.log(
-            entity,
-            rr.CoordinateFrame(frame),
-            rr.Boxes3D(
-                sizes=[item.size],
-                colors=[item.colour],
-                fill_mode=rr.components.FillMode.Solid,
-            ),
-            static=not item.later,
-        )
-        # Edges tell neighbours of one colour apart.
-        rec.log(
-            f"{entity}/edges",
-            rr.CoordinateFrame(frame),
-            rr.Boxes3D(
-                sizes=[item.size],
-                colors=[tuple(channel // 3 for channel in item.colour)],
-                radii=rr.Radius.ui_points(0.6),
-                fill_mode=rr.components.FillMode.MajorWireframe,
-            ),
-            static=not item.later,
-        )
-        parents = [
-            WORLD_FRAME if p.holder is None else flange_frame(p.holder) for p in own
-        ]
-        # Each row must be whole: Rerun does not join halves of a transform.
-        rec.send_columns(
-            f"{entity}/pose",
-            indexes=[time_column([p.t_ns for p in own])],
-            columns=rr.Transform3D.columns(
-                translation=[p.pose[:3, 3] for p in own],
-                quaternion=[quat_xyzw(p.pose) for p in own],
-                parent_frame=parents,
-                child_frame=[frame] * len(own),
-            ),
-        )
-    rec.reset_time()
 
 
 def _log_lanes(rec: rr.RecordingStream, tpg: TemporalPlanGraph, run: Run) -> None:

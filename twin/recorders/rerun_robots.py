@@ -54,6 +54,11 @@ def robot_part(robot: str) -> str:
 
 def log_robot(rec: rr.RecordingStream, robot: PlacedRobot, motion: Trajectory) -> None:
     """Draw a robot and move it along its trajectory."""
+    move_robot(rec, draw_robot(rec, robot), robot, motion)
+
+
+def draw_robot(rec: rr.RecordingStream, robot: PlacedRobot) -> UrdfTree:
+    """Draw a robot, and return its links and joints to move it with."""
     part = robot_part(robot.name)
     entity = entity_path(part)
     with tempfile.TemporaryDirectory() as folder:
@@ -68,13 +73,13 @@ def log_robot(rec: rr.RecordingStream, robot: PlacedRobot, motion: Trajectory) -
         _log_shapes(rec, tree, part)
     root = tree.root_link().name
     _log_pose(rec, f"{entity}/base", robot.base, WORLD_FRAME, f"{robot.name}/{root}")
-    _log_joints(rec, tree, robot, motion)
     joints = {joint.name: joint for joint in tree.joints()}
     tip = joints[robot.model.joint_names[-1]].child_link
     parent = frame_name(robot.name, tip.removeprefix(f"{robot.name}/"))
     _log_pose(
         rec, f"{entity}/flange", robot.model.flange, parent, flange_frame(robot.name)
     )
+    return tree
 
 
 def _log_shapes(rec: rr.RecordingStream, tree: UrdfTree, part: str) -> None:
@@ -94,9 +99,10 @@ def _log_shapes(rec: rr.RecordingStream, tree: UrdfTree, part: str) -> None:
                 rec.log(chunk.entity_path, solid, static=True)
 
 
-def _log_joints(
+def move_robot(
     rec: rr.RecordingStream, tree: UrdfTree, robot: PlacedRobot, motion: Trajectory
 ) -> None:
+    """Move a robot that has been drawn along a trajectory, or a piece of one."""
     t_ns = frame_times(motion)
     q = motion.at(t_ns)
     part = robot_part(robot.name)
