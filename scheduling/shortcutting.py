@@ -2,8 +2,9 @@
 
 A candidate joins two places of a run of transits by a straight line, or straightens a single
 joint between them. It is taken when it is free, when it can be ordered with everyone else's
-nodes, and when the plan does not end later. Runs that the makespan hangs on come first. The
-budget is a number of candidates, so the same seed gives the same plan.
+nodes, and when the plan does not end later. Only runs that the makespan hangs on are drawn:
+elsewhere a robot would move less only to wait more. Each is first tried as a whole. The budget is
+a number of candidates, so the same seed gives the same plan.
 """
 
 from __future__ import annotations
@@ -46,6 +47,9 @@ _LATER = 1e-9
 
 _GAIN = 1e-6
 """Least time that a shortcut has to save its robot [s]."""
+
+_SLACK = 1e-3
+"""The makespan hangs on nodes that could end less than this later [s]."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +132,7 @@ class _Board:
         for span in self._spans:
             cuts[span.chain] += [span.first, span.last + 1]
         self._pieces = Pieces(tpg, cuts, self._entities)
-        self._whole = list(range(len(self._spans)))
+        self._whole = set(range(len(self._spans)))
         self._weigh(earliest_times(tpg))
 
     def _weigh(self, rollout: Rollout) -> None:
@@ -141,25 +145,22 @@ class _Board:
             if np.any(
                 slack[span.chain][span.first : span.last + 1]
                 - rollout.end[span.chain][span.first : span.last + 1]
-                < _LATER
+                < _SLACK
             )
         ]
 
     def draw(self, rng: np.random.Generator) -> tuple[int, int, int, Array] | None:
         """Return a span, the nodes of it to replace, and the new path, or None."""
-        if not self._spans:
+        if not self._critical:
             return None
-        if self._whole:
-            which = self._whole.pop(0)
+        whole = next((k for k in self._critical if k in self._whole), None)
+        if whole is not None:
+            which = whole
+            self._whole.remove(which)
             span = self._spans[which]
             first, last, joint = span.first, span.last, -1
         else:
-            pool = self._critical if rng.random() < 0.8 else []
-            which = (
-                int(pool[int(rng.integers(len(pool)))])
-                if pool
-                else int(rng.integers(len(self._spans)))
-            )
+            which = self._critical[int(rng.integers(len(self._critical)))]
             span = self._spans[which]
             chain = self.tpg.chains[span.chain]
             first, last = np.sort(

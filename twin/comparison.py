@@ -16,9 +16,11 @@ from twin.comparison_bounds import straight_line_ratio, straight_line_s
 from twin.durations import NANOSECONDS
 from twin.pipeline import (
     PlannedInTurns,
+    default_shortcuts,
     order_motions,
     plan_in_slots,
     plan_in_turns,
+    planned_shortcuts,
     shorten,
 )
 from twin.progress import Report, report_nothing
@@ -47,8 +49,6 @@ COMPARED = (
 
 SEEDS = "seeds"
 """Name of the stage that counts seeds, for progress displays."""
-
-_FEWEST_CANDIDATES = 2000
 
 BASELINES = (SEQUENTIAL, SYNCHRONOUS)
 """Those that others are measured against."""
@@ -100,8 +100,8 @@ class Comparison:
 
 
 def shortcut_budget(scenario: Scenario) -> int:
-    """Return how many shortcuts are tried where nobody says: the scenario's, or 2000."""
-    return scenario.planning.shortcut_candidates or _FEWEST_CANDIDATES
+    """Return how many shortcuts are tried where nobody says: the scenario's, or by its size."""
+    return planned_shortcuts(scenario) or default_shortcuts(scenario)
 
 
 def compare_policies(

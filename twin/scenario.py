@@ -39,7 +39,8 @@ class PlanningSection(Section):
         attempts: transit searches, each longer than the one before, until the planner gives up.
         coordination: ``sequential`` plans one task after another; ``synchronous`` turns that
             into slots in which robots move at once.
-        shortcut_candidates: shortcuts tried on the temporal plan graph; 0 leaves it as planned.
+        shortcut_candidates: shortcuts tried on the temporal plan graph, after its tasks were
+            put into a better order; 0 leaves it as planned, ``auto`` goes by the number of steps.
     """
 
     speed_model: Literal["l1", "joint"] = "l1"
@@ -47,7 +48,9 @@ class PlanningSection(Section):
     step_s: Annotated[float, Field(gt=0, le=10)] = 0.05
     attempts: Annotated[int, Field(ge=1, le=1000)] = 5
     coordination: Literal["sequential", "synchronous"] = "sequential"
-    shortcut_candidates: Annotated[int, Field(ge=0, le=10_000_000)] = 0
+    shortcut_candidates: (
+        Annotated[int, Field(ge=0, le=10_000_000)] | Literal["auto"]
+    ) = "auto"
 
 
 class Scenario(Section):

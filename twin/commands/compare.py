@@ -22,7 +22,7 @@ Shortcuts = Annotated[
     int | None,
     typer.Option(
         min=0,
-        help="Shortcuts tried on each plan; default: the scenario's, or 2000.",
+        help="Shortcuts tried on each plan; default: the scenario's.",
         show_default=False,
     ),
 ]
