@@ -11,6 +11,7 @@ from twin.commands.compare import compare
 from twin.commands.doctor import doctor
 from twin.commands.export import export
 from twin.commands.fit import fit
+from twin.commands.follow import follow
 from twin.commands.guard import FAILED, INTERRUPTED, print_error
 from twin.commands.import_task import app as import_app
 from twin.commands.replay import replay
@@ -37,6 +38,7 @@ app.command()(study)
 app.command()(replay)
 app.command()(fit)
 app.command()(resume)
+app.command()(follow)
 app.command()(export)
 app.add_typer(import_app, name="import")
 app.command()(verify)

@@ -19,7 +19,7 @@ from scheduling.rollout import durations_ns, earliest_times
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.contraction import Contraction, contract
 from twin.disturbances import Disturbances
-from twin.durations import Nanoseconds, NodeDurations, to_nanoseconds
+from twin.durations import Nanoseconds, NodeDurations
 from twin.execution import Execution, Messages
 from twin.halts import Halts, sample_halts
 from twin.narrator import failure_text
@@ -67,7 +67,7 @@ class Simulator:
             raise TwinError(f"no policy {policy!r}", choices=POLICIES)
         self.tpg = tpg = with_barriers(tpg) if policy == "synchronous" else tpg
         self.policy: Policy = policy
-        self.messages = _messages(
+        self.messages = Messages.of_seconds(
             queue_depth, latency_s, report_latency_s, release_latency_s
         )
         self.disturbances = disturbances
@@ -263,31 +263,6 @@ def _deadlock(execution: Execution, outcome: Outcome) -> str:
     if outcome == "failed" and not execution.failed:
         return execution.deadlock()
     return ""
-
-
-def _messages(
-    queue_depth: int,
-    latency_s: float,
-    report_latency_s: float | None,
-    release_latency_s: float | None,
-) -> Messages:
-    if queue_depth < 1:
-        raise TwinError(f"queue_depth must be at least 1, not {queue_depth}")
-    latencies = {
-        "latency_s": latency_s,
-        "report_latency_s": latency_s if report_latency_s is None else report_latency_s,
-        "release_latency_s": latency_s
-        if release_latency_s is None
-        else release_latency_s,
-    }
-    for name, value in latencies.items():
-        if not 0 <= value < np.inf:
-            raise TwinError(f"{name} must be at least 0, not {value}")
-    return Messages(
-        queue_depth,
-        int(to_nanoseconds(latencies["report_latency_s"])),
-        int(to_nanoseconds(latencies["release_latency_s"])),
-    )
 
 
 def _arrays(rows: Sequence[Sequence[int]]) -> _Times:

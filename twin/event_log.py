@@ -72,7 +72,7 @@ def parse_event(line: str) -> Event:
     except KeyError as error:
         raise EventLogError(f"no {error.args[0]!r}: {_excerpt(line)}") from error
     if kind not in _KINDS:
-        raise EventLogError(f"unknown kind {kind!r}", choices=sorted(_KINDS))
+        raise EventLogError(f"unknown kind {kind!r}", choices=get_args(EventKind))
     if not isinstance(seconds, int | Decimal) or isinstance(seconds, bool):
         raise EventLogError(f"t_s is no number: {_excerpt(line)}")
     if not Decimal(seconds).is_finite() or seconds < 0:

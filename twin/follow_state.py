@@ -142,6 +142,16 @@ class FollowedRun:
         """Nodes that are complete."""
         return sum(robot.completed for robot in self.robots)
 
+    def waits_for(self, chain: int) -> str:
+        """Return which nodes of others a robot's next node waits for in words, or nothing."""
+        node = self.robots[chain].completed
+        chains, tasks = self._graph.chains, self._graph.tasks
+        names = [
+            f"node {u} of {chains[r].robot} ({tasks[int(chains[r].task[u])].label})"
+            for r, u in self._dispatcher.waits_for(chain, node)
+        ]
+        return "waits for " + " and ".join(names) if names else ""
+
     def apply(self, event: Event) -> Sequence[Violation]:
         """Take note of an event; return what it should not have been."""
         before = len(self.violations)

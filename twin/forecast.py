@@ -185,7 +185,7 @@ class Forecaster:
             if pace is not None:
                 planned = int(to_nanoseconds(chain.duration[node] * pace))
                 rest = np.full(self._samples, max(planned - worked, 0))
-        return rest + self._retries(k, robot, node)
+        return np.asarray(rest + self._retries(k, robot, node), dtype=np.int64)
 
     def _pace(self, k: int, robot: RobotProgress) -> float | None:
         """Return observed over planned time of the motions done in a task, None for none."""

@@ -8,8 +8,10 @@ from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.disturbance_models import scenario_disturbances
 from twin.duration_models import skill_durations
 from twin.engine import Simulator
+from twin.execution import Messages
 from twin.run import Policy
 from twin.scenario import Scenario
+from twin.scenario_execution import ExecutionSection
 
 
 def scenario_simulator(
@@ -41,4 +43,14 @@ def scenario_simulator(
         report_latency_s=execution.report_latency_s,
         release_latency_s=execution.release_latency_s,
         disturbances=scenario_disturbances(execution, robots, base),
+    )
+
+
+def scenario_messages(execution: ExecutionSection) -> Messages:
+    """Return how robots and dispatcher talk according to a scenario."""
+    return Messages.of_seconds(
+        execution.queue_depth,
+        execution.latency_s,
+        execution.report_latency_s,
+        execution.release_latency_s,
     )

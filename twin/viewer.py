@@ -37,17 +37,41 @@ def open_viewer(recording: Path) -> None:
         ViewerError: there is no viewer or no display; says how to look at the file otherwise.
     """
     program = _viewer_program(recording)
-    has_display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    if sys.platform.startswith("linux") and not has_display:
-        raise ViewerError(
-            f"no display to open the viewer on; copy {recording} to a computer with one and "
-            f"run 'rerun {recording.name}' there (pip install rerun-sdk), or render pictures "
-            "with --stills"
-        )
+    _require_display(
+        f"copy {recording} to a computer with one and run 'rerun {recording.name}' there "
+        "(pip install rerun-sdk), or render pictures with --stills"
+    )
     command = [program, "--bind", _HOST, "--port", str(_free_port()), str(recording)]
     code = subprocess.run(command, check=False).returncode
     if code not in (0, -signal.SIGINT):
         raise ViewerError(f"the viewer ended with exit code {code}")
+
+
+def live_viewer() -> str:
+    """Open a viewer window that shows what is sent to it, and return where to send it.
+
+    The window stays open when this program ends.
+
+    Raises:
+        ViewerError: there is no viewer, no display, or it does not answer.
+    """
+    _require_display("leave --view out, and look at the recording later")
+    port = _free_port()
+    command = [_program(), "--bind", _HOST, "--port", str(port)]
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    until = time.monotonic() + _START_S
+    while time.monotonic() < until and process.poll() is None:
+        with socket.socket() as probe:
+            probe.settimeout(0.3)
+            if probe.connect_ex((_HOST, port)) == 0:
+                return f"rerun+http://{_HOST}:{port}/proxy"
+        time.sleep(0.2)
+    raise ViewerError("the viewer did not start")
 
 
 def render_stills(
@@ -109,16 +133,26 @@ def _render_still(client: Any, time_s: float, folder: Path, *, first: bool) -> P
     raise ViewerError(f"the viewer did not draw {picture}")
 
 
+def _require_display(otherwise: str) -> None:
+    has_display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if sys.platform.startswith("linux") and not has_display:
+        raise ViewerError(f"no display to open the viewer on; {otherwise}")
+
+
 def _viewer_program(recording: Path) -> str:
+    program = _program(f"; the recording is {recording}")
+    if not recording.is_file():
+        raise ViewerError(f"{recording} does not exist")
+    return program
+
+
+def _program(remark: str = "") -> str:
     beside = Path(sys.executable).parent / "rerun"
     program = str(beside) if beside.is_file() else shutil.which("rerun")
     if program is None:
         raise ViewerError(
-            "the Rerun viewer is not installed (pip install rerun-sdk); "
-            f"the recording is {recording}"
+            f"the Rerun viewer is not installed (pip install rerun-sdk){remark}"
         )
-    if not recording.is_file():
-        raise ViewerError(f"{recording} does not exist")
     return program
 
 

@@ -16,6 +16,7 @@ WAITING = "waiting"
 EVENTS = "events"
 OBJECTS = "objects"
 FIXTURES = "fixtures"
+FORECAST = "forecast"
 
 
 def run_layout(cell: Workcell, makespan_s: float) -> rrb.Blueprint:
@@ -27,33 +28,6 @@ def run_layout(cell: Workcell, makespan_s: float) -> rrb.Blueprint:
     window = rr.TimeRange(
         start=rr.TimeRangeBoundary.cursor_relative(seconds=-30.0),
         end=rr.TimeRangeBoundary.cursor_relative(seconds=30.0),
-    )
-    scene = rrb.Spatial3DView(
-        origin="/",
-        name="Cell",
-        contents=[
-            *(f"{entity_path(robot_part(robot.name))}/**" for robot in cell.robots),
-            f"/{OBJECTS}/**",
-            f"/{FIXTURES}/**",
-        ],
-        background=[247, 248, 250],
-        line_grid=False,
-        spatial_information=rrb.SpatialInformation(
-            target_frame=WORLD_FRAME, show_axes=False, show_bounding_box=False
-        ),
-        eye_controls=_camera(cell),
-    )
-    text = rrb.TextLogView(
-        origin=f"/{EVENTS}",
-        name="Events",
-        columns=rrb.TextLogColumns(
-            text_log_columns=[
-                rrb.encodings.TextLogColumn("EntityPath", visible=False),
-                rrb.encodings.TextLogColumn("LogLevel", visible=True),
-                rrb.encodings.TextLogColumn("Body", visible=True),
-            ]
-        ),
-        rows=rrb.TextLogRows(filter_by_log_level=["INFO", "WARN", "ERROR"]),
     )
     lanes = rrb.StateTimelineView(
         origin=f"/{LANES}",
@@ -73,7 +47,7 @@ def run_layout(cell: Workcell, makespan_s: float) -> rrb.Blueprint:
     )
     return rrb.Blueprint(
         rrb.Vertical(
-            rrb.Horizontal(scene, text, column_shares=[5, 2]),
+            rrb.Horizontal(_scene(cell), _events(), column_shares=[5, 2]),
             rrb.Horizontal(
                 lanes, rrb.Vertical(progress, waiting), column_shares=[5, 2]
             ),
@@ -82,6 +56,59 @@ def run_layout(cell: Workcell, makespan_s: float) -> rrb.Blueprint:
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def follow_layout(cell: Workcell) -> rrb.Blueprint:
+    """Return the layout of a run in progress: the forecast in place of the plots."""
+    lanes = rrb.StateTimelineView(origin=f"/{LANES}", name="Robots")
+    forecast = rrb.TimeSeriesView(
+        origin=f"/{FORECAST}",
+        name="Forecast of the end [s]",
+        plot_legend=rrb.Corner2D.RightBottom,
+    )
+    return rrb.Blueprint(
+        rrb.Vertical(
+            rrb.Horizontal(_scene(cell), _events(), column_shares=[5, 2]),
+            rrb.Horizontal(lanes, forecast, column_shares=[5, 2]),
+            row_shares=[5, 2],
+        ),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def _scene(cell: Workcell) -> rrb.Spatial3DView:
+    return rrb.Spatial3DView(
+        origin="/",
+        name="Cell",
+        contents=[
+            *(f"{entity_path(robot_part(robot.name))}/**" for robot in cell.robots),
+            f"/{OBJECTS}/**",
+            f"/{FIXTURES}/**",
+        ],
+        background=[247, 248, 250],
+        line_grid=False,
+        spatial_information=rrb.SpatialInformation(
+            target_frame=WORLD_FRAME, show_axes=False, show_bounding_box=False
+        ),
+        eye_controls=_camera(cell),
+    )
+
+
+def _events() -> rrb.TextLogView:
+    return rrb.TextLogView(
+        origin=f"/{EVENTS}",
+        name="Events",
+        columns=rrb.TextLogColumns(
+            text_log_columns=[
+                rrb.encodings.TextLogColumn("EntityPath", visible=False),
+                rrb.encodings.TextLogColumn("LogLevel", visible=True),
+                rrb.encodings.TextLogColumn("Body", visible=True),
+            ]
+        ),
+        rows=rrb.TextLogRows(filter_by_log_level=["INFO", "WARN", "ERROR"]),
     )
 
 

@@ -67,24 +67,30 @@ def write_recording(
         log_objects(rec, tpg.cell, object_placements(tpg, run))
         _log_lanes(rec, tpg, run)
         _log_progress(rec, tpg, run)
-        _log_events(rec, tpg, events)
+        log_events(rec, tpg, events)
         rec.send_property("makespan_s", rr.AnyValues(value=run.makespan_s))
         rec.flush()
         rec.disconnect()
 
 
-def _log_lanes(rec: rr.RecordingStream, tpg: TemporalPlanGraph, run: Run) -> None:
-    """Show what each robot does as a lane of coloured states."""
+def draw_lane(rec: rr.RecordingStream, robot: str) -> str:
+    """Say which colours the states of a robot's lane have; return the lane's entity."""
     names = list(LANE_COLOURS)
     red, green, blue = np.array([LANE_COLOURS[n] for n in names], dtype=np.uint32).T
     colours = (red << 24) | (green << 16) | (blue << 8) | np.uint32(255)
+    entity = entity_path(layout.LANES, robot)
+    rec.log(
+        entity,
+        rr.StateConfiguration(values=names, labels=names, colors=colours),
+        static=True,
+    )
+    return entity
+
+
+def _log_lanes(rec: rr.RecordingStream, tpg: TemporalPlanGraph, run: Run) -> None:
+    """Show what each robot does as a lane of coloured states."""
     for lane in robot_lanes(tpg, run):
-        entity = entity_path(layout.LANES, lane.robot)
-        rec.log(
-            entity,
-            rr.StateConfiguration(values=names, labels=names, colors=colours),
-            static=True,
-        )
+        entity = draw_lane(rec, lane.robot)
         changes = [
             (spans[0].start_ns, state)
             for state, spans in (
@@ -139,7 +145,7 @@ def _log_steps(
     )
 
 
-def _log_events(
+def log_events(
     rec: rr.RecordingStream, tpg: TemporalPlanGraph, events: Sequence[Event]
 ) -> None:
     """Keep the event rows, as text for people and as columns for programs."""
