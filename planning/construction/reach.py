@@ -13,14 +13,22 @@ from itertools import islice
 import numpy as np
 from scipy.spatial import KDTree
 
+from planning.geometry.cover import box_body
 from planning.geometry.damped_least_squares import solve_from
 from planning.geometry.robot_bodies import joint_poses_of
-from planning.geometry.scene import SceneChecker
+from planning.geometry.scene import SceneChecker, entity
 from planning.kinematics import frame_in_last_joint
 from planning.robots.mobile import is_mobile
 from planning.robots.model import RobotModel
-from planning.transforms import Array, Transform, identity, inverse
-from planning.workcell import PlacedRobot, Workcell, start_state
+from planning.transforms import (
+    Array,
+    Transform,
+    identity,
+    inverse,
+    readonly,
+    translation,
+)
+from planning.workcell import Attachment, CellObject, PlacedRobot, Workcell, WorldState
 
 _SAMPLES = 3000
 _DRAWS = 12_000
@@ -30,10 +38,13 @@ _LEAN = 0.5
 
 _UPRIGHT = 0.05
 
+_PROBE = (0.3, 0.3, 0.1)
+"""Size of what the robots of the drawn configurations hold [m]."""
+
 
 @dataclass(frozen=True)
 class _ArmTable:
-    """Drawn configurations that do not collide with themselves, mobile bases at zero.
+    """Drawn configurations in which a robot could hold a part, mobile bases at zero.
 
     Attributes:
         q: shape (s, n).
@@ -169,8 +180,7 @@ class ReachSampler:
 
     def _draw(self, model: RobotModel) -> _ArmTable:
         alone = PlacedRobot("alone", model, identity(), model.home)
-        cell = Workcell((alone,), (), ())
-        checker = SceneChecker(cell, "alone", start_state(cell), frozenset())
+        checker = _with_probe(alone, self.frame)
         rng = np.random.default_rng(11)
         drawn = rng.uniform(model.lower, model.upper, (_DRAWS, model.dof))
         if self.mobile:
@@ -181,6 +191,19 @@ class ReachSampler:
         along = model.chain.axis[-1] @ self._tip[:3, 2]
         spin = float(np.sign(along)) if abs(along) > 1.0 - 1e-9 else 0.0
         return _ArmTable(q, tool, KDTree(self._features(tool)), spin)
+
+
+def _with_probe(robot: PlacedRobot, frame: str) -> SceneChecker:
+    """Return a checker of a robot by itself, holding something as small as parts are."""
+    tool = robot.model.frames[frame] if frame != "flange" else identity()
+    size = readonly(_PROBE)
+    body = box_body("probe", size)
+    pose = tool @ translation(0.0, 0.0, 0.5 * _PROBE[2])
+    probe = CellObject("probe", "probe", size, pose, body)
+    cell = Workcell((robot,), (), (probe,))
+    held = WorldState({robot.name: robot.home}, {"probe": Attachment(robot.name, pose)})
+    touching = frozenset({frozenset((entity(robot.name, "tool"), "probe"))})
+    return SceneChecker(cell, robot.name, held, touching)
 
 
 def _turn_about_z(tool: Transform, wanted: Transform) -> float:
