@@ -214,8 +214,8 @@ def meet_self(scene: Arena) -> int:
 
 
 @njit(cache=True)
-def movers_clear(scene: Arena, decide: int) -> bool:
-    """Check the movers against each other; where ``decide`` is 0 what is near is not clear."""
+def movers_clear(scene: Arena, decide: bool) -> bool:
+    """Check the movers against each other; without a decision what is near is not clear."""
     joints, bodies = row(scene, JOINT_FIRST), row(scene, BODY_FIRST)
     capsules, mover = row(scene, CAPSULE_FIRST), row(scene, MOVER)
     own_box, limits = table(scene, OWN_BOX), table(scene, OWN_LIMIT)
@@ -241,7 +241,7 @@ def movers_clear(scene: Arena, decide: int) -> bool:
                 limit,
             ):
                 continue
-            if decide == 0:
+            if not decide:
                 return False
             k = mover[p]
             i0, i1, j0, j1 = joints[m], joints[m + 1], joints[k], joints[k + 1]

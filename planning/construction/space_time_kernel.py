@@ -71,7 +71,7 @@ def own_at(
 
 @njit(cache=True)
 def still_clear_until(
-    scene: Arena, q0: Array, t0: float, q1: Array, t1: float, whole: int
+    scene: Arena, q0: Array, t0: float, q1: Array, t1: float, leeway: float
 ) -> tuple[bool, float]:
     """Tell whether a motion is clear of all that lies still and of itself, and until when it is.
 
@@ -79,7 +79,7 @@ def still_clear_until(
         scene: the scene.
         q0, t0: where it begins, and when, shape (n,).
         q1, t1: where it ends, and when.
-        whole: where 1, every bit of it must be clear of what lies there at any time of it.
+        leeway: what lies there so long before or after a bit of it counts, too [s].
     """
     q_a, q_b = column(scene, OWN_QA), column(scene, OWN_QB)
     own_at(scene, q0, t0, q1, t1, t0, q_a)
@@ -88,7 +88,8 @@ def still_clear_until(
     around, bounds = column(scene, AROUND), table(scene, BOX_BOUNDS)
     start, end = column(scene, BOX_FROM), column(scene, BOX_UNTIL)
     widest, near = column(scene, SETTINGS)[WIDEST], row(scene, NEAR)
-    boxes = 0
+    # Counted from a variable: numba compiles a function anew for every constant it is given.
+    boxes = len(bounds) * 0
     for b in range(len(bounds)):
         if (start[b] >= t1 and t1 > t0) or start[b] > t1 or end[b] <= t0:
             continue
@@ -105,10 +106,7 @@ def still_clear_until(
             own_at(scene, q0, t0, q1, t1, lo, q_a)
             own_at(scene, q0, t0, q1, t1, hi, q_b)
             sweep_own(scene, lo, hi)
-        if whole == 1:
-            found = meet_boxes(scene, boxes, t0, t1)
-        else:
-            found = meet_boxes(scene, boxes, lo, hi)
+        found = meet_boxes(scene, boxes, max(lo - leeway, t0), min(hi + leeway, t1))
         if found == CLEAR:
             found = meet_self(scene)
         if found == CLEAR:
@@ -170,7 +168,7 @@ def moving_clear_until(
                 clear = False
                 break
         if clear and several:
-            clear = movers_clear(scene, 1 if single else 0)
+            clear = movers_clear(scene, single)
         if clear:
             continue
         if single:
@@ -227,7 +225,7 @@ def clear_throughout(scene: Arena, q0: Array, q1: Array, lo: float, hi: float) -
         q0, q1: ends of the motion, shape (n,).
         lo, hi: the span [s].
     """
-    clear, _ = still_clear_until(scene, q0, lo, q1, hi, 1)
+    clear, _ = still_clear_until(scene, q0, lo, q1, hi, hi - lo)
     if not clear:
         return False
     settings = column(scene, SETTINGS)
@@ -241,13 +239,13 @@ def clear_throughout(scene: Arena, q0: Array, q1: Array, lo: float, hi: float) -
         p, q = _near_pieces(scene, r, begin, finish)
         if p < q and not clear_of_pieces(scene, p, q, begin, finish):
             return False
-    return len(column(scene, BEGIN)) == 1 or movers_clear(scene, 1)
+    return len(column(scene, BEGIN)) == 1 or movers_clear(scene, hi >= lo)
 
 
 @njit(cache=True)
 def configuration_clear(scene: Arena, q: Array, t: float) -> bool:
     """Tell whether the movers may be at ``q``, shape (n,), at one instant."""
-    clear, _ = still_clear_until(scene, q, t, q, t, 0)
+    clear, _ = still_clear_until(scene, q, t, q, t, 0.0)
     if clear:
         clear, _ = moving_clear_until(scene, q, t, q, t)
     return clear
@@ -277,7 +275,7 @@ def clear_until(
             if begin + 1e-9 < begins[m] < end:
                 end = begins[m]
         own_at(scene, q0, t0, q1, t1, end, b)
-        clear, until = still_clear_until(scene, a, begin, b, end, 0)
+        clear, until = still_clear_until(scene, a, begin, b, end, 0.0)
         if not clear:
             if until <= begin:
                 return False, begin

@@ -1,0 +1,162 @@
+"""The earliest arrival along a given path, compiled: when to wait where, at full speed otherwise.
+
+Places on the path are fixed; only time is searched, over the spans of time in which one may
+stand at each place. What comes out is the earliest arrival for departures on a fine grid.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from planning.construction.arena import Arena
+from planning.construction.rrt_kernel import Query, next_arrival
+from planning.construction.space_time_kernel import clear_throughout, motion_clear
+from planning.transforms import Array
+
+_TINY = 1e-9
+
+
+@njit(cache=True)
+def _arrive(query: Query, a: Array, t: float, b: Array) -> float:
+    """Return when one can be at ``b`` who leaves ``a`` at time ``t`` [s]."""
+    out = t
+    for j in range(len(a)):
+        travel = abs(b[j] - a[j])
+        if travel > 0.0:
+            out = max(out, max(t, query.begin[j]) + travel / query.velocity[j])
+    return out
+
+
+@njit(cache=True)
+def _spans(
+    scene: Arena,
+    q: Array,
+    begin: float,
+    step: float,
+    cells: int,
+    free: npt.NDArray[np.bool_],
+    out: Array,
+) -> int:
+    """Write the spans of time in which one may stand at ``q``; return how many there are."""
+    for k in range(cells):
+        lo = begin + k * step
+        free[k] = clear_throughout(scene, q, q, lo, lo + step)
+    count = 0
+    k = 0
+    while k < cells and count < len(out):
+        if free[k]:
+            first = k
+            while k < cells and free[k]:
+                k += 1
+            out[count, 0] = begin + first * step
+            out[count, 1] = begin + k * step if k < cells else np.inf
+            count += 1
+        else:
+            k += 1
+    return count
+
+
+@njit(cache=True)
+def earliest_along(
+    scene: Arena, query: Query, path: Array, goal: int, step: float, latest: float
+) -> tuple[Array, Array]:
+    """Return when to come to and to leave each place of a path to arrive as early as possible.
+
+    Args:
+        scene: what must be kept clear of.
+        query: speeds, when joints are free to move, and when one may arrive.
+        path: places, the first where the movers are, the last a goal, shape (w, n).
+        goal: which goal that is.
+        step: departures are tried at this distance [s].
+        latest: only an arrival before this is of use [s].
+
+    Returns:
+        Times of coming, and of leaving, shape (w,); empty where there is no such arrival.
+    """
+    most = 16
+    places = len(path)
+    start = np.min(query.begin)
+    begin = np.floor(start / step + 1e-6) * step
+    cells = max(int(np.ceil((latest - begin) / step)) + 1, 1)
+    free = np.empty(cells, dtype=np.bool_)
+    spans = np.empty((places, most, 2))
+    counts = np.zeros(places, dtype=np.int64)
+    # For each span of each place: when one comes, when one left the place before, and from
+    # which span of it.
+    come = np.full((places, most), np.inf)
+    left = np.full((places, most), np.inf)
+    before = np.full((places, most), -1, dtype=np.int64)
+    for k in range(places):
+        counts[k] = _spans(scene, path[k], begin, step, cells, free, spans[k])
+    come[0, 0] = start
+    if counts[0] == 0 or spans[0, 0, 0] > start + _TINY:
+        # It cannot stay where it is, and has to leave at once.
+        counts[0] = 1
+        spans[0, 0] = start
+    for k in range(places - 1):
+        for i in range(counts[k]):
+            depart = come[k, i]
+            while depart <= spans[k, i, 1] + _TINY:
+                arrival = _arrive(query, path[k], depart, path[k + 1])
+                if arrival >= latest:
+                    break
+                m = _span_at(spans[k + 1], counts[k + 1], arrival)
+                if m >= 0:
+                    if arrival < come[k + 1, m] - _TINY and motion_clear(
+                        scene, path[k], depart, path[k + 1], arrival
+                    ):
+                        come[k + 1, m] = arrival
+                        left[k + 1, m] = depart
+                        before[k + 1, m] = i
+                    if come[k + 1, m] < np.inf and m == counts[k + 1] - 1:
+                        break
+                depart = (np.floor(depart / step + 1e-6) + 1.0) * step
+    best, last = latest, -1
+    for i in range(counts[places - 1]):
+        at = next_arrival(query, goal, come[places - 1, i])
+        if at <= spans[places - 1, i, 1] + _TINY and at < best - _TINY:
+            best, last = at, i
+    if last < 0:
+        return np.empty(0), np.empty(0)
+    arrive, depart_at = np.empty(places), np.empty(places)
+    depart_at[places - 1] = best
+    i = last
+    for k in range(places - 1, -1, -1):
+        arrive[k] = come[k, i]
+        if k > 0:
+            depart_at[k - 1] = left[k, i]
+            i = before[k, i]
+    return arrive, depart_at
+
+
+@njit(cache=True)
+def _span_at(spans: Array, count: int, t: float) -> int:
+    """Return the span that contains a time, -1 for none."""
+    for m in range(count):
+        if spans[m, 0] - _TINY <= t <= spans[m, 1] + _TINY:
+            return m
+    return -1
+
+
+@njit(cache=True)
+def dense(path: Array, velocity: Array, spacing: float) -> Array:
+    """Return a polyline with places in between, none further apart than a travel time [s]."""
+    pieces = np.ones(len(path), dtype=np.int64)
+    total = 1
+    for k in range(len(path) - 1):
+        far = np.max(np.abs(path[k + 1] - path[k]) / velocity)
+        pieces[k] = max(int(np.ceil(far / spacing - 1e-9)), 0)
+        total += pieces[k]
+    out = np.empty((total, path.shape[1]))
+    out[0] = path[0]
+    at = 1
+    for k in range(len(path) - 1):
+        for i in range(pieces[k]):
+            share = (i + 1) / pieces[k]
+            out[at] = path[k] + share * (path[k + 1] - path[k])
+            if i + 1 == pieces[k]:
+                out[at] = path[k + 1]
+            at += 1
+    return out

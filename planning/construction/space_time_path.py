@@ -1,0 +1,32 @@
+"""A path through space-time, as data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from planning.transforms import Array
+
+
+@dataclass(frozen=True)
+class SpaceTimePath:
+    """A free path through space-time.
+
+    Attributes:
+        time: of the waypoints, rising, shape (w,) [s].
+        path: waypoints of all movers, straight in between, shape (w, n). A mover that is not
+            yet free to move at a waypoint stands until it is.
+        goal: which goal it leads to.
+        earliest: no path to any goal arrives before [s].
+        samples: drawn by the search, 0 where a straight line was free.
+    """
+
+    time: Array
+    path: Array
+    goal: int
+    earliest: float
+    samples: int = 0
+
+    @property
+    def arrival(self) -> float:
+        """When it arrives [s]."""
+        return float(self.time[-1])

@@ -1,0 +1,199 @@
+"""Paths through space-time to goals whose arrival times are not known (Hartmann et al. IV-C)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from planning.construction.arrival_windows import arrival_windows
+from planning.construction.postprocess import hasten, shorten
+from planning.construction.rrt_kernel import (
+    Limits,
+    Query,
+    grow,
+    least_time,
+    next_arrival,
+    try_direct,
+)
+from planning.construction.space_time_checker import SpaceTimeChecker
+from planning.construction.space_time_path import SpaceTimePath
+from planning.transforms import Array
+
+
+@dataclass(frozen=True)
+class RrtSettings:
+    """How the search goes on. It never looks at a clock: a seed means one path.
+
+    Attributes:
+        iterations: samples of a search in all.
+        patience: samples after the last improvement of the arrival time.
+        weight: lambda of eq. (5): distance against time.
+        reach: longest motion added at once [s].
+        growth: factor by which the range of arrival times grows.
+        good_enough: an arrival this much after the earliest that speeds allow ends the search
+            [s]; so much must an improvement gain.
+        direct: arrival times at which straight lines are tried first.
+        rounds: how often a path is searched for, each time with the bound of the one before.
+        shortcuts: random stretches of a path that are tried to be made straight.
+        speed: share of the joints' speed limits that is used, (0, 1].
+    """
+
+    iterations: int = 3000
+    patience: int = 400
+    weight: float = 0.5
+    reach: float = 4.0
+    growth: float = 1.15
+    good_enough: float = 0.2
+    direct: int = 40
+    rounds: int = 3
+    shortcuts: int = 60
+    speed: float = 1.0
+
+
+def space_time_rrt(
+    checker: SpaceTimeChecker,
+    goals: Array,
+    *,
+    stay: float = 0.0,
+    windows: Sequence[Array] | None = None,
+    not_before: float = 0.0,
+    arrival: float | None = None,
+    latest: float = np.inf,
+    settings: RrtSettings = RrtSettings(),
+    seed: int = 0,
+) -> SpaceTimePath | None:
+    """Return a path to one of several goals that arrives early, or None.
+
+    Straight lines are tried first; then two forests are grown until they meet, and on to
+    arrive earlier.
+
+    Args:
+        checker: who moves, and among what.
+        goals: configurations, shape (g, n).
+        stay: how long the movers stay there; infinity for good [s].
+        windows: for each goal the spans in which one may arrive, shape (w, 2), see
+            ``arrival_windows``; worked out from ``stay`` where not given.
+        not_before: no earlier arrival is wanted [s].
+        arrival: the only arrival time that is wanted, such as that of a partner [s].
+        latest: no later arrival is wanted [s].
+        settings: how the search goes on.
+        seed: of all random numbers.
+    """
+    goals = np.array(np.atleast_2d(goals), dtype=np.float64)
+    start = np.array(checker.start_configuration(), dtype=np.float64)
+    velocity = checker.velocity * settings.speed
+    soon = np.max(
+        checker.begin_of_joint + np.abs(goals - start) / velocity, axis=1, initial=0.0
+    )
+    soon = np.maximum(soon, max(not_before, arrival or 0.0))
+    if arrival is not None:
+        latest = min(latest, arrival)
+    spans = [
+        arrival_windows([(checker, goal)], stay, float(soon[k]), latest)
+        if windows is None
+        else _cut(windows[k], float(soon[k]), latest)
+        for k, goal in enumerate(goals)
+    ]
+    first = np.cumsum([0, *(len(s) for s in spans)]).astype(np.int64)
+    query = Query(
+        start,
+        np.array(checker.begin_of_joint),
+        np.minimum(checker.lower, np.minimum(start, goals.min(axis=0))),
+        np.maximum(checker.upper, np.maximum(start, goals.max(axis=0))),
+        velocity,
+        goals,
+        first,
+        np.ascontiguousarray(np.concatenate([np.empty((0, 2)), *spans])),
+    )
+    return _search(checker, query, latest, settings, seed)
+
+
+def _cut(windows: Array, earliest: float, latest: float) -> Array:
+    """Return the parts of spans between two times."""
+    out = np.clip(windows, earliest, latest)
+    out[:, 1] = np.where(np.isinf(windows[:, 1]), latest, out[:, 1])
+    keep = (windows[:, 1] >= earliest) & (windows[:, 0] <= latest)
+    return np.asarray(out[keep])
+
+
+def _search(
+    checker: SpaceTimeChecker,
+    query: Query,
+    latest: float,
+    settings: RrtSettings,
+    seed: int,
+) -> SpaceTimePath | None:
+    begin = float(query.begin.min())
+    earliest = min(
+        next_arrival(query, g, least_time(query, query.start, begin, g))
+        for g in range(len(query.goals))
+    )
+    if not earliest <= latest:
+        return None
+    # Some while after all others have stopped nothing changes any more.
+    calm = max(checker.world.end, earliest)
+    horizon = min(latest, calm + 4.0 * (earliest - begin) + 20.0)
+    best: SpaceTimePath | None = None
+    arrival, goal, how = try_direct(
+        checker.scene, query, checker.step, horizon, settings.direct
+    )
+    if goal >= 0:
+        best = _straight(query, begin, float(arrival), int(goal), int(how), earliest)
+        if arrival <= earliest + settings.good_enough:
+            return best
+    samples = 0
+    for turn in range(settings.rounds):
+        bound = np.inf if best is None else best.arrival
+        limits = Limits(
+            settings.iterations if best is None else settings.patience,
+            settings.patience,
+            settings.weight,
+            settings.reach,
+            settings.growth,
+            settings.good_enough,
+            horizon,
+            seed * 64 + turn,
+        )
+        time, path, goal, drawn, _ = grow(checker.scene, query, limits, bound)
+        samples += int(drawn)
+        if goal < 0:
+            break
+        found = SpaceTimePath(time, path, int(goal), earliest)
+        best = _improve(checker, found, query, settings, seed + turn)
+        if best.arrival <= earliest + settings.good_enough:
+            break
+    return None if best is None else replace(best, samples=samples)
+
+
+def _improve(
+    checker: SpaceTimeChecker,
+    found: SpaceTimePath,
+    query: Query,
+    settings: RrtSettings,
+    seed: int,
+) -> SpaceTimePath:
+    """Return a path that goes less far, and arrives no later."""
+    for turn in range(3):
+        before = found.arrival
+        found = shorten(checker, found, query, settings.shortcuts, 8 * seed + turn)
+        found = hasten(checker, found, query)
+        if found.arrival > before - settings.good_enough:
+            break
+    return found
+
+
+def _straight(
+    query: Query, begin: float, arrival: float, goal: int, how: int, earliest: float
+) -> SpaceTimePath:
+    """Return the path that ``try_direct`` found."""
+    start, target = query.start, query.goals[goal]
+    soonest = float(least_time(query, start, begin, goal))
+    if how == 0:
+        time, path = [begin, arrival], [start, target]
+    elif how == 1:
+        time, path = [begin, begin + arrival - soonest, arrival], [start, start, target]
+    else:
+        time, path = [begin, soonest, arrival], [start, target, target]
+    return SpaceTimePath(np.array(time), np.array(path), goal, earliest)
