@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
+from planning.errors import ScenarioError
 from twin.scenario_base import Name, PoseSection, Section, Size3
 
 Vector2 = Annotated[tuple[float, ...], Field(min_length=2, max_length=2)]
@@ -145,3 +146,26 @@ class CellSection(Section):
     def robots(self) -> tuple[RobotSection, ...]:
         """All robots: those given one by one, then the team."""
         return (*self.listed, *(() if self.team is None else self.team.robots()))
+
+
+def choose_robots(cell: dict[str, Any], count: int) -> None:
+    """Change the content of a cell section to a number of robots.
+
+    A team gets that many robots, beside those given one by one; without a team, the first
+    ``count`` of those given one by one stay.
+
+    Args:
+        cell: the section as a mapping with all defaults filled in, changed in place.
+        count: how many.
+
+    Raises:
+        ScenarioError: there is no team, and there are fewer robots.
+    """
+    if cell["team"] is not None:
+        cell["team"]["count"] = count
+    elif count <= len(cell["robots"]):
+        cell["robots"] = cell["robots"][:count]
+    else:
+        raise ScenarioError(
+            f"--robots {count}: the cell has {len(cell['robots'])} robots and no team"
+        )

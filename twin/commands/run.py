@@ -52,6 +52,15 @@ Shortcuts = Annotated[
         help="Shortcuts tried on the plan, in place of the scenario's.",
     ),
 ]
+Robots = Annotated[
+    int | None,
+    typer.Option(
+        "--robots",
+        min=1,
+        metavar="M",
+        help="Robots of the team, in place of the scenario's; without a team, the first M.",
+    ),
+]
 Audit = Annotated[
     bool,
     typer.Option("--audit/--no-audit", help="Check what was executed with PyBullet."),
@@ -78,6 +87,7 @@ def run(
     policy: PolicyName = None,
     stalls: Stalls = None,
     shortcuts: Shortcuts = None,
+    robots: Robots = None,
     audit: Audit = True,
     recording: Recording = True,
     as_json: AsJson = False,
@@ -89,7 +99,7 @@ def run(
     from twin.run_folder import prepare_run_folder
     from twin.scenario_file import load_scenario
 
-    chosen = _changed(load_scenario(scenario), seed, policy, stalls, shortcuts)
+    chosen = _changed(load_scenario(scenario), seed, policy, stalls, shortcuts, robots)
     silent = quiet or as_json
     with StageDisplay(enabled=not silent) as progress:
         base = scenario.parent
@@ -135,14 +145,18 @@ def _changed(
     policy: str | None,
     stalls: int | None,
     shortcuts: int | None,
+    robots: int | None,
 ) -> Scenario:
     """Return the scenario with what the options say in place of what the file says."""
     from pydantic import ValidationError
 
     from twin.run import POLICIES
     from twin.scenario import Scenario, resolved
+    from twin.scenario_cell import choose_robots
 
     content: dict[str, Any] = resolved(scenario)
+    if robots is not None:
+        choose_robots(content["cell"], robots)
     execution = content["execution"]
     if policy is not None and policy not in POLICIES:
         raise ScenarioError(f"--policy: unknown policy {policy!r}", choices=POLICIES)
