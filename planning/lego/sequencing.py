@@ -135,12 +135,14 @@ def sequence_structure(
     )
     sequencer = _Sequencer(structures, frozenset(b.name for b in fixed), rules)
     sequencer.check_finished(frozenset(structures.bricks))
+    sequencer.check_hanging(frozenset(structures.bricks))
     limit = len(structure) + 1 + rules.search_limit
     names_of = [item.name for item in structure]
     found = find_assembly_sequence(names_of, sequencer.removals, limit=limit)
-    if found.steps is None:
-        again = find_assembly_sequence(names_of, sequencer.hanging_first, limit=limit)
-        found = found if again.steps is None and found.complete else again
+    if (
+        found.steps is None and not found.complete
+    ):  # else no other order would do either
+        found = find_assembly_sequence(names_of, sequencer.hanging_first, limit=limit)
     if found.steps is None:
         raise InfeasibleStepError(
             sequencer.explain(found.dead_end or frozenset(), complete=found.complete)
@@ -185,6 +187,21 @@ class _Sequencer:
             f"the finished structure does not stand: {what} needs {report.score:.2f} times "
             f"the friction its knobs have"
         )
+
+    def check_hanging(self, names: Names) -> None:
+        """Raise an error when bricks hang although nothing may be placed from below."""
+        if self._rules.place_up:
+            return
+        hanging = [
+            self._place(name)
+            for name in self._candidates(names - self.fixed)
+            if not self._structures.below(names, name)
+        ]
+        if hanging:
+            raise InfeasibleStepError(
+                f"no step can place {' or '.join(hanging)}: there is nothing below it to press it "
+                f"onto, and placing from below is not allowed"
+            )
 
     def removals(self, parts: Names) -> Iterator[Removal[str, Insertion]]:
         """Yield the bricks that may be removed, and how they would be put back."""
