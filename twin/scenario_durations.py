@@ -23,8 +23,8 @@ Skill = Literal[
 
 Seconds = Annotated[float, Field(ge=0, le=1e6)]
 PositiveSeconds = Annotated[float, Field(gt=0, le=1e6)]
-Factor = Annotated[float, Field(gt=0, le=1000)]
-Shape = Annotated[float, Field(ge=0.01, le=1e6)]
+Factor = Annotated[float, Field(ge=0.001, le=1000)]
+Shape = Annotated[float, Field(ge=0.1, le=1e6)]
 
 
 class AnyDuration(Section):

@@ -39,6 +39,10 @@ class TruncatedNormal:
             f"not {self.mean_s} and {self.sd_s}",
         )
         require(
+            abs(self.mean_s) / 1e9 <= self.sd_s,
+            f"normal: mean_s {self.mean_s} is more than 1e9 times sd_s {self.sd_s}",
+        )
+        require(
             0 <= self.low_s < self.high_s,
             f"normal: need 0 <= low_s < high_s, not {self.low_s} and {self.high_s}",
         )
@@ -89,4 +93,5 @@ class TruncatedNormal:
 
 
 def _density(z: float) -> float:
-    return float(np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi))
+    # Nothing is left far out; squares of what is very far would overflow.
+    return float(np.exp(-0.5 * min(abs(z), 100.0) ** 2) / np.sqrt(2 * np.pi))

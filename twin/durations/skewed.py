@@ -32,6 +32,11 @@ class Lognormal:
             f"lognormal: need 0 < median_s <= p95_s, "
             f"not {self.median_s} and {self.p95_s}",
         )
+        require(
+            self.p95_s / 1e9 <= self.median_s,
+            f"lognormal: p95_s {self.p95_s} is more than 1e9 times the median_s "
+            f"{self.median_s}",
+        )
 
     @classmethod
     def from_mean(cls, mean_s: float, cv: float) -> Lognormal:
@@ -175,6 +180,6 @@ class Weibull(_Shaped):
 
 def _require_mean(name: str, mean_s: float, cv: float) -> None:
     require(
-        0 < mean_s < np.inf and 0 < cv < np.inf,
+        0 < mean_s < np.inf and 1e-9 <= cv < np.inf,
         f"{name}: need mean_s > 0 and cv > 0, not {mean_s} and {cv}",
     )
