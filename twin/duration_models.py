@@ -24,7 +24,7 @@ from twin.durations import (
     TruncatedNormal,
     Uniform,
     Weibull,
-    packaged_timings,
+    packaged_timing,
 )
 from twin.scenario import Scenario
 from twin.scenario_durations import (
@@ -121,7 +121,7 @@ def _unscaled(section: AnyDuration, folder: Path) -> DurationModel:
         case EmpiricalDuration():
             return Empirical.from_csv(folder / section.csv, section.column)
         case PackagedDuration():
-            return packaged_timings()[section.skill]
+            return packaged_timing(section.skill)
         case ShiftedDuration():
             return Shifted(duration_model(section.model, folder), section.offset_s)
         case RetriesDuration():

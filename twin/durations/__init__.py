@@ -2,7 +2,7 @@
 
 from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
 from twin.durations.composed import Scaled, Shifted
-from twin.durations.empirical import Empirical, packaged_timings
+from twin.durations.empirical import Empirical, packaged_timing, packaged_timings
 from twin.durations.model import DurationModel
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.durations.normal import TruncatedNormal
@@ -37,6 +37,7 @@ __all__ = [
     "Uniform",
     "Weibull",
     "nominal_durations",
+    "packaged_timing",
     "packaged_timings",
     "to_nanoseconds",
     "total_duration_s",

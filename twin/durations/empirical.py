@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -115,5 +116,11 @@ def _duration_in_cell(path: Path, line: int, column: str, text: str | None) -> f
 
 def packaged_timings() -> dict[str, DurationModel]:
     """Return the synthetic LEGO timings that ship with the package, one model a skill."""
+    return {skill: packaged_timing(skill) for skill in SKILLS}
+
+
+@cache
+def packaged_timing(skill: str) -> Empirical:
+    """Return the synthetic timings of one skill; read once, for they never change."""
     folder = Path(__file__).parents[1] / "timings"
-    return {skill: Empirical.from_csv(folder / f"{skill}.csv") for skill in SKILLS}
+    return Empirical.from_csv(folder / f"{skill}.csv")
