@@ -1,13 +1,15 @@
 """What can be seen before anything is planned: who reaches what, at all (lower bounds, IV-D).
 
-A part that nobody could pick or place even in an empty world will not be built, whatever the
-search tries. Collisions are not looked at here. Reach is found by drawing configurations:
-a robot counts as unable after many draws with many turns of its pad have all failed.
+A part that nobody could pick or place even if nothing but the fixtures stood around will not be
+built, whatever the search tries: other parts and robots are not looked at here. Reach is found by
+drawing configurations: a robot counts as unable after many draws with many turns of its pad have
+all failed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -15,9 +17,10 @@ import numpy as np
 from planning.construction.problem import ConstructionProblem, Part
 from planning.construction.reach import ReachSampler
 from planning.errors import ConstructionError
+from planning.geometry.scene import SceneChecker, entity
 from planning.kinematics import frame_pose
 from planning.transforms import Array, Transform, rotation
-from planning.workcell import PlacedRobot
+from planning.workcell import Attachment, PlacedRobot, WorldState
 
 _TURNS = 12
 _STARTS = 12
@@ -165,15 +168,24 @@ class ReachBounds:
         self, key: tuple[object, ...], robot: str, part: Part, at: Transform, grip: int
     ) -> bool:
         if key not in self._known:
-            sampler = self.sampler(robot)
+            sampler, scene = self.sampler(robot), self._scene(robot, part, at)
             turns = self._rng.uniform(-np.pi, np.pi, _TURNS)
             self._known[key] = any(
-                sampler.sample(
+                scene.configuration_free(q)
+                for turn in turns
+                for q in sampler.sample(
                     self.problem.tool_pose(part, at, grip, turn), self._rng, _STARTS
                 )
-                for turn in turns
             )
         return self._known[key]
+
+    def _scene(self, robot: str, part: Part, at: Transform) -> SceneChecker:
+        """Return a checker of a robot with nothing around but the fixtures and a part."""
+        placed, item = self._robot(robot), self.problem.object(part)
+        cell = replace(self.problem.cell, robots=(placed,), objects=(item,))
+        there = WorldState({robot: placed.home}, {item.name: Attachment(None, at)})
+        pad = frozenset((entity(robot, "tool"), item.name))
+        return SceneChecker(cell, robot, there, frozenset({pad}))
 
     def _grip_pairs(self, giver: str, part: Part) -> Iterator[tuple[int, int]]:
         for mine, yours in product(

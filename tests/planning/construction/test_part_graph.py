@@ -1,0 +1,149 @@
+"""What touches what, found from geometry, against rules anyone can check by hand."""
+
+from __future__ import annotations
+
+from itertools import combinations, permutations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.construction.models import ModelPart, pavilion, tower, wall, well
+from planning.construction.part_graph import PartGraph, build_part_graph
+from planning.construction.site import ground_fixture, part_objects
+from planning.construction.supply import Spiral
+from planning.errors import ConstructionError
+from planning.transforms import from_rpy, readonly, translation
+
+
+def graph_of(parts: tuple[ModelPart, ...], touch: float = 0.03) -> PartGraph:
+    objects = {item.name: item for item in part_objects(parts, Spiral())}
+    ground = ground_fixture()
+    return build_part_graph(
+        {part.name: (objects[part.name], part.goal) for part in parts},
+        [(ground, ground.pose)],
+        touch=touch,
+    )
+
+
+def block(name: str, x: float, y: float, z: float) -> ModelPart:
+    """Return an upright block of 0.5 x 0.2 x 0.2 m."""
+    size = readonly((0.5, 0.2, 0.2))
+    return ModelPart(name, size, 10.0, readonly(translation(x, y, z)))
+
+
+def test_a_tower_is_a_chain() -> None:
+    graph = graph_of(tower(6))
+    for k in range(1, 7):
+        near = {f"beam{j}" for j in (k - 1, k + 1) if 1 <= j <= 6}
+        assert graph.neighbours[f"beam{k}"] == near
+        assert graph.carriers[f"beam{k}"] == ({f"beam{k - 1}"} if k > 1 else set())
+    assert set(graph.ground) == {"beam1"}
+    assert graph.longest_chain() == tuple(f"beam{k}" for k in range(1, 7))
+    assert graph.longest_chain(carried=False) == graph.longest_chain()
+    assert graph.placeable(["beam1", "beam2"]) == ("beam3",)
+
+
+def test_a_brick_of_a_wall_rests_on_two_and_leans_on_none() -> None:
+    graph = graph_of(wall(4, 3))
+    assert graph.carriers["block2_2"] == {"block1_2", "block1_3"}
+    around = ("block1_2", "block1_3", "block2_1", "block2_3", "block3_2", "block3_3")
+    assert graph.neighbours["block2_2"] == set(around)
+    assert set(graph.ground) == {f"block1_{k}" for k in range(1, 5)}
+    assert graph.placeable([]) == tuple(f"block1_{k}" for k in range(1, 5))
+    # One brick below is enough for the paper's rule, both are needed to rest on.
+    assert "block2_2" in graph.placeable(["block1_2"], carried=False)
+    assert "block2_2" not in graph.placeable(["block1_2"])
+    assert graph.placed_neighbours("block2_2", ["block1_2", "block2_1"]) == 2
+    assert len(graph.longest_chain()) == 3
+
+
+def test_a_ring_closes() -> None:
+    graph = graph_of(well(13, 2))
+    for side in range(1, 14):
+        ring = {f"stone1_{side % 13 + 1}", f"stone1_{(side - 2) % 13 + 1}"}
+        assert ring <= graph.neighbours[f"stone1_{side}"]
+        assert len(graph.carriers[f"stone2_{side}"]) == 2
+
+
+def test_a_vault_rests_on_its_feet_and_holds_together() -> None:
+    parts = pavilion((5, 6, 5))
+    graph = graph_of(parts)
+    feet = {part.name for part in parts if part.goal[2, 3] < 0.4}
+    assert set(graph.ground) == feet
+    assert len(feet) == 6
+    assert graph.floating() == ()
+    for first, second in combinations(range(1, 6), 2):
+        touching = f"cassette1_{second}" in graph.neighbours[f"cassette1_{first}"]
+        assert touching == (second == first + 1)
+    assert graph.carriers["cassette1_2"] == {"cassette1_1"}
+    assert graph.carriers["cassette1_4"] == {"cassette1_5"}
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(-3, 3), st.integers(-1, 1), st.integers(0, 2)),
+        min_size=2,
+        max_size=7,
+        unique=True,
+    )
+)
+@settings(max_examples=60, deadline=None)
+def test_contacts_of_a_grid_are_those_of_its_cells(
+    cells: list[tuple[int, int, int]],
+) -> None:
+    # Half a block apart along x they overlap; a whole block along any axis they touch.
+    parts = tuple(
+        block(f"p{k}", 0.25 * x, 0.21 * y, 0.1 + 0.2 * z)
+        for k, (x, y, z) in enumerate(cells)
+    )
+    apart = [np.abs(np.subtract(a, b)) for a, b in combinations(cells, 2)]
+    if any(d[0] < 2 and d[1] == 0 and d[2] == 0 for d in apart):
+        with pytest.raises(ConstructionError, match=r"p\d and p\d would overlap"):
+            graph_of(parts)
+        return
+    graph = graph_of(parts)
+    for i, j in permutations(range(len(cells)), 2):
+        x, y, z = np.subtract(cells[i], cells[j])
+        near = abs(x) <= 2 and abs(y) <= 1 and abs(z) <= 1
+        assert (f"p{j}" in graph.neighbours[f"p{i}"]) == near
+        if near and abs(x) < 2 and y == 0:
+            assert (f"p{j}" in graph.carriers[f"p{i}"]) == (z == 1)
+    assert set(graph.ground) == {f"p{k}" for k, cell in enumerate(cells) if not cell[2]}
+
+
+def test_overlapping_goals_are_named() -> None:
+    parts = (block("left", 0.0, 0.0, 0.1), block("right", 0.46, 0.0, 0.1))
+    with pytest.raises(
+        ConstructionError, match="left and right would overlap by 40 mm"
+    ):
+        graph_of(parts)
+    sunk = (block("deep", 0.0, 0.0, 0.05),)
+    with pytest.raises(
+        ConstructionError, match="deep and ground would overlap by 50 mm"
+    ):
+        graph_of(sunk)
+
+
+def test_what_nothing_connects_to_the_ground_floats() -> None:
+    parts = (
+        block("low", 0.0, 0.0, 0.1),
+        block("high", 0.0, 0.0, 0.5),
+        block("higher", 0.0, 0.0, 0.7),
+    )
+    graph = graph_of(parts)
+    assert graph.floating() == ("high", "higher")
+    assert graph_of(parts, touch=0.25).floating() == ()
+
+
+def test_a_leaning_block_rests_on_what_is_below_it() -> None:
+    leaning = ModelPart(
+        "leaning",
+        readonly((0.5, 0.2, 0.2)),
+        10.0,
+        readonly(from_rpy((0.0, 0.0, 0.42), (0.0, np.radians(20.0), 0.0))),
+    )
+    graph = graph_of((block("low", 0.0, 0.0, 0.1), leaning), touch=0.05)
+    assert graph.carriers["leaning"] == {"low"}
+    assert graph.carriers["low"] == frozenset()
