@@ -62,7 +62,7 @@ def trial(planned: Planned, folder: Path) -> Trial:
 def test_the_plan_uses_the_stock_that_is_prescribed(planned: Planned) -> None:
     assert planned.task_plan[2].object == "left_b"
     assert len({planned.task_plan[k].object for k in (1, 2, 3)}) == 3
-    assert set(planned.planning_s) == {"assignment", "motion", "tpg"}
+    assert set(planned.planning_s) == {"assignment", "motion", "tpg", "shortcut"}
 
 
 def test_the_same_seed_gives_the_same_plan(planned: Planned, folder: Path) -> None:
