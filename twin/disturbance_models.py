@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from planning.errors import ScenarioError
 from twin.disturbances import (
     Breakdowns,
     Disturbances,
@@ -35,9 +36,14 @@ def scenario_disturbances(
         folder: where relative paths in the scenario start, that of its file.
 
     Raises:
-        ScenarioError: a file of measured times cannot be read.
+        ScenarioError: a file of measured times cannot be read, or there is no such robot.
     """
     broken = execution.breakdowns
+    named = [*execution.speed.robots, *((broken and broken.robots) or ())]
+    named += [stop.robot for stop in execution.emergency_stops if stop.robot]
+    for name in named:
+        if name not in robots:
+            raise ScenarioError(f"disturbances: no robot {name!r}", choices=robots)
     return Disturbances(
         speed=_speeds(execution, robots),
         jitter=_model(execution.jitter, folder),

@@ -92,8 +92,9 @@ def draw_gantt(
     figure.text(
         0.075,
         1 - 0.36 / height,
-        f"{heading}{run.policy}, makespan {run.makespan_s:.2f} s"
-        + ("" if run.outcome == "completed" else f", {run.outcome}"),
+        f"{heading}{run.policy}, "
+        + ("makespan" if run.outcome == "completed" else f"{run.outcome} after")
+        + f" {run.makespan_s:.2f} s",
         color=_INK,
         fontsize=12,
         fontweight="bold",

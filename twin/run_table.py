@@ -53,6 +53,8 @@ def print_summary(
             f"deep, from {entry['t_start']:.3f} s to {entry['t_end']:.3f} s {entry['detail']}",
             soft_wrap=True,
         )
+    if summary.get("failure"):
+        console.print(f"[red]failed[/red]: {summary['failure']}", soft_wrap=True)
     console.print(f"results: {folder}", soft_wrap=True)
     if recording:
         console.print(f"replay:  twin replay {folder}", soft_wrap=True)
@@ -63,22 +65,11 @@ def summary_rows(
 ) -> list[tuple[str, str, str]]:
     """Return the table's rows: what, how much, and a remark."""
     rows = [("outcome", str(summary["outcome"]), f"seed {summary['seed']}")]
-    if summary.get("failure"):
-        rows.append(("failure", str(summary["failure"]), ""))
-    sequential = float(summary["makespan_sequential_s"])
     makespan = float(summary["makespan_s"])
-    rows.append(("makespan, one task at a time", f"{sequential:.2f} s", ""))
-    if summary["policy"] != "sequential":
-        below = 100 * (1 - makespan / sequential) if sequential > 0 else 0.0
-        rows.append(
-            (
-                f"makespan, {summary['policy']}",
-                f"{makespan:.2f} s",
-                f"{below:.1f} % below",
-            )
-        )
-    bound = float(summary["lower_bound_s"])
-    rows.append(("lower bound of these paths", f"{bound:.2f} s", ""))
+    if summary["outcome"] == "completed":
+        rows += _makespan_rows(summary, makespan)
+    else:
+        rows.append(("ended after", f"{makespan:.2f} s", ""))
     for robot, seconds in summary["wait_s"].items():
         share = f"{100 * seconds / makespan:.1f} % of the time" if makespan > 0 else ""
         rows.append((f"wait of {robot}", f"{seconds:.2f} s", share))
@@ -89,6 +80,20 @@ def summary_rows(
         remark = "with compiling" if compiled else ""
         rows.append((label, f"{seconds:.2f} s", remark))
     rows.append(_audit_row(summary["audit"]))
+    return rows
+
+
+def _makespan_rows(
+    summary: Mapping[str, Any], makespan: float
+) -> list[tuple[str, str, str]]:
+    sequential = float(summary["makespan_sequential_s"])
+    rows = [("makespan, one task at a time", f"{sequential:.2f} s", "")]
+    if summary["policy"] != "sequential":
+        below = 100 * (1 - makespan / sequential) if sequential > 0 else 0.0
+        label = f"makespan, {summary['policy']}"
+        rows.append((label, f"{makespan:.2f} s", f"{below:.1f} % below"))
+    bound = float(summary["lower_bound_s"])
+    rows.append(("lower bound of these paths", f"{bound:.2f} s", ""))
     return rows
 
 

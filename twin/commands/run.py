@@ -61,6 +61,15 @@ Robots = Annotated[
         help="Robots of the team, in place of the scenario's; without a team, the first M.",
     ),
 ]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        help="Value of a key of the execution section, such as stalls.rate_per_h=60; may be "
+        "given several times. Values are words or JSON.",
+        metavar="KEY=VALUE",
+    ),
+]
 Audit = Annotated[
     bool,
     typer.Option("--audit/--no-audit", help="Check what was executed with PyBullet."),
@@ -88,6 +97,7 @@ def run(
     stalls: Stalls = None,
     shortcuts: Shortcuts = None,
     robots: Robots = None,
+    settings: Settings = None,
     audit: Audit = True,
     recording: Recording = True,
     as_json: AsJson = False,
@@ -100,6 +110,7 @@ def run(
     from twin.scenario_file import load_scenario
 
     chosen = _changed(load_scenario(scenario), seed, policy, stalls, shortcuts, robots)
+    chosen = _with_settings(chosen, settings or [], scenario.parent)
     silent = quiet or as_json
     with StageDisplay(enabled=not silent) as progress:
         base = scenario.parent
@@ -148,10 +159,8 @@ def _changed(
     robots: int | None,
 ) -> Scenario:
     """Return the scenario with what the options say in place of what the file says."""
-    from pydantic import ValidationError
-
     from twin.run import POLICIES
-    from twin.scenario import Scenario, resolved
+    from twin.scenario import resolved
     from twin.scenario_cell import choose_robots
 
     content: dict[str, Any] = resolved(scenario)
@@ -168,12 +177,41 @@ def _changed(
         execution["stalls"]["count_per_robot"] = stalls
     if shortcuts is not None:
         content["planning"]["shortcut_candidates"] = shortcuts
+    return _checked(content)
+
+
+def _checked(content: dict[str, Any]) -> Scenario:
+    from pydantic import ValidationError
+
+    from twin.scenario import Scenario
+
     try:
         return Scenario.model_validate_json(json.dumps(content))
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(entry) for entry in first["loc"])
         raise ScenarioError(f"{where}: {first['msg']}") from None
+
+
+def _with_settings(scenario: Scenario, settings: list[str], base: Path) -> Scenario:
+    """Return the scenario with some keys of its execution section set."""
+    from twin.disturbance_models import scenario_disturbances
+    from twin.scenario import resolved
+    from twin.study.variations import parse_variation, varied
+
+    variant: dict[str, Any] = {}
+    for text in settings:
+        variation = parse_variation(text)
+        if len(variation.values) > 1:
+            raise ScenarioError(f"--set {text}: give one value")
+        variant[variation.key] = variation.values[0]
+    if not variant:
+        return scenario
+    chosen = _checked(resolved(varied(scenario, variant)))
+    # Names of robots and files of times are looked at now, not after planning.
+    names = tuple(robot.name for robot in chosen.cell.robots)
+    scenario_disturbances(chosen.execution, names, base)
+    return chosen
 
 
 def _planned(scenario: Scenario, base: Path, progress: Report) -> _Plan:
