@@ -160,14 +160,14 @@ def _dot(graph: Graph, name: str) -> str:
     lines = [
         f"digraph {_quoted(name)} {{",
         "  rankdir=LR;",
-        '  node [shape=box, style="rounded,filled", fontname="sans-serif", fontsize=10];',
-        '  edge [fontname="sans-serif", fontsize=8, color="#555555"];',
+        '  node [shape=box, style="rounded,filled", fontname="Helvetica", fontsize=10];',
+        '  edge [fontname="Helvetica", fontsize=8, color="#555555"];',
     ]
     robots = dict.fromkeys(data["robot"] for _, data in graph.nodes(data=True))
     for k, robot in enumerate(robots):
         lines.append(f"  subgraph cluster_{k} {{")
         lines.append(
-            f'    label={_quoted(robot)}; fontname="sans-serif"; color="#bbbbbb";'
+            f'    label={_quoted(robot)}; fontname="Helvetica"; labeljust=l; color="#bbbbbb";'
         )
         for node, data in graph.nodes(data=True):
             if data["robot"] == robot:
