@@ -168,5 +168,5 @@ def _forecast_line(run: FollowedRun, forecast: Forecast | None, now: int) -> Tex
         text.append(f"  {left[0]:.0f} to {left[1]:.0f} s to go")
     if forecast.failing > 0:
         share = 100 * forecast.failing
-        text.append(f"  a task fails in {share:.0f} % of futures", style="red")
+        text.append(f"  a task fails in {share:.1f} % of futures", style="red")
     return text

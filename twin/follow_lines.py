@@ -115,7 +115,7 @@ def forecast_sentence(forecast: Forecast) -> str:
             f" {max(p50 - forecast.t_s, 0.0):.1f} s to go"
         )
     if forecast.failing > 0:
-        text += f"  a task fails in {100 * forecast.failing:.0f} % of futures"
+        text += f"  a task fails in {100 * forecast.failing:.1f} % of futures"
     return text
 
 
