@@ -1,0 +1,230 @@
+"""How many replications a second both engines manage, in one process.
+
+    python -m benchmarks.engines
+
+Plans the cliff and the chair, executes each with both engines, checks that they agree to the
+nanosecond, and writes benchmarks/results/engines.md. Then it runs studies of growing size, each in
+a process of its own, and reads their peak memory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.machine import date_line, machine_line
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from twin.bulk_engine import BulkEngine
+from twin.duration_models import skill_durations
+from twin.durations import SkillDurations
+from twin.engine import Simulator
+from twin.pipeline import order_motions, plan_in_turns
+from twin.progress import StageDisplay
+from twin.scenario_file import load_scenario
+from twin.stage_watch import StageWatch
+from twin.study.timing_graph import load_timing_graph, save_timing_graph, timing_graph
+
+ROOT = Path(__file__).parents[1]
+RESULT = ROOT / "benchmarks" / "results" / "engines.md"
+MANY = 10_000
+STUDIES = (1_000, 10_000, 100_000)
+
+
+@dataclass(frozen=True)
+class Rates:
+    """How fast the engines are with one plan.
+
+    Attributes:
+        scenario: its name.
+        nodes: of the plan.
+        segments, edges: of its contraction.
+        events_per_s: replications a second of the event engine.
+        makespans_s: CPU time of MANY replications side by side, makespans only [s].
+        everything_s: the same with starts, ends, waits, critical paths and slack [s].
+    """
+
+    scenario: str
+    nodes: int
+    segments: int
+    edges: int
+    events_per_s: float
+    makespans_s: float
+    everything_s: float
+
+    @property
+    def ratio(self) -> float:
+        """How many times faster many replications side by side are."""
+        return MANY / self.makespans_s / self.events_per_s
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--out", type=Path, default=RESULT)
+    parser.add_argument(
+        "--peak", nargs=2, metavar=("GRAPH", "N"), help=argparse.SUPPRESS
+    )
+    options = parser.parse_args(arguments)
+    if options.peak:
+        peak = _study_in_this_process(Path(options.peak[0]), int(options.peak[1]))
+        sys.stdout.write(f"{peak}\n")
+        return 0
+    rates = []
+    with StageDisplay() as progress:
+        for name in ("cliff", "chair"):
+            path = ROOT / "scenarios" / "lego" / f"{name}.yaml"
+            scenario = load_scenario(path)
+            watch = StageWatch(progress)
+            turns = plan_in_turns(scenario, path.parent, watch)
+            plan = order_motions(turns.motion_plan, watch)
+            durations = skill_durations(scenario, path.parent)
+            rates.append(measure(name, plan, durations))
+            if name == "cliff":
+                graph = ROOT / "benchmarks" / ".measured" / "cliff.npz"
+                graph.parent.mkdir(exist_ok=True)
+                save_timing_graph(graph, timing_graph(plan))
+    peaks = [(count, _peak_mib(graph, count)) for count in STUDIES]
+    options.out.write_text(_report(rates, peaks), encoding="utf-8")
+    sys.stdout.write(f"{options.out}\n")
+    return 0
+
+
+def measure(name: str, tpg: TemporalPlanGraph, durations: SkillDurations) -> Rates:
+    """Measure both engines with one plan, kernels compiled."""
+    bulk = BulkEngine(tpg, durations)
+    bulk.run(seed=0, replications=range(2))
+    events = Simulator(tpg, durations)
+    found = bulk.makespans_ns(seed=0, replications=range(MANY))
+    count = 0
+
+    def replicate() -> None:
+        nonlocal count
+        run = events.run(seed=0, replication=count)
+        if run.makespan_ns != found[count]:
+            raise AssertionError(f"{name}: engines disagree in replication {count}")
+        count += 1
+
+    clock = time.process_time()
+    while time.process_time() - clock < 5 or count < 20:
+        replicate()
+    rate = count / (time.process_time() - clock)
+    return Rates(
+        scenario=name,
+        nodes=sum(len(chain) for chain in tpg.chains),
+        segments=len(bulk.graph.order),
+        edges=len(bulk.graph.source),
+        events_per_s=rate,
+        makespans_s=_seconds(
+            lambda: bulk.makespans_ns(seed=0, replications=range(MANY))
+        ),
+        everything_s=_seconds(lambda: _in_blocks(bulk)),
+    )
+
+
+def _in_blocks(bulk: BulkEngine) -> None:
+    """Execute MANY replications as a study does, some hundred at a time."""
+    for first in range(0, MANY, 500):
+        bulk.run(seed=0, replications=range(first, first + 500))
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    """Return the least CPU time of three tries [s]."""
+    tries = []
+    for _ in range(3):
+        clock = time.process_time()
+        work()
+        tries.append(time.process_time() - clock)
+    return min(tries)
+
+
+def _peak_mib(graph: Path, count: int) -> float:
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.engines", "--peak", str(graph), str(count)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return float(done.stdout)
+
+
+def _study_in_this_process(graph: Path, count: int) -> float:
+    """Run a study of one cell and return the peak memory of this process [MiB]."""
+    import tempfile
+
+    from twin.disturbances import Disturbances
+    from twin.duration_models import skill_models
+    from twin.study.executors import open_executor
+    from twin.study.experiment import Experiment
+    from twin.study.runner import run_replications
+    from twin.study.tables import write_replications
+    from twin.study.workload import Workload
+
+    path = ROOT / "scenarios" / "lego" / "cliff.yaml"
+    models = skill_models(load_scenario(path), path.parent)
+    load = Workload(
+        load_timing_graph(graph),
+        "asynchronous",
+        SkillDurations(models),
+        Disturbances(),
+        seed=0,
+    )
+    experiment = Experiment(("asynchronous",), replications=count)
+    with tempfile.TemporaryDirectory() as folder:
+        blocks = Path(folder) / "blocks"
+        run_replications(experiment, [load], blocks, lambda: open_executor(workers=0))
+        write_replications(Path(folder) / "replications.parquet", experiment, blocks)
+    # Not ru_maxrss, which a process inherits from the one that started it.
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    peak = next(line for line in status.splitlines() if line.startswith("VmHWM"))
+    return int(peak.split()[1]) / 1024
+
+
+def _report(rates: Sequence[Rates], peaks: Sequence[tuple[int, float]]) -> str:
+    lines = [
+        "# Two engines",
+        "",
+        f"{machine_line()}, {date_line()}, seed 0. One process, kernels compiled, CPU time.",
+        "The engines agreed to the nanosecond in every replication that both executed.",
+        "",
+        "| plan | nodes | segments | type-2 edges | event engine [1/s] |"
+        f" {MANY} makespans [s] | {MANY} in full [s] | ratio |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|",
+    ]
+    lines += [
+        f"| {r.scenario} | {r.nodes} | {r.segments} | {r.edges} | {r.events_per_s:.0f}"
+        f" | {r.makespans_s:.2f} | {r.everything_s:.2f} | {r.ratio:.0f} |"
+        for r in rates
+    ]
+    lines += [
+        "",
+        "*In full* is with starts, ends, waits by cause, critical paths and slack, in blocks of 500"
+        " as in a study. *Ratio* is replications a second side by side, makespans only, against"
+        " the event engine.",
+        "",
+        "## Memory of a study of the cliff",
+        "",
+        "| replications | peak memory of the process [MiB] |",
+        "|---:|---:|",
+    ]
+    lines += [f"| {count} | {peak:.0f} |" for count, peak in peaks]
+    growth = np.diff([peak for _, peak in peaks])[-1]
+    grown = STUDIES[-1] - STUDIES[-2]
+    lines += [
+        "",
+        f"The last {grown} replications added {growth * 2**20 / grown:.0f} bytes each; the"
+        " makespans that the stopping rule looks at are 8 of them.",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
