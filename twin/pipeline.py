@@ -47,7 +47,8 @@ class Planned:
         motion_plan: how everyone moves, one task after another or in slots.
         tpg: what must wait for what.
         planning_s: wall-clock seconds a stage: sequence (where the scenario gives a structure),
-            assignment, motion, synchronous (where the plan is made in slots), tpg.
+            assignment, motion, synchronous (where the plan is made in slots), tpg; of a
+            construction checks, search, keyframes, path, postprocessing, tpg.
         turns: nodes of the sequential plan, where the plan is made in slots or shortened;
             None where ``tpg`` has the same nodes.
     """
@@ -63,13 +64,14 @@ class Planned:
 
 @dataclass(frozen=True)
 class PlannedInTurns:
-    """A scenario planned one task after another: what every coordination starts from.
+    """A scenario with its motions: what every coordination starts from.
 
     Attributes:
         cell: the workcell.
-        assembly: what is built, such as a ``LegoAssembly``.
+        assembly: what is built, such as a ``LegoAssembly``; the plan of a construction.
         task_plan: who does what.
-        motion_plan: how everyone moves while all others stand.
+        motion_plan: how everyone moves while all others stand, but for constructions, in which
+            all move at once.
         settings: how tasks were turned into motions.
     """
 
@@ -92,12 +94,13 @@ def plan_scenario(
 
     Raises:
         RobotModelError: a robot description cannot be used.
+        ConstructionError: a construction for which no plan was found.
         InfeasibleStepError: a step that no robot, brick and grasp can do.
         TransitError: no collision-free path was found.
         PlanInvariantError: the plan breaks a guarantee, which is a fault of this program.
     """
     watch = StageWatch(progress)
-    first = plan_in_turns(scenario, folder, watch)
+    first = plan_motions(scenario, folder, watch)
     motion_plan, slots, turns = first.motion_plan, None, None
     if scenario.planning.coordination == "synchronous":
         synchronous = plan_in_slots(first, watch)
@@ -124,6 +127,21 @@ def plan_scenario(
         watch.seconds,
         turns,
     )
+
+
+def plan_motions(scenario: Scenario, folder: Path, watch: StageWatch) -> PlannedInTurns:
+    """Plan how everyone moves: one task after another, or a construction in space and time.
+
+    See plan_in_turns and plan_in_space_time for the stages, plan_scenario for the errors.
+    """
+    if scenario.assembly.kind != "construction":
+        return plan_in_turns(scenario, folder, watch)
+    from twin.space_time import plan_in_space_time
+
+    cell = build_workcell(scenario, folder)
+    plan, task_plan, motion_plan = plan_in_space_time(scenario, cell, folder, watch)
+    settings = motion_settings(scenario, cell, folder)
+    return PlannedInTurns(cell, plan, task_plan, motion_plan, settings)
 
 
 def plan_in_turns(

@@ -9,7 +9,7 @@ from scheduling.plan_files import load_plan, save_plan
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.disturbance_models import needs_event_engine, scenario_disturbances
 from twin.duration_models import skill_durations
-from twin.pipeline import order_motions, plan_in_slots, plan_in_turns, shorten
+from twin.pipeline import order_motions, plan_in_slots, plan_motions, shorten
 from twin.progress import Report
 from twin.scenario import Scenario
 from twin.stage_watch import StageWatch
@@ -46,7 +46,7 @@ def plan_for_study(
     """
     needed = {PLAN_OF_POLICY[policy][0] for policy in policies}
     watch = StageWatch(progress)
-    turns = plan_in_turns(scenario, base, watch)
+    turns = plan_motions(scenario, base, watch)
     plans = {}
     if needed & {TURNS, SHORTENED}:
         plans[TURNS] = order_motions(turns.motion_plan, watch)

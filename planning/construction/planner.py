@@ -1,0 +1,81 @@
+"""Plans a construction: the search, and what it took (Hartmann et al.)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from planning.construction.bounds import ReachBounds
+from planning.construction.building import Building
+from planning.construction.part_contacts import PartContacts
+from planning.construction.problem import ConstructionProblem
+from planning.construction.search import ConstructionSearch, SearchSettings
+from planning.construction.stopwatch import Stopwatch
+from planning.construction.subproblem import SubproblemSettings, SubproblemSolver
+
+
+@dataclass(frozen=True)
+class PlannerSettings:
+    """How hard a construction is planned.
+
+    Attributes:
+        search: over objects, robots and actions.
+        subproblem: each part.
+    """
+
+    search: SearchSettings = field(default_factory=SearchSettings)
+    subproblem: SubproblemSettings = field(default_factory=SubproblemSettings)
+
+
+@dataclass(frozen=True)
+class ConstructionPlan:
+    """A planned construction.
+
+    Attributes:
+        problem: what is built by whom.
+        building: all timelines, and the work that they are made of.
+        seconds: wall-clock seconds by component: keyframes, path, postprocessing.
+        cpu: processor seconds, likewise.
+        rewound: how many placements were taken back.
+    """
+
+    problem: ConstructionProblem
+    building: Building
+    seconds: Mapping[str, float]
+    cpu: Mapping[str, float]
+    rewound: int = 0
+
+    @property
+    def makespan(self) -> float:
+        """When the last robot has done its work [s]."""
+        return max(work.end for work in self.building.work)
+
+
+def plan_construction(
+    problem: ConstructionProblem,
+    settings: PlannerSettings | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    bounds: ReachBounds | None = None,
+) -> ConstructionPlan:
+    """Plan a construction in space and time.
+
+    Args:
+        problem: what is built by whom.
+        settings: how hard is tried.
+        progress: told how many parts are planned, of how many.
+        bounds: who reaches what, where that is known already.
+
+    Raises:
+        ConstructionError: no plan was found.
+    """
+    settings = settings or PlannerSettings()
+    bounds = bounds or ReachBounds(problem)
+    watch = Stopwatch()
+    solver = SubproblemSolver(
+        problem, bounds, PartContacts(problem), settings.subproblem, watch
+    )
+    search = ConstructionSearch(problem, bounds, solver, settings.search, progress)
+    building = search.run()
+    return ConstructionPlan(
+        problem, building, dict(watch.seconds), dict(watch.cpu), search.rewound
+    )
