@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from planning.construction.arena import Arena, column, row, table
+from planning.construction.arena import Arena, Integers, column, row, table
 from planning.construction.body_checks import (
     BLOCKED,
     CLEAR,
@@ -39,7 +39,6 @@ from planning.construction.space_time_scene import (
     STEP,
     TRACK_FIRST,
     TREE,
-    TREE_FIRST,
     WIDEST,
     apart,
     sweep_own,
@@ -48,7 +47,7 @@ from planning.construction.tracks import near_stretch, pieces_at
 from planning.transforms import Array
 
 _PROBE = 0.4
-"""Distance of the instants probed before a whole motion [s, rad or m]."""
+"""Motions longer than this are probed in the middle first [s, rad or m]."""
 
 
 @njit(cache=True)
@@ -132,16 +131,19 @@ def moving_clear_until(
         q1, t1: where it ends, and when.
     """
     q_a, q_b = column(scene, OWN_QA), column(scene, OWN_QB)
-    settings = column(scene, SETTINGS)
+    settings, around = column(scene, SETTINGS), column(scene, AROUND)
+    start, end = column(scene, PIECE_START), column(scene, PIECE_END)
+    tree, firsts = table(scene, TREE), row(scene, TRACK_FIRST)
+    widest = settings[WIDEST]
     several = len(column(scene, BEGIN)) > 1
     own_at(scene, q0, t0, q1, t1, t0, q_a)
     own_at(scene, q0, t0, q1, t1, t1, q_b)
     sweep_own(scene, t0, t1)
     near = row(scene, NEAR)
     begin, finish = _cells(settings[STEP], t0, t1)
-    tracks = 0
-    for r in range(len(row(scene, TRACK_FIRST)) - 1):
-        p, q = _near_pieces(scene, r, begin, finish)
+    tracks = len(firsts) * 0
+    for r in range(len(firsts) - 1):
+        p, q = _near_pieces(start, end, tree, firsts, r, begin, finish, around, widest)
         if p < q:
             near[tracks] = r
             tracks += 1
@@ -163,7 +165,9 @@ def moving_clear_until(
         single = finish - begin < 1.5 * size
         clear = True
         for k in range(tracks):
-            p, q = _near_pieces(scene, near[k], begin, finish)
+            p, q = _near_pieces(
+                start, end, tree, firsts, near[k], begin, finish, around, widest
+            )
             if p < q and not (single and clear_of_pieces(scene, p, q, begin, finish)):
                 clear = False
                 break
@@ -201,17 +205,22 @@ def _cells(size: float, lo: float, hi: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def _near_pieces(
-    scene: Arena, track: int, begin: float, finish: float
+    start: Array,
+    end: Array,
+    tree: Array,
+    firsts: Integers,
+    track: int,
+    begin: float,
+    finish: float,
+    around: Array,
+    widest: float,
 ) -> tuple[int, int]:
     """Return the pieces of a track in a span, none where all are out of the movers' reach."""
-    firsts = row(scene, TRACK_FIRST)
     first, last = firsts[track], firsts[track + 1]
-    start, end = column(scene, PIECE_START), column(scene, PIECE_END)
     p, q = pieces_at(start, end, first, last, begin, finish)
-    base = row(scene, TREE_FIRST)[track]
-    around, widest = column(scene, AROUND), column(scene, SETTINGS)[WIDEST]
-    tree = table(scene, TREE)
-    if near_stretch(tree, base, last - first, p - first, q - first, around, widest):
+    # The tree of a track has two nodes for each of its pieces.
+    count, base = last - first, 2 * first
+    if near_stretch(tree, base, count, p - first, q - first, around, widest):
         return p, q
     return p, p
 
@@ -235,20 +244,34 @@ def clear_throughout(scene: Arena, q0: Array, q1: Array, lo: float, hi: float) -
     column(scene, OWN_QA)[:] = q0
     column(scene, OWN_QB)[:] = q1
     sweep_own(scene, lo, hi)
-    for r in range(len(row(scene, TRACK_FIRST)) - 1):
-        p, q = _near_pieces(scene, r, begin, finish)
+    return _clear_of_tracks(scene, begin, finish) and (
+        len(column(scene, BEGIN)) == 1 or movers_clear(scene, hi >= lo)
+    )
+
+
+@njit(cache=True)
+def _clear_of_tracks(scene: Arena, begin: float, finish: float) -> bool:
+    """Check the swept movers against all pieces in a span."""
+    start, end = column(scene, PIECE_START), column(scene, PIECE_END)
+    tree, firsts = table(scene, TREE), row(scene, TRACK_FIRST)
+    around, widest = column(scene, AROUND), column(scene, SETTINGS)[WIDEST]
+    for r in range(len(firsts) - 1):
+        p, q = _near_pieces(start, end, tree, firsts, r, begin, finish, around, widest)
         if p < q and not clear_of_pieces(scene, p, q, begin, finish):
             return False
-    return len(column(scene, BEGIN)) == 1 or movers_clear(scene, hi >= lo)
+    return True
 
 
 @njit(cache=True)
 def configuration_clear(scene: Arena, q: Array, t: float) -> bool:
     """Tell whether the movers may be at ``q``, shape (n,), at one instant."""
     clear, _ = still_clear_until(scene, q, t, q, t, 0.0)
-    if clear:
-        clear, _ = moving_clear_until(scene, q, t, q, t)
-    return clear
+    # The movers have been swept, if such it may be called, and not cut up.
+    return (
+        clear
+        and _clear_of_tracks(scene, t, t)
+        and (len(column(scene, BEGIN)) == 1 or movers_clear(scene, clear))
+    )
 
 
 @njit(cache=True)
@@ -292,26 +315,17 @@ def clear_until(
 
 @njit(cache=True)
 def motion_clear(scene: Arena, q0: Array, t0: float, q1: Array, t1: float) -> bool:
-    """Tell whether a whole motion is clear: a few instants of it first."""
+    """Tell whether a whole motion is clear: its end and its middle first."""
     if not configuration_clear(scene, q1, t1):
         return False
     widest = t1 - t0
     for j in range(len(q0)):
         widest = max(widest, abs(q1[j] - q0[j]))
-    step = 1
-    while step * _PROBE < widest and step < 16:
-        step *= 2
-    q = np.empty_like(q0)
-    # Ever finer in between: the middle first.
-    width = step
-    while width > 1:
-        k = width // 2
-        while k < step:
-            t = t0 + (t1 - t0) * k / step
-            own_at(scene, q0, t0, q1, t1, t, q)
-            if not configuration_clear(scene, q, t):
-                return False
-            k += width
-        width //= 2
+    if widest > _PROBE:
+        q = np.empty_like(q0)
+        middle = 0.5 * (t0 + t1)
+        own_at(scene, q0, t0, q1, t1, middle, q)
+        if not configuration_clear(scene, q, middle):
+            return False
     clear, _ = clear_until(scene, q0, t0, q1, t1)
     return clear
