@@ -145,6 +145,14 @@ def audited_runs(
             )
 
 
+def run_with_stalls(
+    scenario: Scenario, tpg: TemporalPlanGraph, base: Path, seed: int, stalls: int
+) -> AuditedRun:
+    """Execute a plan once with random stalls and audit it."""
+    (run,) = audited_runs(scenario, tpg, base, "shortened", [(seed, stalls)])
+    return run
+
+
 def main() -> int:
     """Measure what is missing, write the result files, tell whether all runs passed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
