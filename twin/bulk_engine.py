@@ -20,7 +20,7 @@ from twin.disturbances import Disturbances
 from twin.durations import Nanoseconds, SkillDurations, to_nanoseconds
 from twin.durations.skill_draws import SkillDraws
 from twin.max_plus import Completions, completions, makespans
-from twin.node_times import NodeTimeSampler
+from twin.node_times import NodeTimeSampler, SegmentTimes
 from twin.policy_graph import policy_graph
 from twin.precedence import PrecedenceArrays
 from twin.run import Policy
@@ -41,20 +41,6 @@ class _Shares:
     draw: Indices
     low: Array
     high: Array
-
-
-@dataclass(frozen=True)
-class BusyTimes:
-    """What replications give the segments of a plan.
-
-    Attributes:
-        busy_ns: stall and duration of each segment together, shape (segments, r) [ns].
-        fails: True where a task fails for good: what comes of it takes the event engine,
-            shape (r,).
-    """
-
-    busy_ns: Nanoseconds
-    fails: npt.NDArray[np.bool_]
 
 
 class BulkEngine:
@@ -86,20 +72,16 @@ class BulkEngine:
         self._shares = _shares(self._draws, self.contraction)
         self._bare = disturbances is None or disturbances == Disturbances()
 
-    def sample(self, *, seed: int, replications: npt.ArrayLike) -> BusyTimes:
+    def sample(self, *, seed: int, replications: npt.ArrayLike) -> SegmentTimes:
         """Draw what every segment takes in some replications."""
         numbers = np.asarray(replications, dtype=np.int64)
-        fails = np.zeros(len(numbers), dtype=np.bool_)
         if self._bare:
             totals = self._draws.totals(seed=seed, replications=numbers).T
-            return BusyTimes(self._busy(totals), fails)
-        columns = []
-        for r, number in enumerate(numbers.tolist()):
-            times = self._sampler.sample(seed=seed, replication=number)
-            both = [m + s for m, s in zip(times.motion, times.stall, strict=True)]
-            columns.append(np.concatenate(self.contraction.sums(both)))
-            fails[r] = any(node >= 0 for node in times.failed)
-        return BusyTimes(np.stack(columns, axis=1), fails)
+            none = np.zeros(len(numbers), dtype=np.bool_)
+            return SegmentTimes(self._busy(totals), none)
+        return self._sampler.sample_segments(
+            self.contraction, seed=seed, replications=numbers
+        )
 
     def _busy(self, totals: Nanoseconds) -> Nanoseconds:
         """Return the times of segments from those of skills, shape (tasks, r) [ns]."""

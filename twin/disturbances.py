@@ -9,10 +9,7 @@ from typing import Literal
 import numpy as np
 
 from planning.errors import ScenarioError
-from planning.transforms import Array
-from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.draws import uniforms
-from twin.durations import DurationModel, Nanoseconds, Uniform, to_nanoseconds
+from twin.durations import DurationModel
 
 
 def _require(holds: bool, message: str) -> None:
@@ -41,21 +38,6 @@ class RandomStalls:
             "stalls: need count_per_robot >= 0 and 0 <= shortest <= longest "
             f"duration_s, not {self.count_per_robot} and [{low}, {high}]",
         )
-
-    def sample(
-        self, tpg: TemporalPlanGraph, *, seed: int, replication: int = 0
-    ) -> tuple[Nanoseconds, ...]:
-        """Return the stall before each node moves, per chain, each of shape (nodes,) [ns]."""
-        model = self.model or Uniform(*self.duration_s)
-        stalls = []
-        for chain in tpg.chains:
-            count = min(self.count_per_robot, len(chain))
-            place = _draw(seed, replication, chain.robot, "stall-node", count)
-            u = _draw(seed, replication, chain.robot, "stall", count)
-            out = np.zeros(len(chain), dtype=np.int64)
-            out[_choose(len(chain), place)] = to_nanoseconds(model.ppf(u))
-            stalls.append(out)
-        return tuple(stalls)
 
 
 @dataclass(frozen=True)
@@ -179,28 +161,3 @@ class Disturbances:
         """Whether something happens at times of the run's clock, whatever is under way then."""
         by_clock = self.breakdowns is not None and self.breakdowns.clock == "run"
         return bool(self.emergency_stops) or by_clock
-
-
-def _draw(seed: int, replication: int, robot: str, purpose: str, count: int) -> Array:
-    return uniforms(
-        seed,
-        replication,
-        [robot] * count,
-        [-1] * count,
-        [""] * count,
-        purpose,
-        range(count),
-    )
-
-
-def _choose(n: int, u: Array) -> list[int]:
-    """Return ``len(u)`` distinct numbers below n, every choice equally likely.
-
-    Floyd's algorithm: one uniform a number, none redrawn.
-    """
-    chosen: dict[int, None] = {}
-    for k, value in enumerate(u.tolist()):
-        last = n - len(u) + k
-        pick = min(int(value * (last + 1)), last)
-        chosen[last if pick in chosen else pick] = None
-    return list(chosen)

@@ -16,6 +16,7 @@ from twin.disturbances import Disturbances, RandomStalls
 from twin.durations import SkillDurations, packaged_timings
 from twin.engine import Simulator, simulate
 from twin.events import Event
+from twin.node_times import sample_node_times
 from twin.recorders.memory import MemoryRecorder
 from twin.run import DeadlockError, Run
 
@@ -167,12 +168,8 @@ def test_stalls_lengthen_nodes_and_nothing_else(
     tpg: TemporalPlanGraph, seed: int
 ) -> None:
     stalls = RandomStalls(2, (0.5, 3.0))
-    busy = [
-        d + s
-        for d, s in zip(
-            VARIED.sample(tpg, seed=seed), stalls.sample(tpg, seed=seed), strict=True
-        )
-    ]
+    times = sample_node_times(tpg, VARIED, Disturbances(stalls=stalls), seed=seed)
+    busy = [d + s for d, s in zip(times.motion, times.stall, strict=True)]
     earliest = earliest_times(tpg, busy)
     for recorders in ([], [MemoryRecorder()]):
         run = simulate(

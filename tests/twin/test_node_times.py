@@ -4,9 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.test_engine import TPGS
 from tests.twin.twin_toys import random_tpg
+from twin.chain_draws import choose
+from twin.contraction import contract
 from twin.disturbances import (
     Breakdowns,
     Disturbances,
@@ -17,7 +23,7 @@ from twin.disturbances import (
 )
 from twin.draws import uniform
 from twin.durations import Fixed, SkillDurations, Uniform, packaged_timings
-from twin.node_times import NodeTimes, sample_node_times
+from twin.node_times import NodeTimes, NodeTimeSampler, sample_node_times
 
 VARIED = SkillDurations(packaged_timings())
 TPG = random_tpg(16, tasks=20)
@@ -185,3 +191,100 @@ def test_draws_do_not_depend_on_other_disturbances() -> None:
 def test_impossible_disturbances_are_refused(make: object) -> None:
     with pytest.raises(ScenarioError):
         make()  # type: ignore[operator]
+
+
+# Many replications at once, and against a sampler that is slow and obvious
+
+
+@settings(max_examples=25, deadline=None)
+@given(TPGS, st.integers(0, 100))
+def test_segments_of_many_replications_are_the_sums_of_each(
+    tpg: TemporalPlanGraph, seed: int
+) -> None:
+    sampler = NodeTimeSampler(tpg, VARIED, EVERYTHING)
+    contraction = contract(tpg)
+    numbers = [4, 0, 17, 5]
+    bulk = sampler.sample_segments(contraction, seed=seed, replications=numbers)
+    for column, replication in enumerate(numbers):
+        one = sampler.sample(seed=seed, replication=replication)
+        busy = [m + s for m, s in zip(one.motion, one.stall, strict=True)]
+        sums = np.concatenate(contraction.sums(busy))
+        assert np.array_equal(bulk.busy_ns[:, column], sums)
+        assert bulk.fails[column] == any(node >= 0 for node in one.failed)
+
+
+def test_pieces_of_replications_make_no_difference(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    sampler = NodeTimeSampler(TPG, VARIED, EVERYTHING)
+    contraction = contract(TPG)
+    whole = sampler.sample_segments(contraction, seed=3, replications=range(25))
+    monkeypatch.setattr("twin.node_times._MOST_VALUES", 7 * len(TPG.chains[0]))
+    pieces = sampler.sample_segments(contraction, seed=3, replications=range(25))
+    assert np.array_equal(whole.busy_ns, pieces.busy_ns)
+    assert np.array_equal(whole.fails, pieces.fails)
+
+
+def standstills_of_chain(k: int, motion: list[int], replication: int) -> list[tuple]:
+    """Rate stalls, breakdowns and failed attempts, one draw after the other."""
+    chain, found = TPG.chains[k], []
+
+    def draw(task: int, purpose: str, index: int) -> float:
+        kind = TPG.tasks[task].kind
+        return uniform(1, replication, chain.robot, task, kind, purpose, index)
+
+    for task in dict.fromkeys(chain.task.tolist()):
+        nodes = np.flatnonzero(chain.task == task).tolist()
+        for cause, mean_s in (("stall", 6.0), ("breakdown", 10.0)):
+            clock, index = 0.0, 0
+            while True:
+                clock -= mean_s * 1e9 * np.log(draw(task, f"{cause}-gap", index))
+                if clock >= sum(motion[n] for n in nodes):
+                    break
+                u = draw(task, f"{cause}-duration", index)
+                seconds = 1.0 + u if cause == "stall" else -5.0 * np.log1p(-u)
+                node = next(
+                    n for n in nodes if clock < sum(motion[m] for m in nodes if m <= n)
+                )
+                found.append((node, cause, round(seconds * 1e9)))
+                index += 1
+        limit = {"pick": (0.5, 3), "handover": (0.9, 1)}.get(TPG.tasks[task].kind)
+        if limit:
+            node = next(n for n in nodes if chain.skill[n])
+            for attempt in range(limit[1] + 1):
+                if draw(task, "failure", attempt) >= limit[0]:
+                    break
+                cost = sum(motion[n] for n in nodes if chain.skill[n])
+                found.append((node, "retry", cost))
+    return found
+
+
+@pytest.mark.parametrize("replication", range(6))
+def test_standstills_are_those_of_a_slow_sampler(replication: int) -> None:
+    quiet = replace(EVERYTHING, stalls=None)
+    run = times(quiet, replication)
+    for k, stands in enumerate(run.standstills):
+        slow = standstills_of_chain(k, run.motion[k].tolist(), replication)
+        fast = [(e.node, e.cause, e.duration_ns) for e in stands]
+        assert sorted(fast) == sorted(slow)
+
+
+@given(st.integers(1, 12), st.data())
+def test_choices_are_distinct_and_those_of_floyds_algorithm(
+    n: int, data: st.DataObject
+) -> None:
+    count = data.draw(st.integers(0, n))
+    u = np.array(
+        data.draw(
+            st.lists(st.floats(0.001, 0.999), min_size=3 * count, max_size=3 * count)
+        )
+    ).reshape(count, 3)
+    found = choose(n, u)
+    for column in range(3):
+        chosen: list[int] = []
+        for k in range(count):
+            last = n - count + k
+            pick = min(int(u[k, column] * (last + 1)), last)
+            chosen.append(last if pick in chosen else pick)
+        assert found[:, column].tolist() == chosen
+        assert len(set(chosen)) == count
