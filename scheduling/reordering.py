@@ -50,7 +50,7 @@ def reorder_tasks(tpg: TemporalPlanGraph, *, width: int = WIDTH) -> TemporalPlan
     order = search.search(width)
     if order == list(range(len(blocks))):
         return tpg
-    chains = _with_order(tpg.chains, relations, [blocks[b] for b in order])
+    chains = put_in_order(tpg.chains, relations, [blocks[b] for b in order])
     again = connect_nodes(
         replace(tpg, chains=chains, slots=np.empty(0, dtype=np.int64)),
         occupied=occupied,
@@ -121,12 +121,12 @@ def _in_turns(
     return out
 
 
-def _with_order(
+def put_in_order(
     chains: Sequence[NodeChain],
     relations: TaskRelations,
     order: Sequence[tuple[int, ...]],
 ) -> tuple[NodeChain, ...]:
-    """Return chains whose planned starts put blocks one after another."""
+    """Return chains whose planned starts put blocks one after another, in this order."""
     planned: list[Array] = [chain.planned_start.copy() for chain in chains]
     clock = 0.0
     for block in order:

@@ -33,7 +33,7 @@ class _Done(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _State:
+class Way:
     """A way through the grid, as far as it goes.
 
     Attributes:
@@ -52,7 +52,16 @@ class _State:
     waited: float
     rating: float
     move: int
-    parent: _State | None
+    parent: Way | None
+
+    def order(self) -> list[int]:
+        """Return the blocks, one after another."""
+        blocks = []
+        way: Way | None = self
+        while way is not None and way.parent is not None:
+            blocks.append(way.move)
+            way = way.parent
+        return blocks[::-1]
 
 
 class TaskOrderSearch:
@@ -95,13 +104,17 @@ class TaskOrderSearch:
         self._tail = self._tails()
 
     def search(self, width: int) -> list[int]:
-        """Return the order of the blocks.
+        """Return the order of the blocks, see ``best_way``."""
+        return self.best_way(width).order()
+
+    def best_way(self, width: int) -> Way:
+        """Return the best way to the end that is found.
 
         Args:
             width: ways that are followed at once.
         """
         chains = range(len(self._relations.of_chain))
-        start = _State(
+        start = Way(
             tuple(0 for _ in chains),
             tuple(None for _ in chains),
             tuple(0.0 for _ in chains),
@@ -112,7 +125,7 @@ class TaskOrderSearch:
         )
         planned, turn = start, 0
         total = len(self._relations.units)
-        found: dict[int, list[_State]] = {0: [start]}
+        found: dict[int, list[Way]] = {0: [start]}
         for number in range(total):
             for state in self._best(found.pop(number, []), width):
                 for block in self._moves(state):
@@ -124,19 +137,13 @@ class TaskOrderSearch:
                 planned = self._extend(planned, self._blocks[turn], turn)
                 turn += 1
                 found.setdefault(sum(planned.counts), []).append(planned)
-        best = min(found[total], key=lambda state: (max(state.clocks), state.waited))
-        order = []
-        last: _State | None = best
-        while last is not None and last.move >= 0:
-            order.append(last.move)
-            last = last.parent
-        return order[::-1]
+        return min(found[total], key=lambda way: (max(way.clocks), way.waited))
 
-    def _best(self, states: list[_State], width: int) -> list[_State]:
+    def _best(self, states: list[Way], width: int) -> list[Way]:
         """Return the best ways, not too many that have done the same."""
         states.sort(key=lambda state: (state.rating, state.waited))
-        kept: list[_State] = []
-        seen: dict[tuple[int, ...], list[_State]] = {}
+        kept: list[Way] = []
+        seen: dict[tuple[int, ...], list[Way]] = {}
         for state in states:
             same = seen.setdefault(state.counts, [])
             if len(same) >= 4 or any(
@@ -150,7 +157,7 @@ class TaskOrderSearch:
                 break
         return kept
 
-    def _moves(self, state: _State) -> list[int]:
+    def _moves(self, state: Way) -> list[int]:
         """Return the blocks that could come next by their robots' own orders."""
         relations = self._relations
         found = set()
@@ -167,14 +174,14 @@ class TaskOrderSearch:
                 found.add(block)
         return sorted(found)
 
-    def _advance(self, state: _State, block: int) -> _State | None:
+    def _advance(self, state: Way, block: int) -> Way | None:
         """Return the way that goes on with a block, None where that is not safe."""
         inside = self._blocks[block]
         if all(self._allowed(state, unit, inside) for unit in inside):
             return self._extend(state, inside, block)
         return None
 
-    def _extend(self, state: _State, inside: Sequence[int], block: int) -> _State:
+    def _extend(self, state: Way, inside: Sequence[int], block: int) -> Way:
         relations = self._relations
         ends = (
             [(inside[0], self._ends_alone(state, inside[0]))]
@@ -193,7 +200,7 @@ class TaskOrderSearch:
         for chain, own in enumerate(relations.of_chain):
             rest = self._tail[own[counts[chain]]] if counts[chain] < len(own) else 0.0
             bound = max(bound, clocks[chain] + rest)
-        return _State(
+        return Way(
             tuple(counts),
             tuple(done),
             tuple(clocks),
@@ -203,7 +210,7 @@ class TaskOrderSearch:
             state,
         )
 
-    def _allowed(self, state: _State, unit: int, inside: Sequence[int]) -> bool:
+    def _allowed(self, state: Way, unit: int, inside: Sequence[int]) -> bool:
         relations, units = self._relations, self._relations.units
         with_it = {units[w].chain for w in inside}
         for need in relations.before[unit]:
@@ -232,7 +239,7 @@ class TaskOrderSearch:
                 return False
         return True
 
-    def _rest_clear(self, number: int, state: _State, unit: int) -> bool:
+    def _rest_clear(self, number: int, state: Way, unit: int) -> bool:
         """Tell whether an object is not at rest there now, or not in a unit's way."""
         relations = self._relations
         rest = relations.rest(number)
@@ -252,7 +259,7 @@ class TaskOrderSearch:
                 return True
         return relations.rest_clear(number, unit)
 
-    def _ready(self, state: _State, unit: int) -> list[tuple[int, float]]:
+    def _ready(self, state: Way, unit: int) -> list[tuple[int, float]]:
         """Return nodes of a unit, and times before which they cannot start."""
         relations, units = self._relations, self._relations.units
         chain = units[unit].chain
@@ -273,7 +280,7 @@ class TaskOrderSearch:
                 item = item.before
         return found
 
-    def _ends_alone(self, state: _State, unit: int) -> Array:
+    def _ends_alone(self, state: Way, unit: int) -> Array:
         """Return when the nodes of a unit end."""
         cum = self._cum[unit]
         now = state.clocks[self._relations.units[unit].chain]
@@ -286,7 +293,7 @@ class TaskOrderSearch:
         return np.asarray(np.maximum.accumulate(late) + cum[1:])
 
     def _ends_together(
-        self, state: _State, inside: Sequence[int]
+        self, state: Way, inside: Sequence[int]
     ) -> list[tuple[int, Array]]:
         """Return when the nodes of units that move at once end, as far apart as planned."""
         start = 0.0
