@@ -82,7 +82,7 @@ _STILL = -1
 
 
 @njit(cache=True)
-def _proved_apart(
+def proved_apart(
     scene: Arena,
     m: int,
     q_a: Array,
@@ -167,7 +167,7 @@ def meet_boxes(scene: Arena, boxes: int, lo: float, hi: float) -> int:
                 m = mover[o]
                 j0, j1 = joints[m], joints[m + 1]
                 own_a, own_b = q_a[j0:j1], q_b[j0:j1]
-                if not _proved_apart(
+                if not proved_apart(
                     scene, m, own_a, own_b, o, _STILL, own_a, own_b, x, limit
                 ):
                     return BLOCKED
@@ -208,7 +208,7 @@ def meet_self(scene: Arena) -> int:
             from_q, to_q = q_a[j0:j1].copy(), q_b[j0:j1].copy()
             for j in range(root):
                 from_q[j] = to_q[j] = 0.5 * (from_q[j] + to_q[j])
-            if not _proved_apart(scene, m, from_q, to_q, o, m, from_q, to_q, p, limit):
+            if not proved_apart(scene, m, from_q, to_q, o, m, from_q, to_q, p, limit):
                 return BLOCKED if strayed < _FINEST else SPLIT
     return CLEAR
 
@@ -227,7 +227,7 @@ def movers_clear(scene: Arena, decide: bool) -> bool:
             limit = limits[p, o]
             if limit < 0.0 or apart(own_box[o], own_box[p], limit):
                 continue
-            if not _capsules_meet(
+            if not capsules_meet(
                 a,
                 b,
                 radius,
@@ -245,7 +245,7 @@ def movers_clear(scene: Arena, decide: bool) -> bool:
                 return False
             k = mover[p]
             i0, i1, j0, j1 = joints[m], joints[m + 1], joints[k], joints[k + 1]
-            if not _proved_apart(
+            if not proved_apart(
                 scene,
                 m,
                 q_a[i0:i1],
@@ -262,7 +262,7 @@ def movers_clear(scene: Arena, decide: bool) -> bool:
 
 
 @njit(cache=True)
-def _capsules_meet(
+def capsules_meet(
     a: Array,
     b: Array,
     radius: Array,
@@ -275,6 +275,7 @@ def _capsules_meet(
     other_last: int,
     limit: float,
 ) -> bool:
+    """Tell whether capsules ``range(first, last)`` come within a limit of some others."""
     for c in range(first, last):
         for d in range(other_first, other_last):
             reach = radius[c] + other_radius[d] + limit
@@ -391,7 +392,7 @@ def _bodies_clear(
                 limit < 0.0
                 or apart(own_box[o], other_box[k], limit)
                 or (joint[o] < 0 and joint[p] < 0)
-                or not _capsules_meet(
+                or not capsules_meet(
                     a,
                     b,
                     radius,
@@ -408,7 +409,7 @@ def _bodies_clear(
                 continue
             m = mover[o]
             j0, j1 = joints[m], joints[m + 1]
-            if not _proved_apart(
+            if not proved_apart(
                 scene,
                 m,
                 q_a[j0:j1],

@@ -51,6 +51,7 @@ def cut_timeline(
     start: float,
     until: float,
     step: float,
+    changes: Sequence[float] = (),
     cuts: Sequence[float] = (),
 ) -> Pieces:
     """Return the pieces of a timeline.
@@ -60,7 +61,9 @@ def cut_timeline(
         start: pieces that end before are left out [s].
         until: the robot is there up to this time, infinity for ever [s].
         step: cells of time begin at its multiples [s].
-        cuts: more times at which pieces end, such as those at which objects change hands.
+        changes: times at which pieces end even where the robot stands, such as those at which
+            objects change hands.
+        cuts: more times at which motions are cut.
     """
     inside = [span for span in line.skills if span[0] <= start < span[1]]
     begin = min([start, *(span[0] for span in inside)])
@@ -70,7 +73,15 @@ def cut_timeline(
     for a, b in skills:
         grid = grid[(grid <= a + SAME) | (grid >= b - SAME)]
     times = np.concatenate(
-        [[begin], grid, line.time, cuts, [t for span in skills for t in span], [last]]
+        [
+            [begin],
+            grid,
+            line.time,
+            changes,
+            cuts,
+            [t for span in skills for t in span],
+            [last],
+        ]
     )
     times = np.unique(times[(times >= begin) & (times <= max(last, begin))])
     if len(times) > 1:
@@ -79,7 +90,7 @@ def cut_timeline(
     q = np.stack([np.interp(times, line.time, column) for column in line.path.T], 1)
     if until > last + SAME:
         # It stands from the end of its timeline on.
-        later = sorted(c for c in cuts if last + SAME < c < until)
+        later = sorted(c for c in changes if last + SAME < c < until)
         times = np.concatenate([times, later, [until]])
         q = np.vstack([q, np.tile(q[-1], (len(later) + 1, 1))])
     t_a, t_b = times[:-1].copy(), times[1:].copy()
@@ -91,8 +102,10 @@ def cut_timeline(
     # Stands that follow each other are one stand, unless something changes in the hand.
     joined = np.zeros(len(t_a), dtype=np.bool_)
     joined[1:] = ~moves[1:] & ~moves[:-1]
-    for c in cuts:
-        joined &= np.abs(t_a - c) > SAME
+    if len(changes):
+        nearest = np.searchsorted(np.sort(changes), t_a - SAME)
+        bounds = np.append(np.sort(changes), np.inf)
+        joined &= bounds[nearest] > t_a + SAME
     first = np.flatnonzero(~joined)
     stop = np.append(first[1:], len(t_a)) - 1
     moment = t_a[first]

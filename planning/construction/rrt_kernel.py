@@ -75,7 +75,8 @@ def random_share(state: npt.NDArray[np.uint64]) -> float:
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     z = z ^ (z >> np.uint64(31))
-    return float(z >> np.uint64(11)) / 9007199254740992.0
+    share: float = np.float64(z >> np.uint64(11)) / 9007199254740992.0
+    return share
 
 
 @njit(cache=True)
@@ -94,7 +95,8 @@ def next_arrival(query: Query, goal: int, t: float) -> float:
     """Return the first time from ``t`` on at which one may arrive at a goal, inf for none."""
     for w in range(query.window_first[goal], query.window_first[goal + 1]):
         if query.windows[w, 1] >= t - _TINY:
-            return max(t, query.windows[w, 0])
+            first: float = query.windows[w, 0]
+            return max(t, first)
     return np.inf
 
 

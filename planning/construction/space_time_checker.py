@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ from planning.geometry.hull_table import hull_table
 from planning.geometry.kernel import robot_kernel
 from planning.sequential import MARGIN
 from planning.transforms import Array
-from planning.workcell import Attachment
+from planning.workcell import Attachment, Workcell
 
 STEP = 0.1
 """Length of the cells of time, and of pose nodes [s]."""
@@ -214,6 +215,11 @@ class SpaceTimeChecker:
 def _c(q: Array) -> Array:
     """Return a writable contiguous array: numba compiles read-only ones anew."""
     return np.array(q, dtype=np.float64)
+
+
+def no_boxes(cell: Workcell) -> StillBoxes:
+    """Return a world in which nothing lies."""
+    return _still_boxes(FixedWorld(replace(cell, fixtures=(), objects=())), [])[1]
 
 
 def _still_boxes(

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from planning.geometry.body import ConvexBody
 from planning.geometry.cover import box_body
-from planning.robots.model import KinematicChain, LinkPart, RobotModel
+from planning.robots.model import RobotModel
+from planning.robots.urdf import load_urdf
 from planning.transforms import Array, rotation, translation
 from planning.workcell import (
     CellObject,
@@ -21,100 +25,122 @@ from planning.workcell import (
 SPEED = 0.5
 
 
-def shifted(
-    name: str, size: tuple[float, float, float], shift: tuple[float, float, float]
-) -> ConvexBody:
-    body = box_body(name, size)
-    by = np.array(shift)
-    capsules = type(body.capsules)(
-        body.capsules.start + by, body.capsules.end + by, body.capsules.radius
-    )
-    return ConvexBody(name, body.vertices + by, capsules)
+_FOLDER = TemporaryDirectory()
+
+_LINK = """
+  <link name="{name}">
+    <inertial><mass value="1"/>
+      <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>{shapes}
+  </link>"""
+
+_SHAPE = """
+    <collision><origin xyz="{at}"/><geometry><box size="{size}"/></geometry></collision>"""
+
+_JOINT = """
+  <joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
+    <origin xyz="{at}"/><axis xyz="{axis}"/>
+    <limit lower="{lower}" upper="{upper}" velocity="{velocity}" effort="1"/></joint>"""
+
+Box = tuple[str, str]
+"""Size and place of a box in its link, as a URDF writes them."""
 
 
-def _model(
-    name: str,
-    axes: list[tuple[float, float, float]],
-    prismatic: list[bool],
-    parts: tuple[LinkPart, ...],
-    flange: Array,
-    reach: float,
-) -> RobotModel:
-    n = len(axes)
-    lower = np.where(prismatic, -reach, -np.pi)
-    return RobotModel(
-        name,
-        Path(f"{name}.urdf"),
-        (),
-        tuple(f"j{j}" for j in range(n)),
-        lower,
-        -lower,
-        np.where(prismatic, SPEED, 1.0),
-        KinematicChain(
-            np.stack([np.eye(4)] * n), np.array(axes, dtype=float), np.array(prismatic)
-        ),
-        flange,
-        {},
-        parts,
-        frozenset(
-            (i, j) for j in range(len(parts)) for i in range(j)
-        ),
-        np.zeros(n),
-    )
+@dataclass(frozen=True)
+class _Joint:
+    """A joint of a toy and the boxes that it moves."""
+
+    kind: str
+    axis: str
+    link: str
+    boxes: tuple[Box, ...] = ()
+    at: str = "0 0 0"
+    reach: float = 4.0
+    velocity: float = SPEED
 
 
+def _model(name: str, joints: Sequence[_Joint], flange: Array) -> RobotModel:
+    """Write a description of boxes and read it as any other robot's."""
+    text = _LINK.format(name="ground", shapes="")
+    parent = "ground"
+    for k, joint in enumerate(joints):
+        shapes = "".join(_SHAPE.format(size=s, at=at) for s, at in joint.boxes)
+        text += _LINK.format(name=joint.link, shapes=shapes)
+        text += _JOINT.format(
+            name=f"joint_{k}",
+            kind=joint.kind,
+            parent=parent,
+            child=joint.link,
+            at=joint.at,
+            axis=joint.axis,
+            lower=-joint.reach,
+            upper=joint.reach,
+            velocity=joint.velocity,
+        )
+        parent = joint.link
+    path = Path(_FOLDER.name, f"{name}.urdf")
+    path.write_text(f'<robot name="{name}">{text}\n</robot>')
+    return load_urdf(path, name=name, flange_offset=flange, tool_links=("cup", "lower"))
+
+
+@cache
 def slider(size: tuple[float, float, float] = (0.3, 0.3, 0.3)) -> RobotModel:
     """A box on the plane z = 0: x and y."""
-    part = LinkPart(1, "arm", shifted("box", size, (0.0, 0.0, size[2] / 2)))
+    x, y, z = size
+    shape = (f"{x} {y} {z}", f"0 0 {z / 2}")
     return _model(
-        f"slider{size}",
-        [(1, 0, 0), (0, 1, 0)],
-        [True, True],
-        (part,),
-        translation(0.0, 0.0, size[2]),
-        3.0,
+        f"slider_{x}_{y}_{z}",
+        [
+            _Joint("prismatic", "1 0 0", "slide"),
+            _Joint("prismatic", "0 1 0", "box", (shape,)),
+        ],
+        translation(0.0, 0.0, z),
     )
 
 
+@cache
 def rover() -> RobotModel:
     """A long box on the plane that turns: x, y and yaw, and an arm of two joints on top."""
-    parts = (
-        LinkPart(2, "arm", shifted("chassis", (0.6, 0.3, 0.3), (0.0, 0.0, 0.16))),
-        LinkPart(3, "arm", shifted("upper", (0.1, 0.1, 0.5), (0.0, 0.0, 0.55))),
-        LinkPart(4, "tool", shifted("lower", (0.5, 0.08, 0.08), (0.25, 0.0, 0.0))),
-    )
-    n = 5
-    placement = np.stack([np.eye(4)] * n)
-    placement[4] = translation(0.0, 0.0, 0.75)
-    model = _model(
+    turn = {"reach": 3.1, "velocity": 1.0}
+    return _model(
         "rover",
-        [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 1), (0, 1, 0)],
-        [True, True, False, False, False],
-        parts,
-        translation(0.5, 0.0, 0.0),
-        3.0,
-    )
-    return RobotModel(
-        **{
-            **model.__dict__,
-            "chain": KinematicChain(placement, model.chain.axis, model.chain.prismatic),
-        }
+        [
+            _Joint("prismatic", "1 0 0", "slide_x"),
+            _Joint("prismatic", "0 1 0", "slide_y"),
+            _Joint(
+                "revolute", "0 0 1", "chassis", (("0.6 0.3 0.3", "0 0 0.16"),), **turn
+            ),
+            _Joint(
+                "revolute", "0 0 1", "upper", (("0.1 0.1 0.5", "0 0 0.57"),), **turn
+            ),
+            _Joint(
+                "revolute",
+                "0 1 0",
+                "lower",
+                (("0.5 0.08 0.08", "0.25 0 0.05"),),
+                at="0 0 0.83",
+                reach=1.2,
+            ),
+        ],
+        translation(0.5, 0.0, 0.05),
     )
 
 
+@cache
 def flyer() -> RobotModel:
     """A flying box with a suction cup below: x, y, z; the flange is the cup's mouth."""
-    parts = (
-        LinkPart(2, "arm", shifted("hull", (0.3, 0.3, 0.15), (0.0, 0.0, 0.275))),
-        LinkPart(2, "tool", shifted("cup", (0.06, 0.06, 0.2), (0.0, 0.0, 0.1))),
-    )
     return _model(
         "flyer",
-        [(1, 0, 0), (0, 1, 0), (0, 0, 1)],
-        [True, True, True],
-        parts,
+        [
+            _Joint("prismatic", "1 0 0", "slide_x"),
+            _Joint("prismatic", "0 1 0", "slide_y"),
+            _Joint(
+                "prismatic",
+                "0 0 1",
+                "cup",
+                (("0.3 0.3 0.15", "0 0 0.275"), ("0.06 0.06 0.2", "0 0 0.1")),
+            ),
+        ],
         translation(0.0, 0.0, 0.0),
-        4.0,
     )
 
 
@@ -137,7 +163,10 @@ def fixture(
     turn: float = 0.0,
 ) -> Fixture:
     return Fixture(
-        name, np.array(size), translation(*at) @ rotation("z", turn), box_body(name, size)
+        name,
+        np.array(size),
+        translation(*at) @ rotation("z", turn),
+        box_body(name, size),
     )
 
 
