@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from planning.construction.problem import ConstructionProblem, SkillSeconds
 from planning.errors import ConstructionError, ScenarioError
 from twin.assemblies.construction import ConstructionKind
 from twin.assemblies.kinds import assembly_kind
 from twin.cell import build_workcell
+from twin.cli import app
 from twin.scenario import Scenario, resolved
 from twin.scenario_cell import choose_robots
 from twin.scenario_file import load_scenario
@@ -160,3 +162,10 @@ def test_what_cannot_be_built_is_said_with_names(case: str, tmp_path: Path) -> N
     old, new, words = IMPOSSIBLE[case]
     with pytest.raises(ConstructionError, match=words):
         problem_of(edited(tmp_path, old, new))
+
+
+def test_more_robots_than_there_are_is_refused() -> None:
+    file = FOLDER.parent / "lego" / "cliff.yaml"
+    result = CliRunner().invoke(app, ["run", str(file), "--robots", "3"])
+    assert result.exit_code == 2
+    assert "--robots 3: the cell has 2 robots and no team" in result.output

@@ -10,6 +10,7 @@ from typing import ParamSpec
 import typer
 
 from planning.errors import (
+    ConstructionError,
     InfeasibleStepError,
     OutputError,
     RequestError,
@@ -22,6 +23,7 @@ COMPLETED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit codes: done; the work failed or violates a guarantee; input is at fault; Ctrl-C."""
 
 _INPUTS = (
+    ConstructionError,
     ScenarioError,
     RobotModelError,
     OutputError,
@@ -35,9 +37,9 @@ P = ParamSpec("P")
 def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
     """Return a command that ends with an exit code whatever happens.
 
-    Errors in the user's input, such as ScenarioError, and InfeasibleStepError (what is asked for
-    cannot be built) end with 2, any other TwinError with 1, an interrupt with 130. A command may
-    return its own code.
+    Errors in the user's input, such as ScenarioError, InfeasibleStepError and ConstructionError
+    (what is asked for cannot be built) end with 2, any other TwinError with 1, an interrupt with
+    130. A command may return its own code.
     """
 
     @functools.wraps(command)
