@@ -163,7 +163,8 @@ def conclude(
     """
     _write_records(folder, scenario, tpg, run, events, about.recording, progress)
     completed = run.outcome == "completed"
-    audit = _audit(folder, progress) if about.audit and completed else None
+    ended = run.outcome != "aborted"
+    audit = _audit(folder, progress) if about.audit and ended else None
     summary = summarise(
         tpg,
         run,
