@@ -2,38 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.construction.building import Building, Work
-from planning.construction.motion_pieces import cut_timeline
+from planning.construction.motion_plan_export import export_motion_plan
 from planning.construction.part_contacts import Pairs, PartContacts, held_by
+from planning.construction.planned_task import PlannedTask
 from planning.construction.problem import ConstructionProblem
-from planning.construction.space_time_checker import HALVINGS, STEP
 from planning.construction.timeline import SAME, RobotTimeline
-from planning.motion_plan import MotionPlan, TaskMotion
-from planning.task_graph import TRANSIT, AllowedContact, Handling, Task
+from planning.motion_plan import MotionPlan
+from planning.task_graph import TRANSIT, Handling
 from planning.transforms import Array, readonly
 
-
-@dataclass(frozen=True)
-class _Piece:
-    """A task before it has a number."""
-
-    task: Task
-    motion: TaskMotion
-    work: Work | None
+_WORDS = {"pick": "pick", "place-down": "place", "handover": "hand over"}
 
 
-def motion_plan(
-    problem: ConstructionProblem,
-    building: Building,
-    *,
-    step: float = STEP / 2**HALVINGS,
-) -> MotionPlan:
+def motion_plan(problem: ConstructionProblem, building: Building) -> MotionPlan:
     """Return a finished construction as tasks with timed paths.
 
     Between skills a robot has one transit; its way out of the others' way is a transit, too, as
@@ -42,147 +28,131 @@ def motion_plan(
     Args:
         problem: what was built by whom.
         building: everything planned.
-        step: cells of time; each becomes a node of the temporal plan graph [s].
+
+    Raises:
+        PlanInvariantError: two robots come too close at the same time, which is a fault of this
+            program.
     """
-    pieces = [
-        piece
+    contacts = PartContacts(problem)
+    tasks = [
+        task
         for robot in problem.cell.robots
-        for piece in _pieces(building, robot.name, step)
+        for task in _tasks(problem, contacts, building, robot.name)
     ]
-    pieces.sort(key=lambda p: (float(p.motion.time[0]), float(p.motion.time[-1])))
-    pieces = [
-        replace(piece, task=replace(piece.task, index=k))
-        for k, piece in enumerate(pieces)
-    ]
-    return MotionPlan(
-        problem.cell,
-        tuple(piece.task for piece in pieces),
-        tuple(piece.motion for piece in pieces),
-        _dependencies(problem, pieces),
-        _allowed(problem, pieces),
+    return export_motion_plan(
+        problem.cell, tasks, rests_on=_rests_on(problem, building)
     )
 
 
-def _pieces(building: Building, robot: str, step: float) -> Iterator[_Piece]:
+def _tasks(
+    problem: ConstructionProblem,
+    contacts: PartContacts,
+    building: Building,
+    robot: str,
+) -> Iterator[PlannedTask]:
     line = building.world.robots[robot]
     own = sorted((w for w in building.work if w.robot == robot), key=lambda w: w.start)
     at, carried = float(line.time[0]), None
     for work in own:
         yield from _transit(
-            line, at, work.start, step, f"to {work.part}", work, carried
+            problem, line, (at, work.start), f"to {work.part}", work, carried
         )
-        yield _skill(line, work)
+        yield _skill(problem, contacts, line, work)
         at = work.end
-        carried = None if work.kind != "pick" else work.part
+        carried = work.part if work.holder == robot else None
     if own:
-        yield from _transit(line, at, line.end, step, "HOME", own[-1], carried)
+        yield from _transit(problem, line, (at, line.end), "HOME", own[-1], carried)
 
 
 def _transit(
+    problem: ConstructionProblem,
     line: RobotTimeline,
-    start: float,
-    end: float,
-    step: float,
+    span: tuple[float, float],
     label: str,
     work: Work,
     carried: str | None,
-) -> Iterator[_Piece]:
+) -> Iterator[PlannedTask]:
+    """Yield the transit of a span of time, none where the robot stands all the time."""
+    start, end = span
     if end - start < SAME:
         return
-    cut = cut_timeline(line, start, end, step)
-    # Skills at both ends belong to no transit.
-    inside = ~cut.whole & (cut.end > start + SAME) & (cut.start < end - SAME)
-    time = np.concatenate([cut.start[inside][:1], cut.end[inside]])
-    path = np.vstack([cut.q_a[inside][:1], cut.q_b[inside]])
+    inside = (line.time > start + SAME) & (line.time < end - SAME)
+    time = np.concatenate([[start], line.time[inside], [end]])
+    path = np.vstack([_last_at(line, start), line.path[inside], line.at(end)])
     if not np.any(path[1:] != path[:-1]):
         return
-    yield _Piece(
-        Task(
-            0, line.robot, TRANSIT, work.step, label, readonly(path[-1:]), (), carried
-        ),
-        TaskMotion(readonly(path), readonly(time)),
-        None,
-    )
-
-
-def _skill(line: RobotTimeline, work: Work) -> _Piece:
-    lo, hi = np.searchsorted(line.time, [work.start - SAME, work.end + SAME]).tolist()
-    time, path = line.time[lo:hi], line.path[lo:hi]
-    first = int(np.flatnonzero(_arrived(time, path))[-1])
-    time, path = time[first:], path[first:]
-    touch = int(np.searchsorted(time, work.touch - SAME))
-    touch = _last_at(time, touch)
-    words = {"pick": "pick", "place-down": "place", "handover": "hand over"}
-    task = Task(
-        0,
+    touching: Pairs = frozenset()
+    if carried is not None:
+        touching = held_by(line.robot, problem.part(carried))
+    yield PlannedTask(
         line.robot,
-        work.kind,
+        TRANSIT,
+        time,
+        path,
         work.step,
-        f"{words[work.kind]} {work.part}",
-        readonly(path[1:]),
-        (Handling(work.part, touch, work.holder, readonly(work.pose)),),
+        label,
+        carried,
+        touching=touching,
+        way_out=label == "HOME",
+    )
+
+
+def _skill(
+    problem: ConstructionProblem,
+    contacts: PartContacts,
+    line: RobotTimeline,
+    work: Work,
+) -> PlannedTask:
+    k = line.skills.index(_span(line, work))
+    lo, hi = np.searchsorted(line.time, line.skills[k]).tolist()
+    hi = int(np.searchsorted(line.time, line.skills[k][1], side="right"))
+    time, path = line.time[lo:hi], line.path[lo:hi]
+    # The waypoints with which the motions before and after it end and begin are left out.
+    first = int(np.flatnonzero(np.all(path == path[0], axis=1) & (time == time[0]))[-1])
+    last = int(np.flatnonzero(np.all(path == path[-1], axis=1) & (time == time[-1]))[0])
+    time, path = time[first : last + 1], path[first : last + 1]
+    touch = int(np.searchsorted(time, work.touch, side="right")) - 1
+    part = problem.part(work.part)
+    touching = held_by(work.robot, part)
+    if work.kind == "pick":
+        touching |= contacts.at_start(part)
+    elif work.kind == "place-down":
+        touching |= contacts.at_goal(part)
+    return PlannedTask(
+        work.robot,
+        work.kind,
+        time,
+        path,
+        work.step,
+        f"{_WORDS[work.kind]} {work.part}",
         work.part,
+        (Handling(work.part, touch, work.holder, readonly(work.pose)),),
+        touching,
     )
-    return _Piece(task, TaskMotion(readonly(path), readonly(time)), work)
 
 
-def _arrived(time: Array, path: Array) -> Array:
-    """Tell which of the first waypoints of a skill are where and when it begins."""
-    same = np.abs(time - time[0]) <= SAME
-    return np.asarray(same & np.all(np.abs(path - path[0]) <= SAME, axis=1))
+def _span(line: RobotTimeline, work: Work) -> tuple[float, float]:
+    return min(line.skills, key=lambda s: abs(s[0] - work.start))
 
 
-def _last_at(time: Array, k: int) -> int:
-    """Return the last waypoint with the time of waypoint ``k``."""
-    while k + 1 < len(time) and time[k + 1] - time[k] <= SAME:
-        k += 1
-    return k
+def _last_at(line: RobotTimeline, t: float) -> Array:
+    """Return where a robot is at the end of what happens at time ``t``."""
+    k = int(np.searchsorted(line.time, t, side="right"))
+    if k and line.time[k - 1] == t:
+        return np.asarray(line.path[k - 1])
+    return line.at(t)
 
 
-def _dependencies(
-    problem: ConstructionProblem, pieces: Sequence[_Piece]
-) -> npt.NDArray[np.int64]:
-    """Return which place waits for which: those that a part rests on, and handovers."""
-    graph = problem.graph
-    placed = {
-        p.work.part: p for p in pieces if p.work is not None and p.work.holder is None
-    }
-    pairs: set[tuple[int, int]] = set()
-    for name, piece in placed.items():
-        assert piece.work is not None
-        before = set(graph.carriers[name]) & set(placed) if problem.carried else set()
-        if not before and name not in graph.ground:
-            near = [placed[n] for n in graph.neighbours[name] if n in placed]
-            first = min(near, key=lambda p: float(p.motion.time[-1]))
-            before = {first.task.object or ""}
-        for other in before:
-            if placed[other].task.robot != piece.task.robot:
-                pairs.add((placed[other].task.index, piece.task.index))
-    return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
-
-
-def _allowed(
-    problem: ConstructionProblem, pieces: Sequence[_Piece]
-) -> tuple[AllowedContact, ...]:
-    """Return who may touch whom: pads what they hold, and parts what they lie on."""
-    contacts = PartContacts(problem)
-    tasks: dict[frozenset[str], set[int]] = {}
-
-    def allow(pairs: Pairs, *indices: int) -> None:
-        for pair in pairs:
-            tasks.setdefault(pair, set()).update(indices)
-
-    for piece in pieces:
-        task = piece.task
-        if task.object is None:
-            continue
-        part = problem.part(task.object)
-        allow(held_by(task.robot, part), task.index)
-        if task.kind == "pick":
-            allow(contacts.at_start(part), task.index)
-        elif task.kind == "place-down":
-            allow(contacts.at_goal(part), task.index)
-    return tuple(
-        AllowedContact(min(pair), max(pair), frozenset(indices))
-        for pair, indices in sorted(tasks.items(), key=lambda e: sorted(e[0]))
-    )
+def _rests_on(
+    problem: ConstructionProblem, building: Building
+) -> dict[str, tuple[str, ...]]:
+    """Return which parts must be in place before which."""
+    graph, placed = problem.graph, building.placed
+    out = {}
+    for name in placed:
+        below = tuple(sorted(graph.carriers[name])) if problem.carried else ()
+        if not below and name not in graph.ground:
+            near = [n for n in graph.neighbours[name] if n in placed]
+            below = (min(near, key=lambda n: placed[n]),)
+        out[name] = below
+    return out
