@@ -15,15 +15,21 @@ import numpy as np
 from planning.errors import TwinError
 from scheduling.barriers import with_barriers
 from scheduling.dispatcher import Dispatcher
-from scheduling.rollout import durations_ns, earliest_times
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.contraction import Contraction, contract
 from twin.disturbances import Disturbances
 from twin.durations import Nanoseconds, NodeDurations
-from twin.execution import Execution, Messages
+from twin.execution import Execution
 from twin.halts import Halts, sample_halts
+from twin.messages import Messages
 from twin.narrator import failure_text
 from twin.node_times import NodeTimes, NodeTimeSampler
+from twin.open_loop import (
+    busy_times,
+    cut_failed,
+    open_loop_times,
+    planned_starts,
+)
 from twin.recorders.observers import Observers, Recorder
 from twin.run import (
     POLICIES,
@@ -102,7 +108,9 @@ class Simulator:
         elif self._contraction is not None:
             course = self._segment_by_segment(self._contraction, times, halts)
         elif self._planned is not None and halts is None:
-            course = _open_loop(self._planned, times)
+            start, end = open_loop_times(self._planned, times)
+            fails = max(times.failed, default=-1) >= 0
+            course = _Course("failed" if fails else "completed", start, end, 0)
         else:
             course = self._node_by_node(times, halts, ())
         run = self._run_of(course, times, halts, seed, replication)
@@ -144,7 +152,7 @@ class Simulator:
         halts: tuple[Halts, ...] | None,
     ) -> _Course:
         """Execute whole segments, and work out the times of their nodes afterwards."""
-        busy = _busy(times)
+        busy = busy_times(times)
         sums = contraction.sums(busy)
         failed = tuple(
             -1 if node < 0 else int(np.searchsorted(first, node, side="right")) - 1
@@ -163,7 +171,7 @@ class Simulator:
         start, end = contraction.expand(
             _arrays(execution.start), busy, execution.now_ns, halts
         )
-        _cut_failed(times, start, end)
+        cut_failed(times, start, end)
         deadlock = _deadlock(execution, outcome)
         return _Course(outcome, start, end, execution.now_ns, deadlock)
 
@@ -211,52 +219,6 @@ class Simulator:
             ),
             failure="; ".join(failure_text(self.tpg, times, k) for k in failed),
         )
-
-
-def planned_starts(tpg: TemporalPlanGraph) -> _Times:
-    """Return the planned clock: when every node starts if all take their planned time [ns].
-
-    Nodes wait for what the graph says, in the plan. In execution, nobody waits for anybody.
-    """
-    return tuple(earliest_times(tpg, durations_ns(tpg)).start)
-
-
-def _open_loop(planned: _Times, times: NodeTimes) -> _Course:
-    """Return the course of a run in which every robot follows the planned clock.
-
-    A node starts at its planned start, or when the robot is done with the one before.
-    """
-    starts, ends = [], []
-    for clock, busy in zip(planned, _busy(times), strict=True):
-        before = np.cumsum(busy) - busy
-        start = before + np.maximum.accumulate(clock - before)
-        starts.append(start)
-        ends.append(start + busy)
-    _cut_failed(times, tuple(starts), tuple(ends))
-    outcome: Outcome = "completed" if max(times.failed, default=-1) < 0 else "failed"
-    return _Course(outcome, tuple(starts), tuple(ends), 0)
-
-
-def _busy(times: NodeTimes) -> _Times:
-    """Return stall and motion of every node together; what has failed does not move."""
-    busy = []
-    for motion, stall, failed in zip(
-        times.motion, times.stall, times.failed, strict=True
-    ):
-        total = motion + stall
-        if failed >= 0:
-            total[failed] = stall[failed]
-            total[failed + 1 :] = 0
-        busy.append(total)
-    return tuple(busy)
-
-
-def _cut_failed(times: NodeTimes, start: _Times, end: _Times) -> None:
-    """Take back what comes after a task that failed for good."""
-    for node, begun, done in zip(times.failed, start, end, strict=True):
-        if node >= 0:
-            begun[node + 1 :] = -1
-            done[node:] = -1
 
 
 def _deadlock(execution: Execution, outcome: Outcome) -> str:

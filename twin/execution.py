@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import simpy
 from simpy.events import EventPriority
 
-from planning.errors import TwinError
 from scheduling.dispatcher import Dispatcher
 from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import NANOSECONDS, to_nanoseconds
+from twin.durations import NANOSECONDS
 from twin.halts import Halts
+from twin.messages import Messages
 from twin.narrator import Narrator, failure_text, waiting_cause
 from twin.node_times import NodeTimes
 from twin.recorders.observers import Observers
@@ -25,54 +24,6 @@ _LAST = EventPriority(9)
 """Priority of what happens after everything else at the same time."""
 
 _Steps = Generator[simpy.Event, Any, None]
-
-
-@dataclass(frozen=True)
-class Messages:
-    """How robots and dispatcher talk.
-
-    Attributes:
-        queue_depth: actions sent to a robot of which completion is not yet reported, at most.
-        report_ns: time a message takes from robot to dispatcher [ns].
-        release_ns: time a message takes from dispatcher to robot [ns].
-    """
-
-    queue_depth: int = 1
-    report_ns: int = 0
-    release_ns: int = 0
-
-    @classmethod
-    def of_seconds(
-        cls,
-        queue_depth: int,
-        latency_s: float = 0.0,
-        report_latency_s: float | None = None,
-        release_latency_s: float | None = None,
-    ) -> Messages:
-        """Return messages that take some seconds; ``latency_s`` where none of their own.
-
-        Raises:
-            TwinError: a number is out of range.
-        """
-        if queue_depth < 1:
-            raise TwinError(f"queue_depth must be at least 1, not {queue_depth}")
-        report = latency_s if report_latency_s is None else report_latency_s
-        release = latency_s if release_latency_s is None else release_latency_s
-        for name, value in (
-            ("latency_s", latency_s),
-            ("report_latency_s", report),
-            ("release_latency_s", release),
-        ):
-            if not 0 <= value < math.inf:
-                raise TwinError(f"{name} must be at least 0, not {value}")
-        return cls(
-            queue_depth, int(to_nanoseconds(report)), int(to_nanoseconds(release))
-        )
-
-    @property
-    def instant(self) -> bool:
-        """Whether messages take no time; then the depth of the queues makes no difference."""
-        return self.report_ns == 0 and self.release_ns == 0
 
 
 class Execution:

@@ -14,8 +14,8 @@ from twin.disturbance_models import scenario_disturbances
 from twin.disturbances import Disturbances
 from twin.duration_models import skill_durations
 from twin.durations import SkillDurations, packaged_timings
-from twin.execution import Messages
 from twin.forecast import Forecaster
+from twin.messages import Messages
 from twin.run import Policy
 from twin.run_folder import MANIFEST
 from twin.scenario import Scenario

@@ -12,6 +12,7 @@ import numpy as np
 
 from planning.transforms import Array
 from scheduling.temporal_plan_graph import TemporalPlanGraph
+from twin.conditional import longer_than
 from twin.disturbances import Disturbances
 from twin.draws import stable_hash, uniforms_bulk
 from twin.durations import (
@@ -25,9 +26,9 @@ from twin.durations import (
     Uniform,
     to_nanoseconds,
 )
-from twin.execution import Messages
 from twin.follow_state import FollowedRun, RobotProgress
 from twin.message_times import Past, end_times
+from twin.messages import Messages
 from twin.node_times import NodeTimes, NodeTimeSampler, Standstill
 from twin.policy_graph import policy_graph
 from twin.run import Policy
@@ -271,32 +272,6 @@ class Forecaster:
         if robot.failed:
             return np.ones(self._samples, dtype=bool)
         return np.array([f.failed[k] >= robot.completed for f in self._futures])
-
-
-def longer_than(model: DurationModel, least_s: float, u: Array) -> Array:
-    """Return the quantiles of a duration on condition that it is longer than something.
-
-    Args:
-        model: of the duration.
-        least_s: what it is known to exceed [s].
-        u: probabilities in (0, 1).
-
-    Returns:
-        Same shape as ``u`` [s]; ``least_s`` where the model knows of nothing longer.
-    """
-    low, high = 0.0, 1.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if not low < middle < high:
-            break
-        if float(model.ppf(np.array([middle]))[0]) > least_s:
-            high = middle
-        else:
-            low = middle
-    if high >= 1.0:
-        return np.full(np.shape(u), least_s)
-    conditional = np.clip(high + (1.0 - high) * u, None, np.nextafter(1.0, 0.0))
-    return np.maximum(model.ppf(conditional), least_s)
 
 
 def _attempts(future: NodeTimes, k: int, node: int) -> list[Standstill]:

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from twin.durations import Nanoseconds
-from twin.execution import Messages
+from twin.messages import Messages
 from twin.precedence import PrecedenceArrays
 
 

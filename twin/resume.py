@@ -19,7 +19,7 @@ from scheduling.plan_files import load_plan
 from twin.event_log import LogLines, parse_event, read_log
 from twin.events import Event
 from twin.progress import Report, report_nothing
-from twin.recorders.jsonl import event_line
+from twin.recorders.jsonl import event_line, hold
 from twin.recorders.memory import MemoryRecorder
 from twin.run_folder import EVENTS, MANIFEST, SUMMARY, scenario_sha256
 from twin.scenario import Scenario
@@ -145,6 +145,7 @@ def _append(path: Path, size: int, lines: list[str]) -> None:
     """Cut a torn line off and write what is missing."""
     try:
         with path.open("ab") as file:
+            hold(file, path)
             file.truncate(size)
             file.writelines(line.encode() for line in lines)
     except OSError as error:

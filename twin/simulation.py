@@ -8,7 +8,7 @@ from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.disturbance_models import scenario_disturbances
 from twin.duration_models import skill_durations
 from twin.engine import Simulator
-from twin.execution import Messages
+from twin.messages import Messages
 from twin.run import Policy
 from twin.scenario import Scenario
 from twin.scenario_execution import ExecutionSection

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.test_engine import TPGS, VARIED
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
+from twin.conditional import longer_than
 from twin.disturbances import (
     Breakdowns,
     Disturbances,
@@ -27,9 +28,9 @@ from twin.durations import (
 )
 from twin.engine import Simulator, simulate
 from twin.events import Event
-from twin.execution import Messages
 from twin.follow_state import FollowedRun
-from twin.forecast import Forecaster, longer_than
+from twin.forecast import Forecaster
+from twin.messages import Messages
 from twin.recorders.memory import MemoryRecorder
 
 NOMINAL = SkillDurations({})

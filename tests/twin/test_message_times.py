@@ -11,8 +11,8 @@ from tests.twin.test_engine import TPGS, VARIED
 from twin.disturbances import Disturbances, RandomStalls
 from twin.durations import to_nanoseconds
 from twin.engine import Simulator
-from twin.execution import Messages
 from twin.message_times import Past, end_times, nothing_yet
+from twin.messages import Messages
 from twin.policy_graph import policy_graph
 
 LATENCIES = st.sampled_from([0.0, 0.001, 0.1, 0.7])

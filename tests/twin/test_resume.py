@@ -19,6 +19,7 @@ from scheduling.plan_files import save_plan
 from tests.twin.test_trial import SCENARIO, turning_plan
 from twin.cell import build_workcell
 from twin.cli import app
+from twin.recorders.jsonl import JsonlRecorder
 from twin.resume import ResumeError, resume_run
 from twin.scenario_file import load_scenario
 
@@ -194,3 +195,16 @@ def test_folders_without_a_run_are_refused(whole: Path, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="does not say how to resume: 'run'"):
         resume_run(out)
     assert invoke("resume", out).exit_code == 2
+
+
+def test_a_run_that_is_alive_is_not_resumed(whole: Path, tmp_path: Path) -> None:
+    out = cut(whole, tmp_path / "run", 0)
+    log = JsonlRecorder(out / "events.jsonl")
+    try:
+        with pytest.raises(OutputError, match="a running process writes this log"):
+            resume_run(out)
+    finally:
+        log.close()
+    assert (out / "events.jsonl").read_bytes() == b""
+    resume_run(out)
+    assert contents(out) == contents(whole)

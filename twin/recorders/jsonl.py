@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import IO, Any
 
 from planning.errors import OutputError
 from twin.durations import NANOSECONDS
@@ -23,6 +24,27 @@ def event_line(event: Event) -> str:
     )
 
 
+def hold(file: IO[Any], path: Path) -> None:
+    """Keep other processes from writing a log while this one does, until it is closed.
+
+    Where a file system or an operating system knows no locks nothing is done.
+
+    Raises:
+        OutputError: another process holds it.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        file.close()
+        raise OutputError(f"{path}: a running process writes this log") from error
+    except OSError:
+        return
+
+
 class JsonlRecorder:
     """Appends every event to a file at once: a killed run leaves a readable log."""
 
@@ -32,6 +54,7 @@ class JsonlRecorder:
             self._file = path.open("w", buffering=1, encoding="utf-8", newline="\n")
         except OSError as error:
             raise OutputError(f"{path}: cannot write the event log: {error}") from error
+        hold(self._file, path)
 
     def record(self, event: Event) -> None:
         """Write an event."""
