@@ -1,0 +1,132 @@
+"""Timelines, the fixed world made of them, and dropping ways out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.construction.fixed_world import FixedWorld, drop_tail
+from planning.construction.motion_pieces import cut_timeline
+from planning.construction.planned_task import PlannedTask, drop_way_out, with_task
+from planning.construction.timeline import ObjectTimeline, RobotTimeline
+from planning.errors import PlanInvariantError
+from planning.task_graph import TRANSIT, Handling
+from planning.transforms import translation
+from tests.planning.construction.toy_teams import box, placed, slider, team
+
+
+def line() -> RobotTimeline:
+    return RobotTimeline("a", np.array([1.0, 3.0]), np.array([[0.0, 0.0], [1.0, 2.0]]))
+
+
+def test_it_stands_before_and_after() -> None:
+    assert line().at(-5.0).tolist() == [0.0, 0.0]
+    assert line().at(2.0).tolist() == [0.5, 1.0]
+    assert line().at(99.0).tolist() == [1.0, 2.0]
+
+
+def test_it_goes_on_only_from_where_it_stands() -> None:
+    with pytest.raises(PlanInvariantError, match="stands at"):
+        line().then(np.array([2.0, 4.0]), np.array([[1.0, 2.0], [0.0, 0.0]]))
+    with pytest.raises(PlanInvariantError, match="stands at"):
+        line().then(np.array([3.0, 4.0]), np.array([[1.0, 0.0], [0.0, 0.0]]))
+    longer = line().then(np.array([4.0, 5.0]), np.array([[1.0, 2.0], [0.0, 0.0]]))
+    assert longer.at(3.5).tolist() == [1.0, 2.0]
+    assert longer.end == longer.busy_until == 5.0
+
+
+def test_shapes_and_falling_times_are_refused() -> None:
+    with pytest.raises(PlanInvariantError, match="fall"):
+        RobotTimeline("a", np.array([1.0, 0.5]), np.zeros((2, 2)))
+    with pytest.raises(PlanInvariantError, match="times for a path"):
+        RobotTimeline("a", np.array([1.0]), np.zeros((2, 2)))
+
+
+def test_a_way_out_is_dropped_for_new_work_and_work_is_not() -> None:
+    cell = team([placed("a", slider(), (0.0, 0.0))])
+    work = PlannedTask("a", TRANSIT, [0.0, 1.0], [[0, 0], [0.5, 0]], 1, "work")  # type: ignore[arg-type]
+    out = PlannedTask(
+        "a",
+        TRANSIT,
+        np.array([1.0, 3.0]),
+        np.array([[0.5, 0.0], [1.5, 0.0]]),
+        1,
+        "out",
+        way_out=True,
+    )
+    world = with_task(with_task(FixedWorld(cell), work), out)
+    assert world.end == 3.0
+    assert world.free_from("a") == 1.0
+    assert drop_tail(world, "a").robots["a"].at(9.0).tolist() == [0.5, 0.0]
+    later = drop_tail(world, "a", 2.0)
+    assert later.robots["a"].at(9.0).tolist() == [1.0, 0.0]
+    assert world.robots["a"].at(9.0).tolist() == [1.5, 0.0]
+    with pytest.raises(PlanInvariantError, match="busy until"):
+        drop_tail(world, "a", 0.5)
+    kept = drop_way_out((work, out), "a", 2.0)
+    assert [t.end for t in kept] == [1.0, 2.0]
+    assert kept[1].path[-1].tolist() == [1.0, 0.0]
+    assert drop_way_out((work, out), "a") == (work,)
+
+
+def test_objects_change_hands_in_order() -> None:
+    cell = team(
+        [placed("a", slider(), (0.0, 0.0))],
+        objects=(box("b", (0.1, 0.1, 0.1), (1.0, 0.0, 0.05)),),
+    )
+    pick = PlannedTask(
+        "a",
+        "pick",
+        np.array([0.0, 1.0]),
+        np.zeros((2, 2)),
+        1,
+        "pick",
+        "b",
+        (Handling("b", 1, "a", translation(1.0, 0.0, -0.2)),),
+    )
+    world = with_task(FixedWorld(cell), pick)
+    assert world.state_at(0.5).attachments["b"].holder is None
+    assert world.state_at(1.0).attachments["b"].holder == "a"
+    assert world.robots["a"].skills == ((0.0, 1.0),)
+    with pytest.raises(PlanInvariantError, match="before its last"):
+        world.objects["b"].then(0.5, None, np.eye(4))
+    assert ObjectTimeline("b").at(3.0) is None
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000))
+def test_pieces_follow_the_timeline_without_gaps(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(2, 8))
+    time = np.cumsum(rng.uniform(0.01, 0.9, count))
+    path = rng.normal(size=(count, 2))
+    stand = rng.random(count) < 0.3
+    for k in range(1, count):
+        if stand[k]:
+            path[k] = path[k - 1]
+    k = int(rng.integers(count - 1))
+    whole = RobotTimeline("a", time, path, ((float(time[k]), float(time[k + 1])),))
+    begin = float(rng.uniform(0.0, time[-1]))
+    changes = [float(rng.uniform(0.0, time[-1] + 1.0))]
+    pieces = cut_timeline(whole, begin, np.inf, 0.25, changes)
+    assert np.array_equal(pieces.q_a[1:], pieces.q_b[:-1])
+    assert pieces.end[-1] == np.inf
+    assert pieces.start[0] <= begin + 1e-9
+    for i in range(len(pieces.start)):
+        a, b = pieces.start[i], pieces.end[i]
+        if pieces.whole[i]:
+            assert (a, b) == whole.skills[0]
+            continue
+        assert np.allclose(pieces.q_a[i], whole.at(a))
+        assert np.allclose(pieces.q_b[i], whole.at(min(b, 1e6)))
+        if np.any(pieces.q_a[i] != pieces.q_b[i]):
+            middle = 0.5 * (a + b)
+            assert np.allclose(whole.at(middle), (pieces.q_a[i] + pieces.q_b[i]) / 2)
+            # Within one cell of time.
+            assert np.floor(a / 0.25 + 1e-6) == np.ceil(b / 0.25 - 1e-6) - 1
+        if i:
+            assert a == pytest.approx(pieces.end[i - 1], abs=1e-9)
+        if np.isfinite(b) and a < changes[0] - 1e-6:
+            assert b <= changes[0] + 1e-6 or np.any(pieces.q_a[i] != pieces.q_b[i])
