@@ -72,3 +72,44 @@ def test_a_node_that_was_not_released_cannot_be_complete(
         dispatcher.complete(*next(n for n in dispatcher.ready() if n != (r, u)))
     with pytest.raises(PlanInvariantError, match="was completed before node"):
         dispatcher.complete(s, v)
+
+
+def test_copies_go_on_independently(tpg: TemporalPlanGraph) -> None:
+    first = Dispatcher(tpg)
+    first.complete(*first.ready()[0])
+    second = first.copy()
+    before = first.ready()
+    while not second.finished:
+        second.complete(*second.ready()[-1])
+    assert first.ready() == before
+    assert not first.finished
+
+
+def test_what_was_observed_counts_even_when_it_was_not_allowed(
+    tpg: TemporalPlanGraph,
+) -> None:
+    """Nodes are observed in any order; afterwards the state is that of proper completions."""
+    rng = random.Random(3)
+    nodes = [(k, n) for k, chain in enumerate(tpg.chains) for n in range(len(chain))]
+    rng.shuffle(nodes)
+    observer = Dispatcher(tpg)
+    done = [0] * len(tpg.chains)
+    for k, n in nodes[: len(nodes) // 3]:
+        observer.observe(k, n)
+        done[k] = max(done[k], n + 1)
+    for k, chain in enumerate(tpg.chains):
+        assert observer.completed(k) == done[k]
+        for n in range(done[k], len(chain)):
+            waits = [
+                (a, m)
+                for a, m, b, v in tpg.edges.tolist()
+                if (b, v) == (k, n) and m >= done[a]
+            ]
+            assert observer.waits_for(k, n) == waits
+        if done[k] < len(chain):
+            free = not observer.waits_for(k, done[k])
+            assert observer.is_safe(k, done[k]) == free
+    for k, chain in enumerate(tpg.chains):
+        if len(chain):
+            observer.observe(k, len(chain) - 1)
+    assert observer.finished
