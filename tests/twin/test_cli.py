@@ -88,7 +88,10 @@ def test_a_bad_scenario_ends_with_code_2(case: str, command: str, here: Path) ->
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--policy", "eager"], "(valid: asynchronous, sequential, synchronous, open-loop)"),
+        (
+            ["--policy", "eager"],
+            "(valid: asynchronous, sequential, synchronous, open-loop)",
+        ),
         (["--seed", "-1"], "--seed"),
         (["--stalls", "many"], "--stalls"),
         (["--no-such-option"], "No such option"),
