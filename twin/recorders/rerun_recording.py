@@ -26,7 +26,13 @@ from twin.recorders.rerun_robots import (
 from twin.run import Run
 from twin.trajectory import object_placements, robot_trajectories
 
-_LEVELS = {"failed": "ERROR", "stopped": "ERROR", "stalled": "WARN", "waiting": "WARN"}
+_LEVELS = {
+    "failed": "ERROR",
+    "stopped": "ERROR",
+    "stalled": "WARN",
+    "retried": "WARN",
+    "waiting": "WARN",
+}
 _QUIET = ("released", "started", "completed")
 
 
