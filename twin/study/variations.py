@@ -94,6 +94,8 @@ def _assign(tree: dict[str, Any], key: str, value: Any) -> None:
     if path[:1] == ["skills"] and len(path) > 1:
         # A skill without a section has the packaged timings.
         tree["skills"].setdefault(path[1], {"kind": "packaged", "skill": path[1]})
+    if path[:1] == ["failures"] and len(path) > 1:
+        tree["failures"].setdefault(path[1], {"probability": 0.0})
     place: Any = tree
     walked = "execution"
     for name in path:
@@ -104,7 +106,7 @@ def _assign(tree: dict[str, Any], key: str, value: Any) -> None:
         return
     if not isinstance(place, dict):
         raise ScenarioError(f"cannot vary {key}: {walked} is a plain value")
-    if last not in place and path[:1] != ["skills"]:
+    if last not in place and path[:1] not in (["skills"], ["failures"]):
         raise ScenarioError(
             f"cannot vary {key}: {walked} has no {last!r}", choices=tuple(place)
         )

@@ -54,6 +54,12 @@ def test_a_variant_changes_its_keys_and_nothing_else(cliff: Scenario) -> None:
     assert varied(cliff, {}) is cliff
 
 
+def test_skills_without_a_section_can_be_varied(cliff: Scenario) -> None:
+    other = varied(cliff, {"skills.pick.scale": 2, "failures.pick.probability": 0.1})
+    assert other.execution.skills["pick"].scale == 2
+    assert other.execution.failures["pick"].probability == 0.1
+
+
 @pytest.mark.parametrize(
     ("variant", "message"),
     [
