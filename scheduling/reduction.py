@@ -43,16 +43,22 @@ class NodeOrder:
         """Return, for each node of ``robot``, the last node of ``other`` it waits for, or -1."""
         return self.of(robot)[:, other]
 
-    def first_after(self, robot: int, other: int) -> Indices:
-        """Return, for each node of ``robot``, the first node of ``other`` that waits for it.
+    def first_after(
+        self, robot: int, other: int, nodes: Indices | None = None
+    ) -> Indices:
+        """Return, for nodes of ``robot``, the first node of ``other`` that waits for each.
 
         The number of nodes of ``other`` stands for none.
+
+        Args:
+            robot: whose nodes.
+            other: who waits.
+            nodes: which of them, all by default.
         """
         waits_for = np.ascontiguousarray(self.of(other)[:, robot])
-        count = self.first[robot + 1] - self.first[robot]
-        return np.searchsorted(waits_for, np.arange(count), side="left").astype(
-            np.int64
-        )
+        if nodes is None:
+            nodes = np.arange(self.first[robot + 1] - self.first[robot])
+        return np.searchsorted(waits_for, nodes, side="left").astype(np.int64)
 
 
 @njit(cache=True)

@@ -42,7 +42,7 @@ def reorder_tasks(tpg: TemporalPlanGraph, *, width: int = WIDTH) -> TemporalPlan
         return tpg
     ranks = planned_ranks(tpg.chains)
     occupied = occupancies_of(tpg, ranks)
-    relations = TaskRelations(tpg, ranks, occupied)
+    relations = TaskRelations(tpg, ranks, occupied[0])
     blocks = find_blocks(tpg, relations)
     search = TaskOrderSearch(
         tpg.chains, relations, blocks, [chain.duration for chain in tpg.chains]

@@ -66,8 +66,31 @@ def _longest_paths(
         end[n] = t + duration[n]
 
 
+@njit(cache=True)
+def _longest_paths_back(
+    last: Indices,
+    order: Indices,
+    robot: Indices,
+    source_first: Indices,
+    target: Indices,
+    duration: Array,
+    latest: Array,
+) -> None:
+    for k in range(len(order)):
+        n = order[len(order) - 1 - k]
+        if n < last[robot[n]]:
+            latest[n] = latest[n + 1] - duration[n + 1]
+        for e in range(source_first[n], source_first[n + 1]):
+            before = latest[target[e]] - duration[target[e]]
+            if before < latest[n]:
+                latest[n] = before
+
+
 def earliest_times(
-    tpg: TemporalPlanGraph, durations: Sequence[npt.NDArray[Any]] | None = None
+    tpg: TemporalPlanGraph,
+    durations: Sequence[npt.NDArray[Any]] | None = None,
+    *,
+    ranks: Sequence[Indices] | None = None,
 ) -> Rollout:
     """Return the earliest start and end of every node: longest paths in the total order.
 
@@ -75,13 +98,14 @@ def earliest_times(
         tpg: the graph.
         durations: one array of shape (nodes,) a chain, floats [s] or integers [ns]; the
             nominal durations by default. Integers stay integers.
+        ranks: place of every node in the total order, where that is known already.
     """
     chosen = [
         np.asarray(d) for d in (durations or [chain.duration for chain in tpg.chains])
     ]
     integer = all(np.issubdtype(d.dtype, np.integer) for d in chosen)
     dtype: type[np.int64] | type[np.float64] = np.int64 if integer else np.float64
-    ranks = planned_ranks(tpg.chains)
+    ranks = planned_ranks(tpg.chains) if ranks is None else ranks
     first = np.cumsum([0, *(len(r) for r in ranks)]).astype(np.int64)
     total = int(first[-1])
     duration = np.concatenate([*chosen, np.empty(0)]).astype(dtype)
@@ -109,6 +133,37 @@ def earliest_times(
         tuple(end[c] for c in cut),
         tuple(duration[c] for c in cut),
     )
+
+
+def latest_ends(
+    tpg: TemporalPlanGraph,
+    rollout: Rollout,
+    *,
+    ranks: Sequence[Indices] | None = None,
+) -> list[Array]:
+    """Return when every node may end at the latest for the same makespan [s].
+
+    Args:
+        tpg: the graph.
+        rollout: of it, with durations in seconds.
+        ranks: place of every node in the total order, where that is known already.
+    """
+    ranks = planned_ranks(tpg.chains) if ranks is None else ranks
+    first = np.cumsum([0, *(len(r) for r in ranks)]).astype(np.int64)
+    source = first[tpg.edges[:, 0]] + tpg.edges[:, 1]
+    target = first[tpg.edges[:, 2]] + tpg.edges[:, 3]
+    by_source = np.argsort(source, kind="stable")
+    latest: Array = np.full(int(first[-1]), float(rollout.makespan))
+    _longest_paths_back(
+        first[1:] - 1,
+        np.argsort(np.concatenate([*ranks, np.empty(0, dtype=np.int64)])),
+        np.repeat(np.arange(len(ranks)), np.diff(first)).astype(np.int64),
+        np.searchsorted(source[by_source], np.arange(len(latest) + 1)).astype(np.int64),
+        target[by_source].astype(np.int64),
+        np.concatenate([*rollout.duration, np.empty(0)]).astype(np.float64),
+        latest,
+    )
+    return [latest[a:b] for a, b in pairwise(first)]
 
 
 def durations_ns(tpg: TemporalPlanGraph) -> list[Indices]:

@@ -78,7 +78,7 @@ def _against_robot(
     other: int,
 ) -> list[tuple[int, int, int, int]]:
     done = int(around.order.of(chain)[first - 1, other])
-    after = int(around.order.first_after(chain, other)[last])
+    after = int(around.order.first_after(chain, other, np.array([last]))[0])
     turn = int(
         np.searchsorted(around.ranks[other], around.ranks[chain][last], side="left")
     )
@@ -127,7 +127,7 @@ def holds_stay_clear(
         if other == chain:
             continue
         before = order.of(chain)[first : first + count, other]
-        after = order.first_after(chain, other)[first : first + count]
+        after = order.first_after(chain, other, np.arange(first, first + count))
         stands = before + 1 == after
         for hold in np.unique(after[stands]).tolist():
             where = np.flatnonzero(stands & (after == hold))

@@ -26,7 +26,7 @@ from scheduling.object_spans import ObjectHistory, Rest, trace_objects
 from scheduling.occupancy import Occupancy
 from scheduling.order import planned_ranks
 from scheduling.reduction import NodeOrder, order_and_reduce
-from scheduling.rollout import Rollout, earliest_times
+from scheduling.rollout import Rollout, earliest_times, latest_ends
 from scheduling.shortcut_check import (
     Surroundings,
     holds_stay_clear,
@@ -138,7 +138,7 @@ class _Board:
     def _weigh(self, rollout: Rollout) -> None:
         """Note which spans the makespan hangs on."""
         self.rollout = rollout
-        slack = latest_ends(self.tpg, rollout)
+        slack = latest_ends(self.tpg, rollout, ranks=self._ranks)
         self._critical = [
             k
             for k, span in enumerate(self._spans)
@@ -268,7 +268,7 @@ class _Board:
             if robot == index:
                 if node > last:
                     return False
-            elif node >= order.first_after(index, robot)[last]:
+            elif order.precedes(index, last, robot, node):
                 return False
         if rest.before is not None:
             robot, node = rest.before
@@ -357,7 +357,7 @@ class _Board:
             edges=all_edges[by_edge],
             cause=causes[by_edge],
         )
-        rollout = earliest_times(candidate)
+        rollout = earliest_times(candidate, ranks=ranks)
         if rollout.makespan > self.rollout.makespan + _LATER:
             return False
         history = trace_objects(candidate, ranks)
@@ -425,39 +425,6 @@ def splice_chain(chain: NodeChain, first: int, last: int, new: NodeChain) -> Nod
         join("duration", first, last + 1),
         join("planned_start", first, last + 1),
     )
-
-
-def latest_ends(tpg: TemporalPlanGraph, rollout: Rollout) -> list[Array]:
-    """Return when every node may end at the latest for the same makespan [s].
-
-    The graph with all arrows turned round is rolled out by walking the total order backwards.
-    """
-    ends: list[Array] = [
-        np.full(len(chain), float(rollout.makespan)) for chain in tpg.chains
-    ]
-    out_of: list[dict[int, list[tuple[int, int]]]] = [{} for _ in tpg.chains]
-    for robot, node, target, at in tpg.edges.tolist():
-        out_of[robot].setdefault(node, []).append((target, at))
-    ranks = planned_ranks(tpg.chains)
-    marks = [sorted({*out_of[k], len(chain) - 1}) for k, chain in enumerate(tpg.chains)]
-    # Between two nodes with out-edges a chain only subtracts durations: whole runs at once.
-    runs = []
-    for k, chain in enumerate(tpg.chains):
-        start = 0
-        for mark in marks[k] if len(chain) else []:
-            runs.append((int(ranks[k][mark]), k, start, mark))
-            start = mark + 1
-    for _, k, lo, hi in sorted(runs, reverse=True):
-        duration = rollout.duration[k]
-        latest = ends[k][hi]
-        if hi + 1 < len(ends[k]):
-            latest = min(latest, ends[k][hi + 1] - duration[hi + 1])
-        for target, at in out_of[k].get(hi, ()):
-            latest = min(latest, ends[target][at] - rollout.duration[target][at])
-        behind = np.cumsum(duration[lo + 1 : hi + 1][::-1])[::-1]
-        ends[k][lo:hi] = latest - behind
-        ends[k][hi] = latest
-    return ends
 
 
 def _straighten(path: Array, joint: int) -> Array:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from scheduling.construction import dependency_edges
 from scheduling.contacts import EntityNumbers, contact_table
 from scheduling.object_spans import Node, Rest, trace_objects
 from scheduling.occupancy import Occupancy, hold_occupancy, rest_occupancy
+from scheduling.shortcut_pieces import cut_chain, occupancy_of
 from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
 
 Stair = tuple[Indices, Indices]
@@ -48,7 +49,7 @@ class TaskRelations:
     Args:
         tpg: the graph.
         ranks: place of every node in the total order.
-        occupied: numbers of the entities, and what each chain occupies.
+        entities: numbers of the entities.
 
     Attributes:
         units: all of them.
@@ -60,10 +61,10 @@ class TaskRelations:
         self,
         tpg: TemporalPlanGraph,
         ranks: Sequence[Indices],
-        occupied: tuple[EntityNumbers, Sequence[Occupancy]],
+        entities: EntityNumbers,
     ) -> None:
         self._tpg = tpg
-        self._entities, self._occupancies = occupied
+        self._entities = entities
         self._table = contact_table(self._entities, tpg.allowed, tpg.cell.clearances)
         self._checker = HullChecker(self._table)
         self._history = trace_objects(tpg, ranks)
@@ -86,6 +87,11 @@ class TaskRelations:
                 self.left_by[self.unit_of(rest.after)].append(number)
             if rest.before is not None:
                 self.taken_by[self.unit_of(rest.before)].append(number)
+        self._spans = [
+            [span for span in self._history.spans if span.robot == chain]
+            for chain in range(len(tpg.chains))
+        ]
+        self._occupancies: list[Occupancy | None] = [None] * len(self.units)
         self._stairs: dict[tuple[int, int], Stair | None] = {}
         self._clear: dict[tuple[int, int, int], bool] = {}
         self._rests: dict[int, Occupancy] = {}
@@ -130,14 +136,11 @@ class TaskRelations:
         """
         key = (earlier, later)
         if key not in self._stairs:
-            a, b = self.units[later], self.units[earlier]
-            found = self._search(
-                self._occupancies[a.chain], a.first, a.stop, b, until_none=True
-            )
+            found = self._search(self._occupancy(later), earlier, until_none=True)
             stairs: list[tuple[int, int]] = []
             for v, u in sorted(found):
                 if not stairs or u > stairs[-1][1]:
-                    stairs.append((v - a.first, u - b.first))
+                    stairs.append((v, u))
             rows = np.array(stairs, dtype=np.int64).reshape(-1, 2)
             self._stairs[key] = (rows[:, 0], rows[:, 1]) if stairs else None
         return self._stairs[key]
@@ -148,14 +151,7 @@ class TaskRelations:
         if key not in self._clear:
             own = self.of_chain[chain]
             hold = self.units[own[done - 1]].stop if done else 0
-            standing = hold_occupancy(
-                self._tpg,
-                chain,
-                np.array([hold]),
-                self._history.spans,
-                self._entities,
-            )
-            self._clear[key] = not self._search(standing, 0, 1, self.units[unit])
+            self._clear[key] = not self._search(self._standing(chain, hold), unit)
         return self._clear[key]
 
     def rest_clear(self, number: int, unit: int) -> bool:
@@ -166,30 +162,59 @@ class TaskRelations:
                 self._rests[number] = rest_occupancy(
                     self._tpg, self.rest(number), self._entities
                 )
-            found = self._search(self._rests[number], 0, 1, self.units[unit])
-            self._clear[key] = not found
+            self._clear[key] = not self._search(self._rests[number], unit)
         return self._clear[key]
 
+    def _occupancy(self, unit: int) -> Occupancy:
+        """Return what a unit occupies, its nodes counted from its first one."""
+        known = self._occupancies[unit]
+        if known is None:
+            u = self.units[unit]
+            nodes = cut_chain(self._tpg.chains[u.chain], u.first, u.stop)
+            known = occupancy_of(
+                self._tpg,
+                u.chain,
+                nodes,
+                u.first,
+                u.stop - u.first,
+                self._spans[u.chain],
+                self._entities,
+            )
+            self._occupancies[unit] = known
+        return known
+
+    def _standing(self, chain: int, hold: int) -> Occupancy:
+        """Return what a robot occupies that stands before a node."""
+        nodes = self._tpg.chains[chain]
+        lo, hi = max(hold - 1, 0), min(hold + 1, len(nodes))
+        held = [
+            replace(
+                span,
+                start=(span.start[0] - lo, span.start[1]),
+                end=(span.end[0] - lo, span.end[1]),
+            )
+            for span in self._spans[chain]
+            if span.start[0] < hi and span.end[0] >= lo
+        ]
+        chains = list(self._tpg.chains)
+        chains[chain] = cut_chain(nodes, lo, hi)
+        around = replace(self._tpg, chains=tuple(chains))
+        return hold_occupancy(
+            around, chain, np.array([hold - lo]), held, self._entities
+        )
+
     def _search(
-        self,
-        occupancy: Occupancy,
-        first: int,
-        stop: int,
-        unit: Unit,
-        *,
-        until_none: bool = False,
+        self, occupancy: Occupancy, unit: int, *, until_none: bool = False
     ) -> list[tuple[int, int]]:
-        """Return conflicts of nodes ``range(first, stop)`` with a unit: the first, or all."""
+        """Return conflicts of an occupancy with a unit: the first, or until all are implied."""
+        other = self._occupancy(unit)
         count = int(occupancy.sequence.node[-1]) + 1
-        floor = np.full(count, unit.first - 1, dtype=np.int64)
-        floor[stop:] = unit.stop
-        limit = np.full(count, unit.stop, dtype=np.int64)
-        limit[:first] = 0
+        size = int(other.sequence.node[-1]) + 1
         found = search_conflicts(
             occupancy,
-            self._occupancies[unit.chain],
-            floor,
-            limit,
+            other,
+            np.full(count, -1, dtype=np.int64),
+            np.full(count, size, dtype=np.int64),
             self._table,
             self._checker,
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -30,14 +31,14 @@ def _parts(
     tpg: TemporalPlanGraph,
 ) -> tuple[TaskRelations, list[tuple[int, ...]], TaskOrderSearch]:
     ranks = planned_ranks(tpg.chains)
-    relations = TaskRelations(tpg, ranks, occupancies_of(tpg, ranks))
+    relations = TaskRelations(tpg, ranks, occupancies_of(tpg, ranks)[0])
     blocks = find_blocks(tpg, relations)
     durations = [chain.duration for chain in tpg.chains]
     return relations, blocks, TaskOrderSearch(tpg.chains, relations, blocks, durations)
 
 
-def graph_of(tpg: TemporalPlanGraph) -> nx.DiGraph:
-    graph = nx.DiGraph()
+def graph_of(tpg: TemporalPlanGraph) -> Any:
+    graph: Any = nx.DiGraph()
     for r, chain in enumerate(tpg.chains):
         graph.add_nodes_from((r, n) for n in range(len(chain)))
         nx.add_path(graph, [(r, n) for n in range(len(chain))])

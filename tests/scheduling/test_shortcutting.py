@@ -13,9 +13,9 @@ from planning.speed import L1Speed
 from scheduling.construction import build_tpg
 from scheduling.order import planned_ranks
 from scheduling.plan_files import load_plan, save_plan
-from scheduling.rollout import earliest_times
+from scheduling.rollout import earliest_times, latest_ends
 from scheduling.shortcut_edges import splice_edges, splice_index
-from scheduling.shortcutting import ShortcutReport, latest_ends, shorten_tpg
+from scheduling.shortcutting import ShortcutReport, shorten_tpg
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification import verify_plan
 from tests.scheduling.algorithm_one import PlainGraph
