@@ -122,7 +122,9 @@ def _camera(cell: Workcell) -> rrb.EyeControls3D:
     low, high = points.min(axis=0), points.max(axis=0)
     work = things if len(things) else points
     target: Array = np.append(0.5 * (low + high)[:2], work[:, 2].mean() + 0.1)
-    size = max(float(np.linalg.norm(high[:2] - low[:2])), 0.8)
+    span = float(np.linalg.norm(high[:2] - low[:2]))
+    # Robots reach beyond their bases, which matters less the larger the site.
+    size = max(min(span, 0.5 + 0.6 * span), 0.8)
     line = bases[-1, :2] - bases[0, :2] if len(bases) > 1 else np.array([1.0, 0.0])
     norm = float(np.linalg.norm(line))
     along = line / norm if norm > 1e-6 else np.array([1.0, 0.0])
