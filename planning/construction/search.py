@@ -84,7 +84,9 @@ class ConstructionSearch:
         building = nothing_built(problem)
         total = len(problem.parts)
         while len(building.placed) < total:
-            part = problem.part(rank_parts(problem, building.placed, {}, rng)[0])
+            free = min(building.world.free_from(name) for name in problem.team)
+            ranked = rank_parts(problem, building.placed, {}, rng, free)
+            part = problem.part(ranked[0])
             after = self._place(building, part)
             if after is None:
                 raise ConstructionError(f"{part.name} could not be placed")
