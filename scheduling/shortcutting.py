@@ -22,7 +22,12 @@ from planning.transforms import Array
 from planning.workcell import Attachment, Workcell, WorldState
 from scheduling.contacts import EntityNumbers, contact_table
 from scheduling.invariant import check_invariant
-from scheduling.object_spans import ObjectHistory, Rest, trace_objects
+from scheduling.object_spans import (
+    ObjectHistory,
+    Rest,
+    shift_history,
+    trace_objects,
+)
 from scheduling.occupancy import Occupancy
 from scheduling.order import planned_ranks
 from scheduling.reduction import NodeOrder, order_and_reduce
@@ -360,7 +365,7 @@ class _Board:
         rollout = earliest_times(candidate, ranks=ranks)
         if rollout.makespan > self.rollout.makespan + _LATER:
             return False
-        history = trace_objects(candidate, ranks)
+        history = shift_history(self._history, index, first, last, count)
         around = self._surroundings(candidate, ranks, order, history)
         if not holds_stay_clear(around, index, first, occupancy, count):
             return False
