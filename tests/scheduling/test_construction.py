@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import networkx as nx
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
 from planning.motion_plan import MotionPlan, TaskMotion
@@ -41,6 +44,21 @@ def test_edges_are_those_of_the_double_loop(robots: int, seed: int) -> None:
         dependency_edges(plan.tasks, plan.dependencies, tpg.chains)
     )
     assert len(edge_set(tpg)) == len(tpg.edges)
+
+
+@given(st.integers(2, 5), st.integers(0, 10_000))
+@settings(max_examples=8, deadline=None)
+def test_any_plan_has_no_cycle_and_the_edges_of_the_double_loop(
+    robots: int, seed: int
+) -> None:
+    plan = random_plan(robots, seed, rounds=6, step=0.5)
+    tpg = build_tpg(plan)
+    graph = nx.DiGraph(((r, u), (s, v)) for r, u, s, v in tpg.edges.tolist())
+    for r, chain in enumerate(tpg.chains):
+        nx.add_path(graph, [(r, n) for n in range(len(chain))])
+    assert nx.is_directed_acyclic_graph(graph)
+    edges = dependency_edges(plan.tasks, plan.dependencies, tpg.chains)
+    assert edge_set(tpg) == PlainGraph(tpg).reduced_edges(edges)
 
 
 def test_the_random_plans_are_worth_testing() -> None:
