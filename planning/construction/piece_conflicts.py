@@ -156,6 +156,8 @@ def _pair_clear(
         x = first_body[i] + o - bodies[v]
         for p in range(bodies[w], bodies[w + 1]):
             y = first_body[j] + p - bodies[w]
+            if entity[o] == entity[p]:
+                continue  # a part in the course of a handover, in both hands
             limit = to_objects
             if entity[o] < robots and entity[p] < robots:
                 limit = between
