@@ -25,7 +25,7 @@ from planning.workcell import Attachment, PlacedRobot, WorldState
 _TURNS = 12
 _STARTS = 12
 _HANDOVERS = 150
-_APART = 0.12
+APART = 0.12
 """Least distance of two pads on one part [m]."""
 
 Handover = tuple[Array, Array, Transform]
@@ -192,7 +192,7 @@ class ReachBounds:
             self.pick_grips(giver, part), range(len(part.grips))
         ):
             first, second = part.grips[mine].touch, part.grips[yours].touch
-            if np.linalg.norm(first[:3, 3] - second[:3, 3]) >= _APART:
+            if np.linalg.norm(first[:3, 3] - second[:3, 3]) >= APART:
                 yield mine, yours
 
     def _robot(self, name: str) -> PlacedRobot:

@@ -13,11 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.construction.arrival_windows import arrival_windows
-from planning.construction.bounds import ReachBounds
-from planning.construction.keyframes import Keyframe, Keyframes
+from planning.construction.bounds import APART, ReachBounds
+from planning.construction.keyframes import Keyframe, Keyframes, Meeting
+from planning.construction.problem import Part
 from planning.construction.skill_motion import SkillMotion, skill_motion
 from planning.construction.space_time_checker import SpaceTimeChecker
 from planning.construction.step_scenes import Hold, StepScenes
+from planning.kinematics import frame_pose
 from planning.transforms import Array, Transform
 
 _TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
@@ -34,6 +36,7 @@ class KeyframeSettings:
         starts: configurations drawn at once.
         draws: how often, for each way to hold the part.
         spread: times are drawn up to so long after the earliest [s].
+        meetings: places of a handover drawn.
         ahead: later arrivals than so long after the earliest are not looked at, as long as
             others still move [s].
     """
@@ -44,6 +47,7 @@ class KeyframeSettings:
     draws: int = 4
     spread: float = 10.0
     ahead: float = 30.0
+    meetings: int = 60
 
 
 class KeyframeSolver:
@@ -89,7 +93,117 @@ class KeyframeSolver:
                 continue
             picks = self.picks(robot, hold, begin)
             if picks:
-                yield Keyframes(hold, picks, places)
+                yield Keyframes((hold,), picks, places)
+
+    def handed_over(self, giver: str, taker: str) -> Iterator[Keyframes]:
+        """Yield keyframes of one robot that picks and another that places.
+
+        The lower bounds come first again: place, then pick, then where both can meet.
+        """
+        part, bounds, world = self.scenes.part, self.bounds, self.scenes.world
+        pairs = [
+            (Hold(a, turn_a), Hold(b, turn_b))
+            for a in bounds.pick_grips(giver, part)
+            for b in bounds.place_grips(taker, part)
+            if grips_apart(part, a, b)
+            for turn_a in _TURNS
+            for turn_b in _TURNS
+        ]
+        free = self._free_place()
+        picks: dict[Hold, tuple[Keyframe, ...]] = {}
+        places: dict[Hold, tuple[Keyframe, ...]] = {}
+        for k in self.rng.permutation(len(pairs)).tolist():
+            first, second = pairs[k]
+            if second not in places:
+                begin = world.robots[taker].end
+                places[second] = self.places(taker, second, begin, free)
+            if not places[second]:
+                continue
+            if first not in picks:
+                picks[first] = self.picks(giver, first, world.robots[giver].end)
+            if not picks[first]:
+                continue
+            meetings = self.meetings(giver, taker, (first, second), picks[first][0])
+            if meetings:
+                yield Keyframes((first, second), picks[first], places[second], meetings)
+
+    def meetings(
+        self, giver: str, taker: str, holds: tuple[Hold, Hold], pick: Keyframe
+    ) -> tuple[Meeting, ...]:
+        """Return ways to hand the part over, the soonest first.
+
+        The robot that cannot drive is drawn first, and the other comes to it. The giver moves
+        the part against the taker's pad, and then its own pad away.
+        """
+        scenes, problem = self.scenes, self.scenes.problem
+        before = scenes.handing(giver, taker, giver, holds[0])
+        after = scenes.handing(giver, taker, taker, holds[1])
+        out: list[Meeting] = []
+        for _ in range(self.settings.meetings):
+            drawn = self._draw_meeting(giver, taker, holds)
+            if drawn is None:
+                continue
+            q_giver, q_taker, tools = drawn
+            carried = before.least_duration(
+                np.concatenate([pick.motion.path[-1], self._standing(taker)]),
+                np.concatenate([q_giver, q_taker]),
+            )
+            soon = max(pick.earliest + pick.motion.seconds, before.begin[1]) + carried
+            both = np.concatenate([q_giver, q_taker])
+            t = soon + self.rng.uniform(0.0, self.settings.spread)
+            if not before.configuration_free(both, t):
+                continue
+            motion = skill_motion(
+                problem.cell.robot(giver),
+                problem.frame,
+                q_giver,
+                (
+                    -problem.approach * tools[1][:3, 2],
+                    -problem.approach * tools[0][:3, 2],
+                ),
+                np.asarray(problem.speeds[giver]),
+                problem.seconds.handover,
+            )
+            if motion is None:
+                continue
+            windows = arrival_windows(
+                [
+                    (before, _beside(motion.before, q_taker)),
+                    (after, _beside(motion.after, q_taker)),
+                ],
+                motion.seconds,
+                soon,
+                soon + self.settings.ahead,
+            )
+            if len(windows):
+                out.append(Meeting(Keyframe(motion, windows), q_taker))
+            if len(out) >= self.settings.places:
+                break
+        return tuple(sorted(out, key=lambda m: m.giver.earliest))
+
+    def _standing(self, robot: str) -> Array:
+        return np.asarray(self.scenes.world.robots[robot].path[-1])
+
+    def _draw_meeting(
+        self, giver: str, taker: str, holds: tuple[Hold, Hold]
+    ) -> tuple[Array, Array, tuple[Transform, Transform]] | None:
+        """Return configurations of both robots that touch the part at once, and their tools."""
+        problem, part = self.scenes.problem, self.scenes.part
+        lead = 0 if not self.bounds.sampler(giver).mobile else 1
+        robots = (giver, taker)
+        q_lead = self.bounds.sampler(robots[lead]).draw(self.rng)
+        tool = frame_pose(problem.cell.robot(robots[lead]), q_lead, problem.frame)
+        at = tool @ part.grips[holds[lead].grip].held(holds[lead].turn)
+        size = np.asarray(problem.object(part).size)
+        if at[2, 3] - 0.5 * float(np.abs(at[2, :3]) @ size) < problem.approach:
+            return None
+        other = problem.tool_pose(part, at, *holds[1 - lead])
+        found = self.bounds.sampler(robots[1 - lead]).sample(other, self.rng, 2)
+        if not found:
+            return None
+        if lead == 0:
+            return q_lead, found[0], (tool, other)
+        return found[0], q_lead, (other, tool)
 
     def picks(self, robot: str, hold: Hold, begin: float) -> tuple[Keyframe, ...]:
         """Return ways to pick the part, the soonest first."""
@@ -175,6 +289,17 @@ class KeyframeSolver:
         parts = [(phase[0], motion.before), (phase[1], motion.after)]
         latest = earliest + self.settings.ahead
         return arrival_windows(parts, motion.seconds, earliest, latest)
+
+
+def grips_apart(part: Part, a: int, b: int) -> bool:
+    """Tell whether two pads have room on a part, by the numbers of their grips."""
+    gap = part.grips[a].touch[:3, 3] - part.grips[b].touch[:3, 3]
+    return bool(np.linalg.norm(gap) >= APART)
+
+
+def _beside(path: Array, standing: Array) -> Array:
+    """Return the path of two robots the second of which stands."""
+    return np.hstack([path, np.tile(standing, (len(path), 1))])
 
 
 def common(a: Array, b: Array) -> Array:

@@ -36,17 +36,32 @@ class Keyframe:
 
 
 @dataclass(frozen=True)
+class Meeting:
+    """One way to hand the part over.
+
+    Attributes:
+        giver: the skill of the robot that brings the part to the other one's pad.
+        taker: where that one stands meanwhile, shape (n,).
+    """
+
+    giver: Keyframe
+    taker: Array
+
+
+@dataclass(frozen=True)
 class Keyframes:
     """Ways to do all switches of a sub-problem, consistent with each other.
 
-    Every pick goes with every place: they hold the part alike.
+    Every pick goes with every meeting and every place: they hold the part alike.
 
     Attributes:
-        hold: how the part is held.
+        holds: how each robot that has the part holds it, in order.
         picks: ways to pick it, the most promising first.
         places: ways to place it, likewise.
+        meetings: ways to hand it over, likewise; empty where one robot does all.
     """
 
-    hold: Hold
+    holds: tuple[Hold, ...]
     picks: tuple[Keyframe, ...]
     places: tuple[Keyframe, ...]
+    meetings: tuple[Meeting, ...] = ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -35,7 +35,7 @@ def robot_groups(
 ) -> list[tuple[str, ...]]:
     """Return the groups of a size, those first that are free earliest (eq. 7)."""
     free = {name: building.world.free_from(name) for name in team}
-    groups = {tuple(sorted(g, key=team.index)) for g in permutations(team, size)}
+    groups = set(combinations(team, size))
     return sorted(
         groups,
         key=lambda g: (max(free[r] for r in g), [team.index(r) for r in g]),
@@ -108,7 +108,19 @@ class ConstructionSearch:
 
     def _skeletons(self, building: Building, part: Part) -> Iterator[Skeleton]:
         """Yield sequences of actions: robots by eq. 7, one before several, short before long."""
-        able = set(self.bounds.alone(part))
-        for group in robot_groups(building, self.problem.team, 1):
-            if group[0] in able:
-                yield from skeletons(group)
+        for size in range(1, self.settings.group + 1):
+            for group in robot_groups(building, self.problem.team, size):
+                for skeleton in skeletons(group):
+                    if self._may_work(part, skeleton):
+                        yield skeleton
+
+    def _may_work(self, part: Part, skeleton: Skeleton) -> bool:
+        """Tell whether lower bounds leave a sequence of actions any chance."""
+        robots = tuple(dict.fromkeys(action.robot for action in skeleton))
+        if len(robots) == 1:
+            return robots[0] in self.bounds.alone(part)
+        return (
+            bool(self.bounds.pick_grips(robots[0], part))
+            and bool(self.bounds.place_grips(robots[-1], part))
+            and all(self.bounds.can_hand_over(a, b, part) for a, b in pairwise(robots))
+        )

@@ -63,6 +63,7 @@ class StepScenes:
         self._contacts = contacts
         self._empty: dict[tuple[str, bool], SpaceTimeChecker] = {}
         self._held: dict[tuple[str, bool, Hold], SpaceTimeChecker] = {}
+        self._handing: dict[tuple[str, str, str, Hold], SpaceTimeChecker] = {}
 
     def empty_at_start(self, robot: str) -> SpaceTimeChecker:
         """Return the check of a pad that comes to the part in the supply."""
@@ -79,6 +80,27 @@ class StepScenes:
     def held_at_goal(self, robot: str, hold: Hold) -> SpaceTimeChecker:
         """Return the check of the part as it is put down."""
         return self._with_part(robot, hold, True)
+
+    def handing(
+        self, giver: str, taker: str, holder: str, hold: Hold
+    ) -> SpaceTimeChecker:
+        """Return the check of two robots at once, one of which holds the part.
+
+        Args:
+            giver, taker: whose pads both touch the part; configurations in this order.
+            holder: one of them.
+            hold: how that one holds it.
+        """
+        key = (giver, taker, holder, hold)
+        if key not in self._handing:
+            pose = self.problem.held_in_flange(holder, self.part, *hold)
+            self._handing[key] = SpaceTimeChecker(
+                self.world,
+                (giver, taker),
+                held={self.part.name: Attachment(holder, pose)},
+                allowed=held_by(giver, self.part) | held_by(taker, self.part),
+            )
+        return self._handing[key]
 
     @cached_property
     def lying(self) -> tuple[SpaceTimeChecker, np.ndarray]:

@@ -16,10 +16,12 @@ from planning.construction.object_order import ready_at
 from planning.construction.part_contacts import PartContacts, held_by
 from planning.construction.problem import ConstructionProblem, Part
 from planning.construction.skeletons import Skeleton
+from planning.construction.skill_motion import SkillMotion
 from planning.construction.space_time_checker import SpaceTimeChecker
 from planning.construction.space_time_rrt import RrtSettings, space_time_rrt
 from planning.construction.step_scenes import StepScenes
 from planning.construction.stopwatch import Stopwatch
+from planning.transforms import Array
 
 
 @dataclass(frozen=True)
@@ -73,22 +75,24 @@ class SubproblemSolver:
             skeleton: who does what.
             seed: of all random numbers.
         """
-        robot = skeleton[0].robot
+        team = tuple(dict.fromkeys(action.robot for action in skeleton))
         rng = np.random.default_rng(seed)
-        world = drop_tail(building.world, robot)
+        world = building.world
+        for robot in team:
+            world = drop_tail(world, robot)
         building = Building(world, building.work, building.placed)
-        scenes = StepScenes(self.problem, self.contacts, world, part, (robot,))
+        scenes = StepScenes(self.problem, self.contacts, world, part, team)
         ready = ready_at(self.problem, part.name, building.placed)
         solver = KeyframeSolver(
             scenes, self.bounds, ready, self.settings.keyframes, rng
         )
-        options = solver.alone(robot)
+        options = solver.alone(*team) if len(team) == 1 else solver.handed_over(*team)
         for _ in range(self.settings.holds):
             with self.watch.time("keyframes"):
                 found = next(options, None)
             if found is None:
                 return None
-            done = self._go(building, part, robot, found, rng)
+            done = self._go(building, part, team, found, rng)
             if done is not None:
                 return done
         return None
@@ -97,35 +101,76 @@ class SubproblemSolver:
         self,
         building: Building,
         part: Part,
-        robot: str,
+        team: tuple[str, ...],
         keyframes: Keyframes,
         rng: np.random.Generator,
     ) -> Building | None:
-        """Return the state after pick, place and retract with given keyframes."""
+        """Return the state after all actions with given keyframes, leg by leg."""
         problem = self.problem
+        robot, hold = team[0], keyframes.holds[0]
         after = self._leg(building, robot, keyframes.picks, frozenset(), rng)
         if after is None:
             return None
         building, pick, start = after
-        pose = problem.held_in_flange(robot, part, *keyframes.hold)
+        pose = problem.held_in_flange(robot, part, *hold)
         building = building.worked(
-            pick.motion, "pick", part.name, start, robot, pose, keyframes.hold.grip
+            pick.motion, "pick", part.name, start, robot, pose, hold.grip
         )
+        if len(team) > 1:
+            met = self._hand_over(building, part, team, keyframes, rng)
+            if met is None:
+                return None
+            building, robot, hold = met, team[-1], keyframes.holds[-1]
         allowed = held_by(robot, part)
         after = self._leg(building, robot, keyframes.places, allowed, rng)
         if after is None:
             return None
         building, place, start = after
         building = building.worked(
-            place.motion,
-            "place-down",
-            part.name,
-            start,
-            None,
-            part.goal,
-            keyframes.hold.grip,
+            place.motion, "place-down", part.name, start, None, part.goal, hold.grip
         )
         return self._retract(building, robot, rng)
+
+    def _hand_over(
+        self,
+        building: Building,
+        part: Part,
+        team: tuple[str, ...],
+        keyframes: Keyframes,
+        rng: np.random.Generator,
+    ) -> Building | None:
+        """Return the state in which the second robot has the part and the first is out of its way.
+
+        The giver comes first and waits; the taker comes as soon as it can, and then the part
+        changes hands at once.
+        """
+        giver, taker = team
+        allowed = held_by(giver, part)
+        meetings = [meeting.giver for meeting in keyframes.meetings]
+        after = self._leg(building, giver, meetings, allowed, rng)
+        if after is None:
+            return None
+        building, chosen, waits = after
+        meeting = next(m for m in keyframes.meetings if m.giver is chosen)
+        motion = chosen.motion
+        goal = Keyframe(_standing(taker, meeting.taker), _from(chosen.windows, waits))
+        after = self._leg(building, taker, [goal], frozenset(), rng)
+        if after is None:
+            return None
+        building, _, start = after
+        with self.watch.time("path"):
+            # Others were planned before the giver was to wait here.
+            checker = SpaceTimeChecker(building.world, (giver,), allowed=allowed)
+            if not checker.skill_free(motion.path[:1], waits, start):
+                return None
+        pose = self.problem.held_in_flange(taker, part, *keyframes.holds[1])
+        grip = keyframes.holds[0].grip
+        building = building.worked(
+            motion, "handover", part.name, start, taker, pose, grip
+        )
+        stand = np.array([start, start + motion.seconds])
+        building = building.moved(taker, stand, np.tile(meeting.taker, (2, 1)))
+        return self._retract(building, giver, rng)
 
     def _leg(
         self,
@@ -167,6 +212,18 @@ class SubproblemSolver:
         if found is None:
             return None
         return building.moved(robot, found.time, found.path, work=False)
+
+
+def _standing(robot: str, q: Array) -> SkillMotion:
+    """Return a skill that is nothing but standing somewhere."""
+    return SkillMotion(robot, q[None], 0, np.zeros(1))
+
+
+def _from(windows: Array, t: float) -> Array:
+    """Return what is left of spans from a time on, shape (w, 2) [s]."""
+    left = windows[windows[:, 1] >= t].copy()
+    left[:, 0] = np.maximum(left[:, 0], t)
+    return left
 
 
 def _seed(rng: np.random.Generator) -> int:

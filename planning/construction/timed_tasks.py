@@ -51,17 +51,21 @@ def _tasks(
     robot: str,
 ) -> Iterator[PlannedTask]:
     line = building.world.robots[robot]
-    own = sorted((w for w in building.work if w.robot == robot), key=lambda w: w.start)
+    own = sorted(
+        (w for w in building.work if robot in (w.robot, w.holder)),
+        key=lambda w: w.start,
+    )
     at, carried = float(line.time[0]), None
     for work in own:
-        yield from _transit(
-            problem, line, (at, work.start), f"to {work.part}", work, carried
-        )
-        yield _skill(problem, contacts, line, work)
+        span = (at, work.start)
+        yield from _transit(problem, line, span, f"to {work.part}", work, carried)
+        if work.robot == robot:
+            yield _skill(problem, contacts, line, work)
         at = work.end
         carried = work.part if work.holder == robot else None
     if own:
-        yield from _transit(problem, line, (at, line.end), "HOME", own[-1], carried)
+        span = (at, line.end)
+        yield from _transit(problem, line, span, "HOME", own[-1], carried)
 
 
 def _transit(
@@ -84,6 +88,10 @@ def _transit(
     touching: Pairs = frozenset()
     if carried is not None:
         touching = held_by(line.robot, problem.part(carried))
+    if work.holder == line.robot != work.robot:
+        # It stands with both pads at the part while that changes hands.
+        part = problem.part(work.part)
+        touching |= held_by(line.robot, part) | held_by(work.robot, part)
     yield PlannedTask(
         line.robot,
         TRANSIT,
@@ -116,6 +124,8 @@ def _skill(
     touching = held_by(work.robot, part)
     if work.kind == "pick":
         touching |= contacts.at_start(part)
+    elif work.kind == "handover":
+        touching |= held_by(str(work.holder), part)
     elif work.kind == "place-down":
         touching |= contacts.at_goal(part)
     return PlannedTask(
