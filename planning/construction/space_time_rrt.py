@@ -159,7 +159,7 @@ def _search(
         time, path, goal, drawn, _ = grow(checker.scene, query, limits, bound)
         samples += int(drawn)
         if goal < 0:
-            break
+            continue
         found = SpaceTimePath(time, path, int(goal), earliest)
         best = _improve(checker, found, query, settings, seed + turn)
         if best.arrival <= earliest + settings.good_enough:
