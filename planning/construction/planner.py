@@ -9,7 +9,7 @@ from planning.construction.bounds import ReachBounds
 from planning.construction.building import Building
 from planning.construction.part_contacts import PartContacts
 from planning.construction.problem import ConstructionProblem
-from planning.construction.search import ConstructionSearch, SearchSettings
+from planning.construction.search import ConstructionSearch, Failure, SearchSettings
 from planning.construction.stopwatch import Stopwatch
 from planning.construction.subproblem import SubproblemSettings, SubproblemSolver
 
@@ -37,6 +37,7 @@ class ConstructionPlan:
         seconds: wall-clock seconds by component: keyframes, path, postprocessing.
         cpu: processor seconds, likewise.
         rewound: how many placements were taken back.
+        failures: what did not work on the way.
     """
 
     problem: ConstructionProblem
@@ -44,6 +45,7 @@ class ConstructionPlan:
     seconds: Mapping[str, float]
     cpu: Mapping[str, float]
     rewound: int = 0
+    failures: tuple[Failure, ...] = ()
 
     @property
     def makespan(self) -> float:
@@ -77,5 +79,10 @@ def plan_construction(
     search = ConstructionSearch(problem, bounds, solver, settings.search, progress)
     building = search.run()
     return ConstructionPlan(
-        problem, building, dict(watch.seconds), dict(watch.cpu), search.rewound
+        problem,
+        building,
+        dict(watch.seconds),
+        dict(watch.cpu),
+        search.rewound,
+        tuple(search.failures),
     )

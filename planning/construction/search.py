@@ -24,10 +24,13 @@ class SearchSettings:
     Attributes:
         attempts: of each sequence of actions, before the next robots are tried.
         group: most robots that work on one part together.
+        efforts: how often failures are gone through again when nothing else is left, each
+            time trying harder.
     """
 
     attempts: int = 2
     group: int = 2
+    efforts: int = 3
 
 
 def robot_groups(
@@ -42,8 +45,29 @@ def robot_groups(
     )
 
 
+@dataclass(frozen=True)
+class Failure:
+    """What did not work, for the list that is gone through again when nothing else is left.
+
+    Attributes:
+        part: its name.
+        skeleton: the sequence of actions.
+        placed: parts that were in place.
+        effort: how hard it was tried, from 0.
+    """
+
+    part: str
+    skeleton: Skeleton
+    placed: frozenset[str]
+    effort: int
+
+
 class ConstructionSearch:
     """Plans part after part, fixed once planned, and takes placements back where it must.
+
+    A part that nobody can place is kept from its place by others: those placed last are taken
+    back until it can be placed. The parts that were in its way are remembered, and never
+    complete again before it, so the search ends.
 
     Args:
         problem: what is built by whom.
@@ -54,7 +78,7 @@ class ConstructionSearch:
 
     Attributes:
         rewound: how many placements have been taken back.
-        failed: what failed, in order: part, sequence of actions, and the parts in place.
+        failures: what did not work, in order.
     """
 
     def __init__(
@@ -71,7 +95,9 @@ class ConstructionSearch:
         self.settings = settings
         self.progress = progress
         self.rewound = 0
-        self.failed: list[tuple[str, Skeleton, frozenset[str]]] = []
+        self.failures: list[Failure] = []
+        self._rng = np.random.default_rng([problem.seed, 1])
+        self._walls: dict[str, set[frozenset[str]]] = {}
 
     def run(self) -> Building:
         """Return the state in which every part is in its place.
@@ -79,31 +105,77 @@ class ConstructionSearch:
         Raises:
             ConstructionError: no way was found; names the part.
         """
-        problem = self.problem
-        rng = np.random.default_rng([problem.seed, 1])
-        building = nothing_built(problem)
-        total = len(problem.parts)
-        while len(building.placed) < total:
-            free = min(building.world.free_from(name) for name in problem.team)
-            ranked = rank_parts(problem, building.placed, {}, rng, free)
-            part = problem.part(ranked[0])
-            after = self._place(building, part)
-            if after is None:
-                raise ConstructionError(f"{part.name} could not be placed")
-            building = after
-            self.progress(len(building.placed), total)
-        return building
+        total = len(self.problem.parts)
+        done = [nothing_built(self.problem)]
+        while len(done[-1].placed) < total:
+            part = self._next_part(done[-1])
+            after = self._place(done[-1], part)
+            if after is not None:
+                done.append(after)
+            else:
+                done = self._backtrack(done, part)
+            self.progress(len(done[-1].placed), total)
+        return done[-1]
 
-    def _place(self, building: Building, part: Part) -> Building | None:
+    def _next_part(self, building: Building) -> Part:
+        problem = self.problem
+        free = min(building.world.free_from(name) for name in problem.team)
+        args = (problem, building.placed)
+        ranked = rank_parts(*args, self._walls, self._rng, free)
+        if not ranked:
+            # What has been remembered leaves nothing: go on, and see what can be placed.
+            ranked = rank_parts(*args, {}, self._rng, free)
+        return problem.part(ranked[0])
+
+    def _backtrack(self, done: list[Building], part: Part) -> list[Building]:
+        """Return the states up to one in which a part is in its place that could not be placed.
+
+        Raises:
+            ConstructionError: it cannot be placed before any of the others, either.
+        """
+        for effort in range(self.settings.efforts):
+            # In the last state it has just failed with no more effort than usual.
+            for back in range(1 if effort == 0 else 0, len(done)):
+                before = done[-1 - back]
+                if part.name not in self._placeable(before):
+                    continue
+                after = self._place(before, part, effort)
+                if after is None:
+                    continue
+                if back:
+                    wall = frozenset(done[-back].placed)
+                    self._walls.setdefault(part.name, set()).add(wall)
+                    self.rewound += back
+                return [*done[: len(done) - back], after]
+        robots = ", ".join(
+            dict.fromkeys(
+                " and ".join(_robots(f.skeleton))
+                for f in self.failures
+                if f.part == part.name
+            )
+        )
+        raise ConstructionError(
+            f"no way was found to place {part.name}, with any of the {len(done) - 1} parts"
+            f" planned before it in place or taken back; tried: {robots or 'nobody'}"
+        )
+
+    def _placeable(self, building: Building) -> tuple[str, ...]:
+        problem = self.problem
+        return problem.graph.placeable(building.placed, carried=problem.carried)
+
+    def _place(
+        self, building: Building, part: Part, effort: int = 0
+    ) -> Building | None:
         """Return the state in which a part is in its place, None where nobody can do it."""
         for skeleton in self._skeletons(building, part):
             for attempt in range(self.settings.attempts):
                 seed = [self.problem.seed, 2, building.step, self.rewound, attempt]
-                seed += [self.problem.team.index(a.robot) for a in skeleton]
-                after = self.solver.solve(building, part, skeleton, seed)
+                seed += [effort, *(self.problem.team.index(a.robot) for a in skeleton)]
+                after = self.solver.solve(building, part, skeleton, seed, effort)
                 if after is not None:
                     return after
-            self.failed.append((part.name, skeleton, frozenset(building.placed)))
+            placed = frozenset(building.placed)
+            self.failures.append(Failure(part.name, skeleton, placed, effort))
         return None
 
     def _skeletons(self, building: Building, part: Part) -> Iterator[Skeleton]:
@@ -116,7 +188,7 @@ class ConstructionSearch:
 
     def _may_work(self, part: Part, skeleton: Skeleton) -> bool:
         """Tell whether lower bounds leave a sequence of actions any chance."""
-        robots = tuple(dict.fromkeys(action.robot for action in skeleton))
+        robots = _robots(skeleton)
         if len(robots) == 1:
             return robots[0] in self.bounds.alone(part)
         return (
@@ -124,3 +196,7 @@ class ConstructionSearch:
             and bool(self.bounds.place_grips(robots[-1], part))
             and all(self.bounds.can_hand_over(a, b, part) for a, b in pairwise(robots))
         )
+
+
+def _robots(skeleton: Skeleton) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(action.robot for action in skeleton))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -35,8 +35,23 @@ class SubproblemSettings:
     """
 
     keyframes: KeyframeSettings = field(default_factory=KeyframeSettings)
-    rrt: RrtSettings = field(default_factory=RrtSettings)
+    rrt: RrtSettings = RrtSettings(good_enough=1.0, patience=80, direct=8)
     holds: int = 2
+
+    def harder(self, effort: int) -> SubproblemSettings:
+        """Return the settings with which failures are gone through again."""
+        if effort == 0:
+            return self
+        by = 3**effort
+        keyframes = replace(
+            self.keyframes,
+            draws=self.keyframes.draws * by,
+            places=self.keyframes.places * 2,
+            ahead=self.keyframes.ahead * by,
+            meetings=self.keyframes.meetings * by,
+        )
+        rrt = replace(self.rrt, iterations=self.rrt.iterations * by)
+        return replace(self, keyframes=keyframes, rrt=rrt, holds=self.holds * by)
 
 
 class SubproblemSolver:
@@ -65,7 +80,12 @@ class SubproblemSolver:
         self.watch = watch
 
     def solve(
-        self, building: Building, part: Part, skeleton: Skeleton, seed: Sequence[int]
+        self,
+        building: Building,
+        part: Part,
+        skeleton: Skeleton,
+        seed: Sequence[int],
+        effort: int = 0,
     ) -> Building | None:
         """Return the state after a part has been brought to its place, None where that failed.
 
@@ -74,7 +94,9 @@ class SubproblemSolver:
             part: what is placed; it is placeable.
             skeleton: who does what.
             seed: of all random numbers.
+            effort: how much harder than usual is tried.
         """
+        settings = self.settings.harder(effort)
         team = tuple(dict.fromkeys(action.robot for action in skeleton))
         rng = np.random.default_rng(seed)
         world = building.world
@@ -83,16 +105,14 @@ class SubproblemSolver:
         building = Building(world, building.work, building.placed)
         scenes = StepScenes(self.problem, self.contacts, world, part, team)
         ready = ready_at(self.problem, part.name, building.placed)
-        solver = KeyframeSolver(
-            scenes, self.bounds, ready, self.settings.keyframes, rng
-        )
+        solver = KeyframeSolver(scenes, self.bounds, ready, settings.keyframes, rng)
         options = solver.alone(*team) if len(team) == 1 else solver.handed_over(*team)
-        for _ in range(self.settings.holds):
+        for _ in range(settings.holds):
             with self.watch.time("keyframes"):
                 found = next(options, None)
             if found is None:
                 return None
-            done = self._go(building, part, team, found, rng)
+            done = self._go(building, part, team, found, rng, settings)
             if done is not None:
                 return done
         return None
@@ -104,11 +124,12 @@ class SubproblemSolver:
         team: tuple[str, ...],
         keyframes: Keyframes,
         rng: np.random.Generator,
+        settings: SubproblemSettings,
     ) -> Building | None:
         """Return the state after all actions with given keyframes, leg by leg."""
         problem = self.problem
         robot, hold = team[0], keyframes.holds[0]
-        after = self._leg(building, robot, keyframes.picks, frozenset(), rng)
+        after = self._leg(building, robot, keyframes.picks, frozenset(), rng, settings)
         if after is None:
             return None
         building, pick, start = after
@@ -117,19 +138,19 @@ class SubproblemSolver:
             pick.motion, "pick", part.name, start, robot, pose, hold.grip
         )
         if len(team) > 1:
-            met = self._hand_over(building, part, team, keyframes, rng)
+            met = self._hand_over(building, part, team, keyframes, rng, settings)
             if met is None:
                 return None
             building, robot, hold = met, team[-1], keyframes.holds[-1]
         allowed = held_by(robot, part)
-        after = self._leg(building, robot, keyframes.places, allowed, rng)
+        after = self._leg(building, robot, keyframes.places, allowed, rng, settings)
         if after is None:
             return None
         building, place, start = after
         building = building.worked(
             place.motion, "place-down", part.name, start, None, part.goal, hold.grip
         )
-        return self._retract(building, robot, rng)
+        return self._retract(building, robot, rng, settings)
 
     def _hand_over(
         self,
@@ -138,6 +159,7 @@ class SubproblemSolver:
         team: tuple[str, ...],
         keyframes: Keyframes,
         rng: np.random.Generator,
+        settings: SubproblemSettings,
     ) -> Building | None:
         """Return the state in which the second robot has the part and the first is out of its way.
 
@@ -147,14 +169,14 @@ class SubproblemSolver:
         giver, taker = team
         allowed = held_by(giver, part)
         meetings = [meeting.giver for meeting in keyframes.meetings]
-        after = self._leg(building, giver, meetings, allowed, rng)
+        after = self._leg(building, giver, meetings, allowed, rng, settings)
         if after is None:
             return None
         building, chosen, waits = after
         meeting = next(m for m in keyframes.meetings if m.giver is chosen)
         motion = chosen.motion
         goal = Keyframe(_standing(taker, meeting.taker), _from(chosen.windows, waits))
-        after = self._leg(building, taker, [goal], frozenset(), rng)
+        after = self._leg(building, taker, [goal], frozenset(), rng, settings)
         if after is None:
             return None
         building, _, start = after
@@ -170,7 +192,7 @@ class SubproblemSolver:
         )
         stand = np.array([start, start + motion.seconds])
         building = building.moved(taker, stand, np.tile(meeting.taker, (2, 1)))
-        return self._retract(building, giver, rng)
+        return self._retract(building, giver, rng, settings)
 
     def _leg(
         self,
@@ -179,6 +201,7 @@ class SubproblemSolver:
         goals: Sequence[Keyframe],
         allowed: frozenset[frozenset[str]],
         rng: np.random.Generator,
+        settings: SubproblemSettings,
     ) -> tuple[Building, Keyframe, float] | None:
         """Return the state at the beginning of a skill, the keyframe that it is, and when."""
         with self.watch.time("path"):
@@ -187,7 +210,7 @@ class SubproblemSolver:
                 checker,
                 np.array([goal.start for goal in goals]),
                 windows=[goal.windows for goal in goals],
-                settings=self.settings.rrt,
+                settings=settings.rrt,
                 seed=_seed(rng),
             )
         if found is None:
@@ -196,7 +219,11 @@ class SubproblemSolver:
         return building, goals[found.goal], found.arrival
 
     def _retract(
-        self, building: Building, robot: str, rng: np.random.Generator
+        self,
+        building: Building,
+        robot: str,
+        rng: np.random.Generator,
+        settings: SubproblemSettings,
     ) -> Building | None:
         """Return the state in which a robot has gone out of the others' way."""
         home = self.problem.cell.robot(robot).home
@@ -206,7 +233,7 @@ class SubproblemSolver:
                 checker,
                 home[None],
                 stay=np.inf,
-                settings=self.settings.rrt,
+                settings=settings.rrt,
                 seed=_seed(rng),
             )
         if found is None:
