@@ -40,10 +40,14 @@ class Piece:
 
 
 class PlainGraph:
-    """All nodes of a graph with what they occupy, found by walking through the plan in order."""
+    """All nodes of a graph with what they occupy, found by walking through the plan in order.
 
-    def __init__(self, tpg: TemporalPlanGraph) -> None:
+    ``slack`` is added to the clearances [m].
+    """
+
+    def __init__(self, tpg: TemporalPlanGraph, slack: float = 0.0) -> None:
         self.tpg = tpg
+        self.slack = slack
         self.nodes: list[Node] = sorted(
             ((r, n) for r, c in enumerate(tpg.chains) for n in range(len(c))),
             key=lambda x: (
@@ -157,7 +161,8 @@ class PlainGraph:
     def limit(self, x: str, y: str) -> float:
         robots = "/" in x and "/" in y
         clearances = self.tpg.cell.clearances
-        return clearances.robot_robot if robots else clearances.robot_object
+        least = clearances.robot_robot if robots else clearances.robot_object
+        return least + self.slack
 
     def conflict(self, u: Node, v: Node) -> bool:
         """Tell whether two nodes conflict: any two bodies, anywhere on both motions."""

@@ -283,11 +283,16 @@ def _free_since_start(
     }
     attachments[box] = Attachment(None, pose)
     far = {r.name: r.home for r in trial.robots}
+    held: dict[str, Attachment] = {}
     for task, motion in zip(writer.tasks, writer.motions, strict=True):
         last = task.index == len(writer.tasks) - 1 and task.robot == robot
         allowed = (
             frozenset([frozenset((f"{robot}/tool", box))]) if last else frozenset()
         )
+        carried = {o: a for o, a in held.items() if a.holder == task.robot}
+        for handling in task.handlings:
+            held[handling.object] = Attachment(handling.holder, handling.pose)
+        carried |= {o: a for o, a in held.items() if a.holder == task.robot}
         checker = SceneChecker(
             Workcell(
                 tuple(r for r in trial.robots if r.name == task.robot),
@@ -296,7 +301,7 @@ def _free_since_start(
                 trial.clearances,
             ),
             task.robot,
-            WorldState(far, attachments),
+            WorldState(far, attachments | carried),
             allowed,
             margin=0.12,
         )

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
+from planning.geometry.exact import TOLERANCE
 from planning.motion_plan import MotionPlan, TaskMotion
 from planning.task_graph import Task
 from planning.transforms import Array, rotation, translation
@@ -58,7 +59,11 @@ def test_any_plan_has_no_cycle_and_the_edges_of_the_double_loop(
         nx.add_path(graph, [(r, n) for n in range(len(chain))])
     assert nx.is_directed_acyclic_graph(graph)
     edges = dependency_edges(plan.tasks, plan.dependencies, tpg.chains)
-    assert edge_set(tpg) == PlainGraph(tpg).reduced_edges(edges)
+    # What is as close as the tolerance of a decision may go either way.
+    slacks = (0.0, TOLERANCE, -TOLERANCE)
+    assert any(
+        edge_set(tpg) == PlainGraph(tpg, slack).reduced_edges(edges) for slack in slacks
+    )
 
 
 def test_the_random_plans_are_worth_testing() -> None:
