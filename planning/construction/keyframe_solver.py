@@ -81,11 +81,9 @@ class KeyframeSolver:
         The place is looked at first: where nothing can be put down nothing need be picked.
         """
         part = self.scenes.part
-        grips = set(self.bounds.pick_grips(robot, part))
-        grips &= set(self.bounds.place_grips(robot, part))
-        holds = [Hold(grip, turn) for grip in sorted(grips) for turn in _TURNS]
+        holds = holds_of(self.bounds, robot, part)
         begin = self.scenes.world.robots[robot].end
-        free = self._free_place()
+        free = self.free_place()
         for k in self.rng.permutation(len(holds)).tolist():
             hold = holds[k]
             places = self.places(robot, hold, begin, free)
@@ -109,7 +107,7 @@ class KeyframeSolver:
             for turn_a in _TURNS
             for turn_b in _TURNS
         ]
-        free = self._free_place()
+        free = self.free_place()
         picks: dict[Hold, tuple[Keyframe, ...]] = {}
         places: dict[Hold, tuple[Keyframe, ...]] = {}
         for k in self.rng.permutation(len(pairs)).tolist():
@@ -150,8 +148,7 @@ class KeyframeSolver:
             )
             soon = max(pick.earliest + pick.motion.seconds, before.begin[1]) + carried
             both = np.concatenate([q_giver, q_taker])
-            t = soon + self.rng.uniform(0.0, self.settings.spread)
-            if not before.configuration_free(both, t):
+            if not before.configuration_free(both, self._drawn_time(soon)):
                 continue
             motion = skill_motion(
                 problem.cell.robot(giver),
@@ -238,7 +235,7 @@ class KeyframeSolver:
         cut = (Keyframe(k.motion, common(k.windows, free)) for k in found)
         return tuple(k for k in cut if len(k.windows))
 
-    def _free_place(self) -> Array:
+    def free_place(self) -> Array:
         """Return the spans from which on nothing that is fixed runs into the part in its place."""
         checker, q = self.scenes.lying
         begin = max(self.ready, checker.start)
@@ -270,8 +267,7 @@ class KeyframeSolver:
             for q in drawn:
                 soon = checker.begin[0] + checker.least_duration(q_start, q)
                 soon = max(soon, begin)
-                t = soon + self.rng.uniform(0.0, self.settings.spread)
-                if not checker.configuration_free(q, t):
+                if not checker.configuration_free(q, self._drawn_time(soon)):
                     continue
                 motion = skill_motion(placed, problem.frame, q, ways, velocity, seconds)
                 if motion is None:
@@ -285,10 +281,20 @@ class KeyframeSolver:
                 break
         return tuple(sorted(out, key=lambda k: k.earliest))
 
+    def _drawn_time(self, soon: float) -> float:
+        """Draw the time for which a configuration is tried first."""
+        return soon + float(self.rng.uniform(0.0, self.settings.spread))
+
     def _windows(self, motion: SkillMotion, phase: Phase, earliest: float) -> Array:
         parts = [(phase[0], motion.before), (phase[1], motion.after)]
         latest = earliest + self.settings.ahead
         return arrival_windows(parts, motion.seconds, earliest, latest)
+
+
+def holds_of(bounds: ReachBounds, robot: str, part: Part) -> list[Hold]:
+    """Return the ways in which a robot can hold a part that it both picks and places."""
+    grips = set(bounds.pick_grips(robot, part)) & set(bounds.place_grips(robot, part))
+    return [Hold(grip, turn) for grip in sorted(grips) for turn in _TURNS]
 
 
 def grips_apart(part: Part, a: int, b: int) -> bool:

@@ -53,10 +53,14 @@ class ConstructionPlan:
         return max(work.end for work in self.building.work)
 
 
+def no_progress(done: int, total: int) -> None:
+    """Tell nobody."""
+
+
 def plan_construction(
     problem: ConstructionProblem,
     settings: PlannerSettings | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Callable[[int, int], None] = no_progress,
     bounds: ReachBounds | None = None,
 ) -> ConstructionPlan:
     """Plan a construction in space and time.
@@ -72,17 +76,26 @@ def plan_construction(
     """
     settings = settings or PlannerSettings()
     bounds = bounds or ReachBounds(problem)
-    watch = Stopwatch()
     solver = SubproblemSolver(
-        problem, bounds, PartContacts(problem), settings.subproblem, watch
+        problem, bounds, PartContacts(problem), settings.subproblem, Stopwatch()
     )
-    search = ConstructionSearch(problem, bounds, solver, settings.search, progress)
+    return plan_with(solver, bounds, settings.search, progress)
+
+
+def plan_with(
+    solver: SubproblemSolver,
+    bounds: ReachBounds,
+    settings: SearchSettings,
+    progress: Callable[[int, int], None],
+) -> ConstructionPlan:
+    """Search with some solver of sub-problems; see plan_construction."""
+    search = ConstructionSearch(solver.problem, bounds, solver, settings, progress)
     building = search.run()
     return ConstructionPlan(
-        problem,
+        solver.problem,
         building,
-        dict(watch.seconds),
-        dict(watch.cpu),
+        dict(solver.watch.seconds),
+        dict(solver.watch.cpu),
         search.rewound,
         tuple(search.failures),
     )

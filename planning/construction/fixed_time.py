@@ -1,0 +1,183 @@
+"""The baseline of the paper: the same decomposition, but every action lasts a fixed time (V-B5).
+
+A pick begins a multiple of T after the robot became free, a place a multiple of T after the
+pick. Keyframes are only drawn for such times, one after another, and paths must arrive exactly
+then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from planning.construction.bounds import ReachBounds
+from planning.construction.building import Building
+from planning.construction.fixed_world import drop_tail
+from planning.construction.keyframe_solver import KeyframeSolver, Phase, holds_of
+from planning.construction.keyframes import Keyframe
+from planning.construction.object_order import ready_at
+from planning.construction.part_contacts import PartContacts, held_by
+from planning.construction.planner import (
+    ConstructionPlan,
+    PlannerSettings,
+    no_progress,
+    plan_with,
+)
+from planning.construction.problem import ConstructionProblem, Part
+from planning.construction.skeletons import Skeleton
+from planning.construction.skill_motion import SkillMotion
+from planning.construction.step_scenes import StepScenes
+from planning.construction.stopwatch import Stopwatch
+from planning.construction.subproblem import SubproblemSettings, SubproblemSolver
+from planning.transforms import Array
+
+_TRIALS = 11
+"""Multiples of T that are tried, as many as in the authors' code."""
+
+
+class FixedTimeKeyframes(KeyframeSolver):
+    """Finds keyframes for one instant only.
+
+    Attributes:
+        instant: when the skill begins [s].
+    """
+
+    instant: float = 0.0
+
+    def _drawn_time(self, soon: float) -> float:
+        return max(self.instant, soon)
+
+    def _windows(self, motion: SkillMotion, phase: Phase, earliest: float) -> Array:
+        start, end = self.instant, self.instant + motion.seconds
+        parts = ((phase[0], motion.before), (phase[1], motion.after))
+        if start < earliest or not all(
+            checker.skill_free(path, start, end) for checker, path in parts
+        ):
+            return np.empty((0, 2))
+        return np.array([[start, start]])
+
+
+class FixedTimeSolver(SubproblemSolver):
+    """Plans one part with actions of a fixed duration, without handovers.
+
+    Args:
+        problem: parts and team.
+        bounds: who reaches what.
+        contacts: of all parts.
+        settings: how hard is tried.
+        watch: what takes how long.
+        duration: T [s].
+    """
+
+    def __init__(
+        self,
+        problem: ConstructionProblem,
+        bounds: ReachBounds,
+        contacts: PartContacts,
+        settings: SubproblemSettings,
+        watch: Stopwatch,
+        duration: float,
+    ) -> None:
+        super().__init__(problem, bounds, contacts, settings, watch)
+        self.duration = duration
+
+    def solve(
+        self,
+        building: Building,
+        part: Part,
+        skeleton: Skeleton,
+        seed: Sequence[int],
+        effort: int = 0,
+    ) -> Building | None:
+        """Return the state after a part has been brought to its place, None where that failed."""
+        robot = skeleton[0].robot
+        settings = self.settings.harder(effort)
+        rng = np.random.default_rng(seed)
+        world = drop_tail(building.world, robot)
+        building = replace(building, world=world)
+        scenes = StepScenes(self.problem, self.contacts, world, part, (robot,))
+        ready = ready_at(self.problem, part.name, building.placed)
+        solver = FixedTimeKeyframes(scenes, self.bounds, ready, settings.keyframes, rng)
+        holds = holds_of(self.bounds, robot, part)
+        hold = holds[int(rng.integers(len(holds)))]
+        begin = world.robots[robot].end
+        with self.watch.time("keyframes"):
+            free = solver.free_place()
+
+        def pick() -> tuple[Keyframe, ...]:
+            return solver.picks(robot, hold, begin)
+
+        def place() -> tuple[Keyframe, ...]:
+            return solver.places(robot, hold, begin, free)
+
+        picked = self._action(building, robot, solver, pick, frozenset(), rng, settings)
+        if picked is None:
+            return None
+        building, key, start = picked
+        pose = self.problem.held_in_flange(robot, part, *hold)
+        building = building.worked(
+            key.motion, "pick", part.name, start, robot, pose, hold.grip
+        )
+        placed = self._action(
+            building, robot, solver, place, held_by(robot, part), rng, settings
+        )
+        if placed is None:
+            return None
+        building, key, start = placed
+        building = building.worked(
+            key.motion, "place-down", part.name, start, None, part.goal, hold.grip
+        )
+        return self._retract(building, robot, rng, settings)
+
+    def _action(
+        self,
+        building: Building,
+        robot: str,
+        solver: FixedTimeKeyframes,
+        draw: Callable[[], tuple[Keyframe, ...]],
+        allowed: frozenset[frozenset[str]],
+        rng: np.random.Generator,
+        settings: SubproblemSettings,
+    ) -> tuple[Building, Keyframe, float] | None:
+        """Return the state at the beginning of a skill at the first multiple of T that works."""
+        begin = building.world.robots[robot].end
+        for k in range(1, _TRIALS + 1):
+            solver.instant = begin + k * self.duration
+            with self.watch.time("keyframes"):
+                goals = draw()
+            if goals:
+                after = self._leg(building, robot, goals, allowed, rng, settings)
+                if after is not None:
+                    return after
+        return None
+
+
+def plan_fixed_time(
+    problem: ConstructionProblem,
+    duration: float,
+    settings: PlannerSettings | None = None,
+    progress: Callable[[int, int], None] = no_progress,
+    bounds: ReachBounds | None = None,
+) -> ConstructionPlan:
+    """Plan a construction with actions of a fixed duration.
+
+    Args:
+        problem: what is built by whom.
+        duration: T: from the end of a skill to the beginning of the next one, or a multiple of
+            it [s].
+        settings: how hard is tried.
+        progress: told how many parts are planned, of how many.
+        bounds: who reaches what, where that is known already.
+
+    Raises:
+        ConstructionError: no plan was found.
+    """
+    settings = settings or PlannerSettings()
+    bounds = bounds or ReachBounds(problem)
+    watch = Stopwatch()
+    solver = FixedTimeSolver(
+        problem, bounds, PartContacts(problem), settings.subproblem, watch, duration
+    )
+    return plan_with(solver, bounds, settings.search, progress)
