@@ -21,30 +21,30 @@ from scheduling.occupancy import Occupancy
 from scheduling.order import nodes_before
 from scheduling.reduction import NodeOrder
 from scheduling.staircase import (
+    PROVED,
     Descent,
     close_blocks,
     keep_close_bodies,
     raise_floor,
     start_descent,
+    touching_bodies,
     wide_gap,
 )
-from scheduling.swept_sequence import INACTIVE, SweptSequence, bound_leaf
+from scheduling.swept_sequence import SweptSequence, bound_leaf, empty_capsules
 from scheduling.temporal_plan_graph import Indices
 
 
 def segment_capsules(occupancy: Occupancy) -> SweptSequence:
     """Return an occupancy's sequence with every segment a block of its own, without a tree."""
     tree = occupancy.sequence
-    count, capsules = len(tree.node), tree.block_radius.shape[1]
+    count, capsules = len(tree.node), tree.capsules.shape[1]
     first = np.arange(count)
     flat = tree._replace(
         block_first=first,
         block_last=first + 1,
         block_low=np.full((count, 3), np.inf),
         block_high=np.full((count, 3), -np.inf),
-        block_start=np.zeros((count, capsules, 3)),
-        block_end=np.zeros((count, capsules, 3)),
-        block_radius=np.full((count, capsules), INACTIVE),
+        capsules=empty_capsules(count, capsules),
     )
     _bound_segments(flat, occupancy.hulls, make_stretch(occupancy.hulls))
     return flat
@@ -70,19 +70,20 @@ def _scan(
     room: Descent,
     at: Indices,
     hits: Indices,
-) -> tuple[int, int]:
+) -> tuple[int, int, int]:
     """Go on until hulls have to be decided on, or ``hits`` is full.
 
     Args:
         stop: one above the last segment of b at stake for each segment of a.
         at: segment of a, the segment of b looked at last, and how many pairs were tested.
-        hits: nodes (v, u) in conflict, written where slack is NaN, shape (room, 2).
+        hits: receives nodes (v, u) that are proved to conflict, shape (room, 2).
 
     Returns:
-        Where in ``room.pairs`` the proposed bodies begin, and how many bodies there are, or
-        hits; 0 at the end.
+        Where in ``room.pairs`` the bodies begin that have to be decided on, how many they are,
+        and the number of hits; all are 0 at the end.
     """
     gap = wide_gap(table, slack)
+    exact = not np.isnan(slack)
     s, t = at[0], at[1]
     found = 0
     while s < len(a.node):
@@ -90,29 +91,33 @@ def _scan(
         while t > 0 and b.node[t - 1] > floor[v]:
             t -= 1
             at[2] += 1
-            count = close_blocks(a, s, b, t, gap, True, room.pairs)
-            if count == 0:
-                continue
-            kept = keep_close_bodies(
-                a,
-                a_hulls,
-                s,
-                s + 1,
-                b,
-                b_hulls,
-                t,
-                t + 1,
-                table,
-                slack,
-                room,
-                0,
-                count,
-            )
+            if exact:
+                count = close_blocks(a, s, b, t, gap, True, room.pairs)
+                if count == 0:
+                    continue
+                kept = keep_close_bodies(
+                    a,
+                    a_hulls,
+                    s,
+                    s + 1,
+                    b,
+                    b_hulls,
+                    t,
+                    t + 1,
+                    table,
+                    slack,
+                    room,
+                    0,
+                    count,
+                    True,
+                )
+            else:
+                kept = touching_bodies(a, s, b, t, table, False, room.pairs)
             if kept == 0:
                 continue
-            if not np.isnan(slack):
+            if exact and kept != PROVED:
                 at[0], at[1] = s, t
-                return count, kept
+                return count, kept, found
             hits[found, 0], hits[found, 1] = v, b.node[t]
             found += 1
             if growing:
@@ -121,12 +126,12 @@ def _scan(
                 t = _before_node(b, t)
             if found == len(hits):
                 at[0], at[1] = s, t
-                return 0, found
+                return 0, 0, found
         s += 1
         if s < len(a.node):
             t = stop[s]
     at[0], at[1] = s, 0
-    return 0, found
+    return 0, 0, found
 
 
 @njit(cache=True)
@@ -156,7 +161,7 @@ def search_double_loop(
     hits = np.empty((65536, 2), dtype=np.int64)
     out = [np.empty((0, 2), dtype=np.int64)]
     while True:
-        first, count = _scan(
+        first, count, found = _scan(
             a_flat,
             a.hulls,
             b_flat,
@@ -170,10 +175,10 @@ def search_double_loop(
             at,
             hits,
         )
+        out.append(hits[:found].copy())
         if count == 0:
-            return np.concatenate(out), int(at[2])
-        if np.isnan(slack):
-            out.append(hits[:count].copy())
+            if found == 0:
+                return np.concatenate(out), int(at[2])
             continue
         s, t = int(at[0]), int(at[1])
         which = slice(first, first + count)

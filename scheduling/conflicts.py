@@ -26,6 +26,8 @@ from scheduling.side_by_side import side_by_side
 from scheduling.staircase import next_proposal, raise_floor, start_descent
 from scheduling.temporal_plan_graph import Indices
 
+_MOST_HITS = 32768
+
 
 class ConflictChecker(Protocol):
     """Decides whether what capsules propose is a conflict; may be asked by several threads."""
@@ -114,13 +116,23 @@ class CapsuleChecker:
         return True
 
 
+def decides_as_proved(checker: ConflictChecker) -> bool:
+    """Tell whether a checker need not be asked about what is proved to conflict."""
+    return isinstance(checker, HullChecker | CapsuleChecker)
+
+
 def proof_slack(checker: ConflictChecker) -> float:
     """Return what is taken off the clearances that separating planes must prove [m].
 
-    A checker that decides by hulls need not be asked about hulls proved to be apart. NaN for
+    A checker that goes by hulls need not be asked about hulls proved to be apart. NaN for
     any other.
     """
     return checker.slack if isinstance(checker, HullChecker) else np.nan
+
+
+def goes_by_hulls(checker: ConflictChecker) -> bool:
+    """Tell whether a checker goes by hulls; any other one goes by the capsules of segments."""
+    return isinstance(checker, HullChecker)
 
 
 def search_conflicts(
@@ -141,13 +153,16 @@ def search_conflicts(
         floor: last u implied for each v already, never falling; raised here.
         limit: first u that is not asked for, for each v, never falling.
         table: allowed contacts and clearances.
-        checker: decides what the capsules propose.
+        checker: decides what is not proved. One that does not go by hulls needs blocks of one
+            segment each.
     """
     descent = start_descent(a.hulls, b.hulls)
     depth = 1
-    slack = proof_slack(checker)
-    while True:
-        depth, s, t, first, bodies = next_proposal(
+    slack, decide = proof_slack(checker), decides_as_proved(checker)
+    # Who asks for the first conflict alone does not have to wait for more.
+    hits = np.empty((1, 2), dtype=np.int64)
+    while depth > 0:
+        depth, s, t, first, bodies, found = next_proposal(
             a.sequence,
             a.hulls,
             b.sequence,
@@ -158,9 +173,14 @@ def search_conflicts(
             limit,
             descent,
             depth,
+            decide,
+            hits,
         )
+        yield from map(tuple, hits[:found].tolist())
+        if found == len(hits):
+            hits = np.empty((min(8 * found, _MOST_HITS), 2), dtype=np.int64)
         if bodies == 0:
-            return
+            continue
         which = slice(first, first + bodies)
         if checker.conflict(a, s, b, t, descent.pairs[which], descent.where[which]):
             v, u = int(a.sequence.node[s]), int(b.sequence.node[t])

@@ -11,7 +11,12 @@ from planning.errors import PlanInvariantError
 from planning.motion_plan import MotionPlan, TaskMotion
 from planning.task_graph import TRANSIT, Task
 from planning.transforms import Array, readonly
-from scheduling.conflicts import ConflictChecker, HullChecker, find_motion_edges
+from scheduling.conflicts import (
+    ConflictChecker,
+    HullChecker,
+    find_motion_edges,
+    goes_by_hulls,
+)
 from scheduling.contacts import EntityNumbers, contact_table
 from scheduling.invariant import check_invariant
 from scheduling.object_spans import trace_objects
@@ -19,6 +24,7 @@ from scheduling.occupancy import Occupancy, chain_occupancy
 from scheduling.order import planned_ranks
 from scheduling.reduction import order_and_reduce
 from scheduling.side_by_side import side_by_side
+from scheduling.swept_sequence import LEAF
 from scheduling.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
@@ -74,7 +80,7 @@ def connect_nodes(
     ranks = planned_ranks(tpg.chains)
     task_edges = dependency_edges(tpg.tasks, tpg.dependencies, tpg.chains)
     order, _ = order_and_reduce(ranks, task_edges)
-    entities, occupancies = occupied or occupancies_of(tpg, ranks)
+    entities, occupancies = occupied or occupancies_of(tpg, ranks, checker)
     table = contact_table(entities, tpg.allowed, tpg.cell.clearances)
     motion_edges = find_motion_edges(
         occupancies,
@@ -117,14 +123,25 @@ def build_nodes(plan: MotionPlan) -> TemporalPlanGraph:
 
 
 def occupancies_of(
-    tpg: TemporalPlanGraph, ranks: tuple[Indices, ...]
+    tpg: TemporalPlanGraph,
+    ranks: tuple[Indices, ...],
+    checker: ConflictChecker | None = None,
 ) -> tuple[EntityNumbers, list[Occupancy]]:
-    """Return the occupancy of every chain, and the numbers of the entities in them."""
+    """Return the occupancy of every chain, and the numbers of the entities in them.
+
+    Args:
+        tpg: its nodes.
+        ranks: place of every node in the total order.
+        checker: who will decide conflicts; exact convex hulls by default.
+    """
+    by_hulls = checker is None or goes_by_hulls(checker)
+    leaf = LEAF if by_hulls else 1
     handled = dict.fromkeys(handling.object for handling in tpg.handlings)
     entities = EntityNumbers((r.name for r in tpg.cell.robots), handled)
     spans = trace_objects(tpg, ranks).spans
     return entities, side_by_side(
-        lambda i: chain_occupancy(tpg, i, spans, entities), range(len(tpg.chains))
+        lambda i: chain_occupancy(tpg, i, spans, entities, leaf=leaf),
+        range(len(tpg.chains)),
     )
 
 

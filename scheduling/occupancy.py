@@ -117,6 +117,8 @@ def chain_occupancy(
     index: int,
     spans: Sequence[ObjectSpan],
     entities: EntityNumbers,
+    *,
+    leaf: int = LEAF,
 ) -> Occupancy:
     """Return what the nodes of one chain occupy.
 
@@ -125,6 +127,7 @@ def chain_occupancy(
         index: of the chain.
         spans: the objects of this chain, see ``trace_objects``.
         entities: numbers of the entities.
+        leaf: most segments in a leaf of the tree; 1 where capsules alone shall decide.
     """
     chain = tpg.chains[index]
     robot = tpg.cell.robot(chain.robot)
@@ -141,7 +144,9 @@ def chain_occupancy(
         if span.robot == index
     ]
     runs = sorted((run for run in runs if run[1] < run[2]), key=lambda run: run[1])
-    return _assemble(tpg, robot, q_a, q_b, node, (task, task), runs, entities)
+    return _assemble(
+        tpg, robot, q_a, q_b, node, (task, task), runs, entities, leaf=leaf
+    )
 
 
 def hold_occupancy(

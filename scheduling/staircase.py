@@ -19,8 +19,10 @@ from planning.geometry.exact import TOLERANCE
 from planning.geometry.gjk import ROUNDING
 from planning.geometry.hull_table import HullTable
 from planning.geometry.separation import (
+    APART,
+    CONFLICT,
     Scratch,
-    hulls_stay_apart,
+    judge_hulls,
     make_scratch,
     pose_segments,
 )
@@ -31,16 +33,17 @@ from planning.geometry.stretches import (
     measure_bodies,
     pose_stretch,
     stretches_stay_apart,
-    sweep_all_capsules,
 )
 from planning.transforms import Array
 from scheduling.contacts import ContactTable, may_touch
-from scheduling.occupancy import MOTION
 from scheduling.swept_sequence import LEAF, SweptSequence
 from scheduling.temporal_plan_graph import Indices
 
 _BLOCKS = -1
 """Marks a row of the stack as a pair of blocks."""
+
+PROVED = -1
+"""In the place of a number of bodies: there is a conflict for certain."""
 
 _LEVELS = 2 * LEAF.bit_length() + 2
 """Lists of bodies that are needed at once: one a halving of two leaves, and two more."""
@@ -90,12 +93,10 @@ def start_descent(a: HullTable, b: HullTable) -> Descent:
 def wide_gap(table: ContactTable, slack: float) -> float:
     """Return how far apart capsules must be to dismiss what they hold [m].
 
-    Hulls are decided on with a tolerance. Where the capsules of segments decide, those of
-    blocks must leave room for them: they stand out of what they hold, by half of what a
-    segment moves at most.
+    Hulls are decided on with a tolerance.
     """
     gap = max(table.clearance[0], table.clearance[1])
-    return float(gap + (MOTION if np.isnan(slack) else TOLERANCE))
+    return float(gap + (0.0 if np.isnan(slack) else TOLERANCE))
 
 
 @njit(cache=True)
@@ -128,24 +129,17 @@ def close_blocks(
     ):
         return 0
     count = 0
-    start, end, radius = b.block_start[j], b.block_end[j], b.block_radius[j]
+    theirs = b.capsules[j]
     low, high = b.block_low[j], b.block_high[j]
     for x in range(len(a.column) - 1):
         begin = count
         for c in range(a.column[x], a.column[x + 1]):
-            r = a.block_radius[i, c] + gap
-            if a.block_radius[i, c] < 0.0:
+            mine = a.capsules[i, c]
+            r = float(mine[6]) + gap
+            if mine[6] < 0.0:
                 continue
-            p0, p1, p2 = (
-                a.block_start[i, c, 0],
-                a.block_start[i, c, 1],
-                a.block_start[i, c, 2],
-            )
-            q0, q1, q2 = (
-                a.block_end[i, c, 0],
-                a.block_end[i, c, 1],
-                a.block_end[i, c, 2],
-            )
+            p0, p1, p2 = float(mine[0]), float(mine[1]), float(mine[2])
+            q0, q1, q2 = float(mine[3]), float(mine[4]), float(mine[5])
             x0, x1, x2 = min(p0, q0) - r, min(p1, q1) - r, min(p2, q2) - r
             y0, y1, y2 = max(p0, q0) + r, max(p1, q1) + r, max(p2, q2) + r
             if x0 > high[0] or x1 > high[1] or x2 > high[2]:
@@ -161,16 +155,16 @@ def close_blocks(
                 if seen:
                     continue
                 for d in range(b.column[y], b.column[y + 1]):
-                    s = radius[d]
+                    s = float(theirs[d, 6])
                     if s < 0.0:
                         continue
-                    u0, v0 = start[d, 0], end[d, 0]
+                    u0, v0 = float(theirs[d, 0]), float(theirs[d, 3])
                     if min(u0, v0) - s > y0 or max(u0, v0) + s < x0:
                         continue
-                    u1, v1 = start[d, 1], end[d, 1]
+                    u1, v1 = float(theirs[d, 1]), float(theirs[d, 4])
                     if min(u1, v1) - s > y1 or max(u1, v1) + s < x1:
                         continue
-                    u2, v2 = start[d, 2], end[d, 2]
+                    u2, v2 = float(theirs[d, 2]), float(theirs[d, 5])
                     if min(u2, v2) - s > y2 or max(u2, v2) + s < x2:
                         continue
                     apart = segment_distance(
@@ -194,50 +188,77 @@ def close_blocks(
 
 
 @njit(cache=True)
-def _any_capsules_near(
-    a: HullTable, b: HullTable, extra: float, descent: Descent, begin: int, end: int
-) -> bool:
-    """Tell whether capsules of any pair listed come too close on the stretches posed.
+def touching_bodies(
+    a: SweptSequence,
+    i: int,
+    b: SweptSequence,
+    j: int,
+    table: ContactTable,
+    every: bool,
+    out: Indices,
+) -> int:
+    """Write the pairs of bodies of two blocks of one segment whose capsules are too close.
 
-    Args:
-        a, b: the occupancies.
-        extra: added to the clearances, which are in ``descent.where`` [m].
-        descent: with the stretches, posed, and the list of pairs.
-        begin, end: the list.
+    Unlike ``close_blocks`` it asks no pair for more than its own clearance, and none that may
+    touch for any.
+
+    Returns:
+        Their number; with ``every`` unset, 1 as soon as there is one.
     """
-    sweep_all_capsules(a, descent.a)
-    sweep_all_capsules(b, descent.b)
-    ends_a, grown_a, first_a = descent.a.ends, descent.a.radius, a.capsule_first
-    ends_b, grown_b, first_b = descent.b.ends, descent.b.radius, b.capsule_first
-    solid_a, solid_b = descent.a.solid, descent.b.solid
-    pairs, where = descent.pairs, descent.where
-    for e in range(begin, end):
-        gap = where[e, 0] + extra
-        if gap == np.inf:
-            return True
-        x, y = solid_a[pairs[e, 0]], solid_b[pairs[e, 1]]
-        for c in range(first_a[x], first_a[x + 1]):
-            p0, p1, p2 = ends_a[c, 0, 0], ends_a[c, 0, 1], ends_a[c, 0, 2]
-            u0, u1, u2 = (
-                ends_a[c, 1, 0] - p0,
-                ends_a[c, 1, 1] - p1,
-                ends_a[c, 1, 2] - p2,
+    count = close_blocks(a, i, b, j, wide_gap(table, np.nan), True, out)
+    s, t = a.block_first[i], b.block_first[j]
+    kept = 0
+    for e in range(count):
+        x, y = out[e, 0], out[e, 1]
+        u, v = a.entity[s, x], b.entity[t, y]
+        if u == v or (a.still[s, x] and b.still[t, y]):
+            continue
+        if table.head[u, v] >= 0 and may_touch(
+            table, u, v, a.task[s], a.other_task[s], b.task[t], b.other_task[t]
+        ):
+            continue
+        robots = u < table.robots and v < table.robots
+        least = table.clearance[0] if robots else table.clearance[1]
+        if _capsules_near(a, i, x, b, j, y, least):
+            out[kept, 0], out[kept, 1] = x, y
+            kept += 1
+            if not every:
+                break
+    return kept
+
+
+@njit(cache=True)
+def _capsules_near(
+    a: SweptSequence, i: int, x: int, b: SweptSequence, j: int, y: int, gap: float
+) -> bool:
+    """Tell whether capsules of two bodies of two blocks come closer than a gap."""
+    for c in range(a.column[x], a.column[x + 1]):
+        mine = a.capsules[i, c]
+        r = float(mine[6])
+        if r < 0.0:
+            continue
+        p0, p1, p2 = float(mine[0]), float(mine[1]), float(mine[2])
+        u0, u1, u2 = float(mine[3]) - p0, float(mine[4]) - p1, float(mine[5]) - p2
+        for d in range(b.column[y], b.column[y + 1]):
+            theirs = b.capsules[j, d]
+            q = float(theirs[6])
+            if q < 0.0:
+                continue
+            q0, q1, q2 = float(theirs[0]), float(theirs[1]), float(theirs[2])
+            apart = segment_distance(
+                u0,
+                u1,
+                u2,
+                float(theirs[3]) - q0,
+                float(theirs[4]) - q1,
+                float(theirs[5]) - q2,
+                p0 - q0,
+                p1 - q1,
+                p2 - q2,
             )
-            for d in range(first_b[y], first_b[y + 1]):
-                q0, q1, q2 = ends_b[d, 0, 0], ends_b[d, 0, 1], ends_b[d, 0, 2]
-                near = grown_a[c] + grown_b[d] + gap
-                if near > 0.0 and near * near > segment_distance(
-                    u0,
-                    u1,
-                    u2,
-                    ends_b[d, 1, 0] - q0,
-                    ends_b[d, 1, 1] - q1,
-                    ends_b[d, 1, 2] - q2,
-                    p0 - q0,
-                    p1 - q1,
-                    p2 - q2,
-                ):
-                    return True
+            near = r + q + gap
+            if apart < near * near:
+                return True
     return False
 
 
@@ -256,11 +277,12 @@ def keep_close_bodies(
     descent: Descent,
     first: int,
     count: int,
+    decide: bool,
 ) -> int:
     """Copy a list of bodies behind itself but for those that stay apart on two stretches.
 
     Returns:
-        How many are left; by capsules alone, all of them if any is.
+        How many are left; with ``decide`` set, PROVED when two segments are proved to conflict.
     """
     pairs, where, scratch = descent.pairs, descent.where, descent.scratch
     single = s_last - s == 1 and t_last - t == 1
@@ -299,13 +321,6 @@ def keep_close_bodies(
         pairs[end, 0], pairs[end, 1] = x, y
         where[end, 0] = least
         end += 1
-    if np.isnan(slack):
-        extra = 0.0 if single else MOTION
-        if not _any_capsules_near(a_hulls, b_hulls, extra, descent, begin, end):
-            return 0
-        if single:
-            where[begin:end] = np.nan
-        return end - begin
     end = _keep_unseparated(a_hulls, b_hulls, slack - TOLERANCE, descent, begin, end)
     if not single:
         return end - begin
@@ -315,8 +330,11 @@ def keep_close_bodies(
     for e in range(begin, end):
         x, y, least = pairs[e, 0], pairs[e, 1], where[e, 0]
         scratch.direction[:] = 0.0
-        if hulls_stay_apart(a_hulls, s, x, b_hulls, t, y, least - slack, scratch):
+        answer = judge_hulls(a_hulls, s, x, b_hulls, t, y, least - slack, scratch)
+        if answer == APART:
             continue
+        if decide and answer == CONFLICT:
+            return PROVED
         pairs[kept, 0], pairs[kept, 1] = x, y
         where[kept] = scratch.where
         kept += 1
@@ -409,24 +427,34 @@ def next_proposal(
     limit: Indices,
     descent: Descent,
     depth: int,
-) -> tuple[int, int, int, int, int]:
-    """Go on with a descent until two segments may conflict.
+    decide: bool,
+    hits: Indices,
+) -> tuple[int, int, int, int, int, int]:
+    """Go on with a descent until it has to be decided whether two segments conflict.
+
+    What is proved to conflict is noted in ``hits``; so is whatever capsules alone decide.
 
     Args:
         a, a_hulls: occupancy of the nodes v that may have to wait.
         b, b_hulls: occupancy of the nodes u that may have to be waited for.
         table: allowed contacts and clearances.
         slack: pairs of bodies whose hulls are proved to keep their clearance less this are
-            dropped [m]; NaN to propose whatever the capsules do.
-        floor: last u that each v waits for already, never falling, by node of ``a``.
+            dropped [m]; NaN to go by the capsules alone, of blocks of one segment each.
+        floor: last u that each v waits for already, never falling, by node of ``a``; raised
+            as conflicts are noted.
         limit: first u that is not at stake for each v, never falling, by node of ``a``.
         descent: how far it has come.
         depth: filled rows of its stack.
+        decide: False to leave every conflict to be decided.
+        hits: receives nodes (v, u) in conflict, shape (room, 2), room for one at least.
 
     Returns:
-        The new depth, the two segments, and where in ``descent.pairs`` the close pairs of
-        bodies begin and how many they are; a number of 0 says that the descent is over.
+        The new depth, the two segments, where in ``descent.pairs`` the close pairs of bodies
+        begin and how many they are, 0 when there is nothing to decide, and the number of
+        hits. The descent is over when the new depth is 0 and nothing is to be decided; it
+        stops early when ``hits`` is full.
     """
+    found = 0
     gap = wide_gap(table, slack)
     leaf_a, leaf_b = len(a.block_first) // 2, len(b.block_first) // 2
     stack = descent.stack
@@ -449,6 +477,17 @@ def next_proposal(
         if b.node[t] >= limit[a.node[s_last - 1]]:
             continue
         if i >= 0:
+            if leaves and np.isnan(slack):
+                count = touching_bodies(a, i, b, j, table, not decide, descent.pairs)
+                if count == 0:
+                    continue
+                if not decide:
+                    descent.where[:count] = np.nan
+                    return depth, s, t, 0, count, found
+                found = note_hit(a.node[s], b.node[t], floor, hits, found)
+                if found == len(hits):
+                    return depth, 0, 0, 0, 0, found
+                continue
             count = close_blocks(a, i, b, j, gap, leaves, descent.pairs)
             if count == 0:
                 continue
@@ -467,12 +506,18 @@ def next_proposal(
                 descent,
                 begin,
                 count,
+                decide,
             )
             begin += count
             if kept == 0:
                 continue
+            if kept == PROVED:
+                found = note_hit(a.node[s], b.node[t], floor, hits, found)
+                if found == len(hits):
+                    return depth, 0, 0, 0, 0, found
+                continue
             if s_last - s == 1 and t_last - t == 1:
-                return depth, s, t, begin, kept
+                return depth, s, t, begin, kept, found
             # The top of the stack comes next: earliest v first, latest u first.
             for k in range(2):
                 row = stack[depth + k]
@@ -491,7 +536,15 @@ def next_proposal(
             else:
                 stack[depth, 2], stack[depth + 1, 2] = 2 * j + 1, 2 * j + 2
         depth += 2
-    return 0, 0, 0, 0, 0
+    return 0, 0, 0, 0, 0, found
+
+
+@njit(cache=True)
+def note_hit(v: int, u: int, floor: Indices, hits: Indices, found: int) -> int:
+    """Note that v waits for u; return how many hits there are."""
+    hits[found, 0], hits[found, 1] = v, u
+    raise_floor(floor, v, u)
+    return found + 1
 
 
 @njit(cache=True)

@@ -34,33 +34,39 @@ LEAF = 4
 INACTIVE = -1.0
 """Radius of a capsule that is not there."""
 
+_ROUNDED_OFF = 3e-7
+"""More than single precision rounds off a place and a radius, for each metre they are long."""
+
 
 class SweptSequence(NamedTuple):
     """Segments in order, and blocks of them; block b has the children 2b + 1 and 2b + 2.
+
+    The leaves are the second half of the blocks.
 
     Attributes:
         node: node of each segment, never falling, shape (s,).
         task, other_task: tasks of each segment, see ``may_touch``, never falling, shape (s,).
         entity: entity of each body, -1 where there is none, shape (s, bodies).
+        still: whether a body does not move with a joint, shape (s, bodies).
         column: where the capsules of each body begin, shape (bodies + 1,).
         block_first, block_last: segments of each block, ``range(first, last)``, shape (b,).
         block_low, block_high: box around each block, shape (b, 3) [m].
-        block_start, block_end: world ends of the capsules, shape (b, c, 3) [m].
-        block_radius: their radii, shape (b, c) [m]; INACTIVE where there is none.
+        capsules: of the blocks: both ends in the world and the radius, INACTIVE where there is
+            none, shape (b, c, 7) [m]. In single precision, and grown by what that rounds off:
+            the memory they take is most of what it costs to make them.
     """
 
     node: Indices
     task: Indices
     other_task: Indices
     entity: npt.NDArray[np.int32]
+    still: npt.NDArray[np.bool_]
     column: Indices
     block_first: Indices
     block_last: Indices
     block_low: Array
     block_high: Array
-    block_start: Array
-    block_end: Array
-    block_radius: Array
+    capsules: npt.NDArray[np.float32]
 
 
 def swept_sequence(
@@ -79,46 +85,51 @@ def swept_sequence(
         hulls: the bodies in motion.
         leaf: most segments in a leaf, up to LEAF; 1 where they have nothing in common.
     """
-    count = len(node)
-    leaves = 1
-    while leaves * leaf < count:
-        leaves *= 2
+    leaves = -(-len(node) // leaf)
     blocks = 2 * leaves - 1
     widths = np.append(np.diff(hulls.capsule_first), 0)  # the last one stands for none
     column = np.cumsum([0, *np.max(widths[hulls.solid], axis=0)]).astype(np.int64)
-    capsules = int(column[-1])
     out = SweptSequence(
         np.ascontiguousarray(node, dtype=np.int64),
         np.ascontiguousarray(task, dtype=np.int64),
         np.ascontiguousarray(other_task, dtype=np.int64),
         np.ascontiguousarray(entity, dtype=np.int32),
+        np.append(hulls.joint, 0)[hulls.solid] < 0,  # the last one stands for none
         column,
         np.zeros(blocks, dtype=np.int64),
         np.zeros(blocks, dtype=np.int64),
         np.full((blocks, 3), np.inf),
         np.full((blocks, 3), -np.inf),
-        np.zeros((blocks, capsules, 3)),
-        np.zeros((blocks, capsules, 3)),
-        np.full((blocks, capsules), INACTIVE),
+        empty_capsules(blocks, int(column[-1])),
     )
     _build(out, hulls, leaves, make_stretch(hulls))
     return out
 
 
+def empty_capsules(blocks: int, count: int) -> npt.NDArray[np.float32]:
+    """Return capsules that are not there yet."""
+    return np.full((blocks, count, 7), INACTIVE, dtype=np.float32)
+
+
 @njit(cache=True, nogil=True)
 def _build(seq: SweptSequence, hulls: HullTable, leaves: int, room: Stretch) -> None:
+    # Leaves on the deepest level come first in the sequence, though last among the blocks.
     count = len(seq.node)
-    size = (count + leaves - 1) // leaves
+    deepest = 1
+    while deepest < leaves:
+        deepest *= 2
+    deepest -= 1
     for i in range(leaves):
-        block = leaves - 1 + i
-        first, last = min(i * size, count), min((i + 1) * size, count)
-        seq.block_first[block], seq.block_last[block] = first, last
-        if first < last:
-            bound_leaf(seq, hulls, block, room)
+        block = deepest + i
+        if block > 2 * leaves - 2:
+            block -= leaves
+        seq.block_first[block] = i * count // leaves
+        seq.block_last[block] = (i + 1) * count // leaves
+        bound_leaf(seq, hulls, block, room)
     for block in range(leaves - 2, -1, -1):
         left, right = 2 * block + 1, 2 * block + 2
         seq.block_first[block] = seq.block_first[left]
-        seq.block_last[block] = max(seq.block_last[left], seq.block_last[right])
+        seq.block_last[block] = seq.block_last[right]
         for k in range(3):
             seq.block_low[block, k] = min(
                 seq.block_low[left, k], seq.block_low[right, k]
@@ -126,9 +137,7 @@ def _build(seq: SweptSequence, hulls: HullTable, leaves: int, room: Stretch) -> 
             seq.block_high[block, k] = max(
                 seq.block_high[left, k], seq.block_high[right, k]
             )
-        _bound_both(
-            seq.block_start, seq.block_end, seq.block_radius, block, left, right
-        )
+        _bound_both(seq.capsules, block, left, right)
 
 
 @njit(cache=True)
@@ -137,16 +146,13 @@ def bound_leaf(seq: SweptSequence, hulls: HullTable, block: int, room: Stretch) 
     first, last = seq.block_first[block], seq.block_last[block]
     pose_stretch(hulls, first, last, room)
     sweep_all_capsules(hulls, room)
-    start, end = seq.block_start[block], seq.block_end[block]
-    radius, capsule_first = seq.block_radius[block], hulls.capsule_first
+    out, capsule_first = seq.capsules[block], hulls.capsule_first
     ends, grown = room.ends, room.radius
     for i in range(len(room.solid)):
         solid, c = room.solid[i], seq.column[i]
         if solid >= 0:
             for e in range(capsule_first[solid], capsule_first[solid + 1]):
-                for k in range(3):
-                    start[c, k], end[c, k] = ends[e, 0, k], ends[e, 1, k]
-                radius[c] = grown[e]
+                _write_capsule(out, c, ends[e, 0], ends[e, 1], grown[e])
                 c += 1
         elif solid == MIXED:
             # Objects that come and go: the first capsule becomes a ball around them all.
@@ -162,39 +168,52 @@ def bound_leaf(seq: SweptSequence, hulls: HullTable, block: int, room: Stretch) 
                         p, q, r = ends[e, 0, k], ends[e, 1, k], grown[e]
                         low[k] = min(low[k], min(p, q) - r)
                         high[k] = max(high[k], max(p, q) + r)
-            start[c], end[c] = 0.5 * (low + high), 0.5 * (low + high)
-            radius[c] = 0.5 * np.sqrt(np.sum((high - low) ** 2))
-    for c in range(len(radius)):
-        r = radius[c]
+            centre = 0.5 * (low + high)
+            reach = 0.5 * np.sqrt(np.sum((high - low) ** 2))
+            _write_capsule(out, c, centre, centre, reach)
+    for c in range(len(out)):
+        r = float(out[c, 6])
         if r < 0.0:
             continue
         for k in range(3):
-            p, q = start[c, k], end[c, k]
+            p, q = float(out[c, k]), float(out[c, k + 3])
             seq.block_low[block, k] = min(seq.block_low[block, k], min(p, q) - r)
             seq.block_high[block, k] = max(seq.block_high[block, k], max(p, q) + r)
 
 
 @njit(cache=True)
+def _write_capsule(
+    out: npt.NDArray[np.float32], c: int, start: Array, end: Array, radius: float
+) -> None:
+    """Write a capsule in single precision, grown so that it holds the one given."""
+    far = radius
+    for k in range(3):
+        out[c, k], out[c, k + 3] = start[k], end[k]
+        far = max(far, max(abs(start[k]), abs(end[k])))
+    out[c, 6] = radius + _ROUNDED_OFF * far
+
+
+@njit(cache=True)
 def _bound_both(
-    start: Array, end: Array, radius: Array, block: int, left: int, right: int
+    capsules: npt.NDArray[np.float32], block: int, left: int, right: int
 ) -> None:
     """Write capsules that hold those of two blocks: those of one of them, grown."""
-    for c in range(radius.shape[1]):
-        r, s = radius[left, c], radius[right, c]
-        chosen, grown = left, r
+    one, two, out = capsules[left], capsules[right], capsules[block]
+    for c in range(len(out)):
+        r, s = float(one[c, 6]), float(two[c, 6])
+        chosen, grown = one, r
         if r < 0.0:
-            chosen, grown = right, s
+            chosen, grown = two, s
         elif s >= 0.0:
             a2 = b2 = 0.0
             for k in range(3):
-                da = start[left, c, k] - start[right, c, k]
-                db = end[left, c, k] - end[right, c, k]
+                da = float(one[c, k]) - float(two[c, k])
+                db = float(one[c, k + 3]) - float(two[c, k + 3])
                 a2 += da * da
                 b2 += db * db
             apart = np.sqrt(max(a2, b2))
-            chosen = left if s <= r else right
-            grown = max(max(r, s), apart + min(r, s))
-        radius[block, c] = grown
-        for k in range(3):
-            start[block, c, k] = start[chosen, c, k]
-            end[block, c, k] = end[chosen, c, k]
+            chosen = one if s <= r else two
+            grown = max(max(r, s), apart + min(r, s)) * (1.0 + _ROUNDED_OFF)
+        for k in range(6):
+            out[c, k] = chosen[c, k]
+        out[c, 6] = grown

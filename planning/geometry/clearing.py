@@ -12,10 +12,19 @@ from planning.geometry.exact import TOLERANCE
 from planning.geometry.hull_table import HullTable
 from planning.geometry.kernel import RobotKernel
 from planning.geometry.proposals import BOX, SELF, Integers, Scene, propose
-from planning.geometry.separation import Scratch, hulls_stay_apart, pose_segments
+from planning.geometry.separation import (
+    APART,
+    CONFLICT,
+    Scratch,
+    judge_hulls,
+    pose_segments,
+)
 from planning.transforms import Array
 
 _ROOM = 512
+
+HIT = -1
+"""In the place of a probe: somewhere the robot is too close to something."""
 
 
 @njit(cache=True)
@@ -81,8 +90,12 @@ def _keep_unproved(
     when: Array,
     what: Integers,
     count: int,
+    stop: bool,
 ) -> int:
-    """Move the proposals that are not proved apart to the front; return how many there are."""
+    """Move the proposals that are not proved apart to the front; return how many there are.
+
+    With ``stop`` set, HIT as soon as one of them is proved too close.
+    """
     n = q_a.shape[0]
     on_boxes = _room(n, boxes.q_a.shape[1], corners[0], corners[1])
     on_others = _room(n, others.q_a.shape[1], corners[0], corners[2])
@@ -109,18 +122,18 @@ def _keep_unproved(
             on_itself.direction[:] = 0.0
             # What the exact decision tolerates is left to it.
             limit = scene.self_limit[i, j] + TOLERANCE
-            apart = hulls_stay_apart(above, 0, i, above, 0, j, limit, on_itself)
+            answer = judge_hulls(above, 0, i, above, 0, j, limit, on_itself)
         elif kind == BOX:
             pose_segments(whole, 0, boxes, 0, on_boxes)
-            apart = hulls_stay_apart(
-                whole, 0, i, boxes, 0, j, scene.box_limit[i, j], on_boxes
-            )
+            limit = scene.box_limit[i, j]
+            answer = judge_hulls(whole, 0, i, boxes, 0, j, limit, on_boxes)
         else:
             pose_segments(whole, 0, others, 0, on_others)
-            apart = hulls_stay_apart(
-                whole, 0, i, others, 0, j, scene.solid_limit[i, j], on_others
-            )
-        if not apart:
+            limit = scene.solid_limit[i, j]
+            answer = judge_hulls(whole, 0, i, others, 0, j, limit, on_others)
+        if stop and answer == CONFLICT and kind != SELF:
+            return HIT
+        if answer != APART:
             when[kept, 0], when[kept, 1] = lo, hi
             for c in range(3):
                 what[kept, c] = what[k, c]
@@ -140,6 +153,7 @@ def find_undecided(
     q_b: Array,
     probes: Array,
     begin: int,
+    stop: bool,
     resolution: float,
 ) -> tuple[int, Array, Integers]:
     """Look at some configurations of a motion, then at all of it, until something is undecided.
@@ -152,10 +166,12 @@ def find_undecided(
         q_a, q_b: ends of the motion, shape (n,).
         probes: parameters in [0, 1] of the configurations to look at first, shape (p,).
         begin: the first of them to look at; p for the motion as a whole.
+        stop: whether one pair that is proved too close is enough to know.
         resolution: see ``propose``.
 
     Returns:
-        The number of the probe (p for the whole motion, p + 1 when all is clear), and of what
+        The number of the probe (p for the whole motion, p + 1 when all is clear, HIT for a pair
+        that is too close), and of what
         is undecided there the stretches, shape (k, 2), and rows (kind, own body, other), shape
         (k, 3). Stretches are parameters of the whole motion, and [0, 0] for a probe.
     """
@@ -181,7 +197,10 @@ def find_undecided(
                 when,
                 what,
                 count,
+                stop,
             )
+        if count == HIT:
+            return HIT, when[:0].copy(), what[:0].copy()
         if count > 0:
             return k, when[:count].copy(), what[:count].copy()
     return len(probes) + 1, np.empty((0, 2)), np.empty((0, 3), dtype=np.int64)

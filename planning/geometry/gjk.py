@@ -12,11 +12,18 @@ from numba import njit
 
 from planning.transforms import Array
 
-FAR, BETWEEN, CLOSE = 1, 0, -1
+FAR, BETWEEN, CLOSE, TOO_CLOSE = 1, 0, -1, -2
+"""What is known of two hulls: see ``gap_class``."""
 
 _STEPS = 24
 ROUNDING = 1e-9
 """Added to every distance that must be proved [m]."""
+
+_CERTAIN = 1e-7
+"""By so much hulls are closer than asked for, or overlap, before that is held for certain [m]."""
+
+_SLIVER = 1e-10
+"""Faces of a smaller area have no reliable side [m^2]."""
 
 
 @njit(cache=True)
@@ -47,17 +54,18 @@ def gap_class(
         clearance: below this they are too close [m]; where not positive, when they overlap.
         enough: from this on they are far enough, at least ``clearance`` [m].
         direction: to begin with, from b to a, zeros where there is no guess; what separates
-            them, of length 1, is written here unless they are CLOSE, shape (3,).
+            them, of length 1, is written here where they are FAR or BETWEEN, shape (3,).
 
     Returns:
-        FAR when they are proved to be at least ``enough`` apart, CLOSE when they are closer
-        than ``clearance`` or that cannot be ruled out, BETWEEN otherwise.
+        FAR when they are proved to be at least ``enough`` apart, TOO_CLOSE when they are proved
+        to overlap or to be closer than ``clearance``, BETWEEN when both are proved wrong, CLOSE
+        when nothing is proved.
     """
     near = max(clearance, 0.0) + ROUNDING
     far = max(enough, 0.0) + ROUNDING
     simplex = np.empty((4, 3))
     size = 0
-    lower = -1.0
+    lower, norm = -1.0, np.inf
     v = np.zeros(3)
     guess = direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2
     for k in range(3):
@@ -71,6 +79,8 @@ def gap_class(
         norm = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
         # From the second round on v is a point of the difference: its length bounds the gap.
         if norm < near and (size > 0 or guess < 0.5):
+            if norm < clearance - _CERTAIN:
+                return TOO_CLOSE
             break
         if lower >= near and size > 0 and norm < far:
             for k in range(3):
@@ -93,8 +103,11 @@ def gap_class(
         simplex[size, 0], simplex[size, 1], simplex[size, 2] = w0, w1, w2
         size = _nearest(simplex, size + 1, v)
         if size == 4:
-            return CLOSE
-    return BETWEEN if lower >= near else CLOSE
+            # Asked for less than nothing, they may overlap a little.
+            if clearance >= 0.0 and _well_inside(simplex):
+                return TOO_CLOSE
+            break
+    return BETWEEN if lower >= near and norm < far else CLOSE
 
 
 @njit(cache=True)
@@ -178,3 +191,27 @@ def _inside(simplex: Array) -> bool:
         corner = nx * (o[0] - p[0]) + ny * (o[1] - p[1]) + nz * (o[2] - p[2])
         side[s] = origin * corner
     return bool(side[0] >= 0 and side[1] >= 0 and side[2] >= 0 and side[3] >= 0)
+
+
+@njit(cache=True)
+def _well_inside(simplex: Array) -> bool:
+    """Tell whether the origin is inside a tetrahedron beyond what rounding could do."""
+    for s in range(4):
+        p = simplex[(s + 1) % 4]
+        q = simplex[(s + 2) % 4]
+        r = simplex[(s + 3) % 4]
+        ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+        wx, wy, wz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
+        nx, ny, nz = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
+        area = np.sqrt(nx * nx + ny * ny + nz * nz)
+        if area < _SLIVER:
+            return False
+        origin = -(nx * p[0] + ny * p[1] + nz * p[2]) / area
+        o = simplex[s]
+        corner = nx * (o[0] - p[0]) + ny * (o[1] - p[1]) + nz * (o[2] - p[2])
+        if corner < 0.0:
+            origin, corner = -origin, -corner
+        # All four corners may be in one plane.
+        if corner < _CERTAIN * area or origin < _CERTAIN:
+            return False
+    return True

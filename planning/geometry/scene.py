@@ -11,7 +11,7 @@ from operator import is_
 
 import numpy as np
 
-from planning.geometry.clearing import find_undecided
+from planning.geometry.clearing import HIT, find_undecided
 from planning.geometry.exact import (
     Solid,
     come_close,
@@ -256,7 +256,9 @@ class SceneChecker:
         q_a, q_b = np.array(q_a, dtype=np.float64), np.array(q_b, dtype=np.float64)
         at = 0
         while at <= len(probes):
-            at, when, what = self._undecided(q_a, q_b, probes, at)
+            at, when, what = self._undecided(q_a, q_b, probes, at, stop=True)
+            if at == HIT:
+                return False
             first, last = q_a, q_b
             if at < len(probes):
                 first = last = q_a + probes[at] * (q_b - q_a)
@@ -278,7 +280,7 @@ class SceneChecker:
     def contact(self, q: Array) -> Contact | None:
         """Return the closest forbidden contact at ``q``, shape (n,), None where there is none."""
         q = np.array(q, dtype=np.float64)
-        _, _, what = self._undecided(q, q, _NO_PROBES, 0)
+        _, _, what = self._undecided(q, q, _NO_PROBES, 0, stop=False)
         worst: Contact | None = None
         for kind, body, other in what.tolist():
             mine, second = self._own.solids[body], self._obstacle(kind, other)
@@ -292,7 +294,7 @@ class SceneChecker:
         return worst
 
     def _undecided(
-        self, q_a: Array, q_b: Array, probes: Array, begin: int
+        self, q_a: Array, q_b: Array, probes: Array, begin: int, *, stop: bool
     ) -> tuple[int, Array, Integers]:
         return find_undecided(
             self.kernel,
@@ -305,6 +307,7 @@ class SceneChecker:
             q_b,
             probes,
             begin,
+            stop,
             RESOLUTION,
         )
 

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planning.geometry.gjk import CLOSE, FAR, gap_class
+from planning.geometry.exact import TOLERANCE
+from planning.geometry.gjk import BETWEEN, CLOSE, FAR, TOO_CLOSE, gap_class
 from planning.geometry.hull_table import (
     AT_REST,
     HullTable,
@@ -19,7 +20,8 @@ from planning.geometry.hull_table import (
 )
 from planning.transforms import Array
 
-_FINEST = 2e-4
+APART, UNDECIDED, CONFLICT = 1, 0, -1
+"""Answers of ``judge_hulls``."""
 
 
 class Scratch(NamedTuple):
@@ -91,14 +93,33 @@ def hulls_stay_apart(
     clearance: float,
     scratch: Scratch,
 ) -> bool:
-    """Tell whether two bodies are proved to keep a clearance, each anywhere on its motion.
+    """Tell whether two bodies are proved to keep a clearance; see ``judge_hulls``."""
+    return bool(judge_hulls(a, s, i, b, t, j, clearance, scratch) == APART)
+
+
+@njit(cache=True)
+def judge_hulls(
+    a: HullTable,
+    s: int,
+    i: int,
+    b: HullTable,
+    t: int,
+    j: int,
+    clearance: float,
+    scratch: Scratch,
+) -> int:
+    """Tell whether two bodies keep a clearance, each anywhere on its motion, as far as proved.
 
     Args:
         a, s, i: an occupancy, a segment of it and a body.
         b, t, j: likewise for the other.
         clearance: least distance [m]; where negative, 0 is proved or nothing.
-        scratch: after ``pose_segments`` for s and t; where the answer is False, ``where``
+        scratch: after ``pose_segments`` for s and t; where the answer is not APART, ``where``
             says where they come close.
+
+    Returns:
+        APART when they keep it, CONFLICT when somewhere they do not, or come within TOLERANCE
+        of it, UNDECIDED when neither is proved.
     """
     x, y = a.solid[s, i], b.solid[t, j]
     corners_a, corners_b, stack = scratch.corners_a, scratch.corners_b, scratch.stack
@@ -136,9 +157,11 @@ def hulls_stay_apart(
         )
         if gap == FAR:
             continue
-        if gap == CLOSE or a_moved + b_moved < _FINEST or depth + 2 > len(stack):
+        fine = a_moved + b_moved < TOLERANCE
+        if gap <= CLOSE or fine or depth + 2 > len(stack):
             scratch.where[0], scratch.where[1] = 0.5 * (a0 + a1), 0.5 * (b0 + b1)
-            return False
+            close = gap == TOO_CLOSE or (fine and gap == BETWEEN)
+            return CONFLICT if close else UNDECIDED
         # The hull of a body's places at both ends holds all in between, but for the bend.
         a_count = _place_ends(a, x, from_a, to_a, scratch.part_a, corners_a)
         b_count = _place_ends(b, y, from_b, to_b, scratch.part_b, corners_b)
@@ -156,7 +179,7 @@ def hulls_stay_apart(
         else:
             stack[depth, 3] = stack[depth + 1, 2] = 0.5 * (b0 + b1)
         depth += 2
-    return True
+    return APART
 
 
 @njit(cache=True)
