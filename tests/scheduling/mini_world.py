@@ -277,38 +277,36 @@ def _free_since_start(
     writer: PlanWriter, trial: Workcell, box: str, pose: Array, robot: str
 ) -> bool:
     """Tell whether all motions written so far clear a box that rests at ``pose``."""
-    away = {
+    attachments = {
         o.name: Attachment(None, translation(0, 0, -5.0 - k))
         for k, o in enumerate(trial.objects)
     }
-    away[box] = Attachment(None, pose)
+    attachments[box] = Attachment(None, pose)
     far = {r.name: r.home for r in trial.robots}
     held: dict[str, Attachment] = {}
     for task, motion in zip(writer.tasks, writer.motions, strict=True):
-        before = dict(held)
-        for change in task.handlings:
-            held[change.object] = Attachment(change.holder, change.pose)
         last = task.index == len(writer.tasks) - 1 and task.robot == robot
         allowed = (
             frozenset([frozenset((f"{robot}/tool", box))]) if last else frozenset()
         )
-        # What is handed over may hang anywhere at the one who takes it, so it counts too.
-        for state in (before, held):
-            own = {k: at for k, at in state.items() if at.holder == task.robot}
-            checker = SceneChecker(
-                Workcell(
-                    tuple(r for r in trial.robots if r.name == task.robot),
-                    (),
-                    trial.objects,
-                    trial.clearances,
-                ),
-                task.robot,
-                WorldState(far, {**away, **own}),
-                allowed,
-                margin=0.12,
-            )
-            if not all(checker.motion_free(a, b) for a, b in pairwise(motion.path)):
-                return False
+        carried = {o: a for o, a in held.items() if a.holder == task.robot}
+        for handling in task.handlings:
+            held[handling.object] = Attachment(handling.holder, handling.pose)
+        carried |= {o: a for o, a in held.items() if a.holder == task.robot}
+        checker = SceneChecker(
+            Workcell(
+                tuple(r for r in trial.robots if r.name == task.robot),
+                (),
+                trial.objects,
+                trial.clearances,
+            ),
+            task.robot,
+            WorldState(far, attachments | carried),
+            allowed,
+            margin=0.12,
+        )
+        if not all(checker.motion_free(a, b) for a, b in pairwise(motion.path)):
+            return False
     return True
 
 
