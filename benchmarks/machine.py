@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -27,3 +28,13 @@ def machine_line() -> str:
 def date_line() -> str:
     """Return today's date (UTC)."""
     return f"{datetime.now(UTC):%Y-%m-%d}"
+
+
+def load_line(loads: Sequence[tuple[float, float]]) -> str:
+    """Return how busy the machine was: processes that ran or waited, a minute's average.
+
+    Args:
+        loads: ``os.getloadavg()[0]`` before and after each measurement.
+    """
+    values = [value for pair in loads for value in pair]
+    return f"load of the machine {min(values):.1f} to {max(values):.1f}"

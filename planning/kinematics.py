@@ -23,6 +23,7 @@ from planning.workcell import PlacedRobot
 __all__ = [
     "TOLERANCE",
     "follow_poses",
+    "forget_solutions",
     "frame_in_last_joint",
     "frame_pose",
     "inverse_kinematics",
@@ -122,6 +123,11 @@ def inverse_kinematics(
         # The model is kept so that its id is not given to another one.
         known = _SOLVED[key] = robot.model, found
     return [solution.copy() for solution in known[1]]
+
+
+def forget_solutions() -> None:
+    """Forget all answers of ``inverse_kinematics``, such as before measuring it."""
+    _SOLVED.clear()
 
 
 def follow_poses(
