@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from planning.assembly_work import StepExpansions
 from planning.assignment import HighsAssignmentSolver
 from planning.motion_plan import MotionPlan
@@ -32,8 +34,8 @@ MOTION, SLOTS, ORDER = "motions", "who moves at once", "what waits for what"
 SHORTCUTS = "shortcuts"
 """Names of the stages for progress displays."""
 
-CANDIDATES_PER_STEP = 150
-"""Shortcuts tried for each step by default; twice as many gain less than 1 % in makespan."""
+CANDIDATES_PER_STEP, FEWEST_CANDIDATES = 150, 5000
+"""Shortcuts tried by default; twice as many gain less than 1 % in makespan."""
 
 
 @dataclass(frozen=True)
@@ -219,7 +221,7 @@ def shorten(
         watch.report(SHORTCUTS, 0, candidates)
         if not keep_slots:
             tpg = reorder_tasks(tpg)
-        return shorten_tpg(
+        shorter = shorten_tpg(
             tpg,
             settings.speeds,
             step=settings.step,
@@ -227,19 +229,28 @@ def shorten(
             seed=seed,
             progress=watch.reporter(SHORTCUTS),
         ).tpg
+        # A transit past HOME may serve two slots: there is nothing to wait for together any more.
+        return replace(shorter, slots=np.empty(0, dtype=np.int64))
 
 
 def planned_shortcuts(scenario: Scenario) -> int:
-    """Return how many shortcuts are tried: as many as the scenario says, or by its steps."""
+    """Return how many shortcuts are tried: as many as the scenario says, or by its steps.
+
+    What is executed slot by slot stays as it was planned.
+    """
     candidates = scenario.planning.shortcut_candidates
-    return default_shortcuts(scenario) if candidates == "auto" else candidates
+    if candidates != "auto":
+        return candidates
+    slots = scenario.execution.policy == "synchronous"
+    return 0 if slots else default_shortcuts(scenario)
 
 
 def default_shortcuts(scenario: Scenario) -> int:
     """Return how many shortcuts suit the size of an assembly."""
     if scenario.assembly.kind == "construction":
         return 0  # its planner has shortened the paths already
-    return CANDIDATES_PER_STEP * assembly_kind(scenario.assembly).steps()
+    steps = assembly_kind(scenario.assembly).steps()
+    return max(CANDIDATES_PER_STEP * steps, FEWEST_CANDIDATES)
 
 
 def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionSettings:

@@ -75,6 +75,14 @@ class Scenario(Section):
                 "policy 'synchronous' needs a plan in slots: set the planning's"
                 " coordination to 'synchronous'"
             )
+        if (
+            self.execution.policy == "synchronous"
+            and self.planning.shortcut_candidates not in ("auto", 0)
+        ):
+            raise ValueError(
+                "policy 'synchronous' executes the slots as they were planned: leave"
+                " shortcut_candidates away, or choose policy 'asynchronous'"
+            )
         return self
 
 

@@ -82,7 +82,7 @@ def test_both_robots_work_and_the_plan_is_safe_by_the_other_proof(
     planned: Planned,
 ) -> None:
     assert {choice.robot for choice in planned.task_plan.choices} == {"west", "east"}
-    assert set(planned.planning_s) == {"assignment", "motion", "tpg"}
+    assert set(planned.planning_s) == {"assignment", "motion", "tpg", "shortcut"}
     assert verify_plan(planned.tpg).problems == ()
 
 

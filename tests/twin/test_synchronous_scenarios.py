@@ -23,6 +23,8 @@ NAMES = ("rearrangement", "multi_goal")
 @pytest.fixture(scope="module", params=NAMES)
 def planned(request: pytest.FixtureRequest) -> tuple[Scenario, Planned]:
     scenario = load_scenario(FOLDER / f"{request.param}.yaml")
+    planning = scenario.planning.model_copy(update={"shortcut_candidates": 0})
+    scenario = scenario.model_copy(update={"planning": planning})
     return scenario, plan_scenario(scenario, FOLDER)
 
 
