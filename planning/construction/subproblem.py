@@ -23,6 +23,9 @@ from planning.construction.step_scenes import StepScenes
 from planning.construction.stopwatch import Stopwatch
 from planning.transforms import Array
 
+_RRT = RrtSettings(good_enough=1.0, patience=80, direct=8)
+"""A path that arrives a second late is good enough: better ones cost more than they gain."""
+
 
 @dataclass(frozen=True)
 class SubproblemSettings:
@@ -35,7 +38,7 @@ class SubproblemSettings:
     """
 
     keyframes: KeyframeSettings = field(default_factory=KeyframeSettings)
-    rrt: RrtSettings = RrtSettings(good_enough=1.0, patience=80, direct=8)
+    rrt: RrtSettings = _RRT
     holds: int = 2
 
     def harder(self, effort: int) -> SubproblemSettings:
