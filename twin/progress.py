@@ -5,11 +5,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from types import TracebackType
+from typing import Self
 
 from rich.console import Console
 from rich.progress import (
     BarColumn,
     Progress,
+    ProgressColumn,
     SpinnerColumn,
     TaskID,
     TextColumn,
@@ -27,6 +29,10 @@ def report_nothing(stage: str, done: float, total: float) -> None:
 class StageDisplay:
     """A line a stage on standard error; nothing when that is no terminal or not wanted."""
 
+    def columns(self) -> tuple[ProgressColumn, ...]:
+        """Return what stands behind the bar of a stage."""
+        return (TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn())
+
     def __init__(self, *, enabled: bool = True) -> None:
         """Show nothing unless ``enabled`` and on a terminal."""
         self._live = enabled and sys.stderr.isatty()
@@ -35,14 +41,13 @@ class StageDisplay:
             SpinnerColumn(),
             TextColumn("{task.description:<24}"),
             BarColumn(bar_width=30),
-            TextColumn("{task.percentage:>3.0f} %"),
-            TimeElapsedColumn(),
+            *self.columns(),
             console=Console(stderr=True),
             transient=True,
             disable=not self._live,
         )
 
-    def __enter__(self) -> StageDisplay:
+    def __enter__(self) -> Self:
         """Start to draw."""
         self._progress.start()
         return self
