@@ -340,5 +340,6 @@ def _absorb(inside: Names, others: Sequence[Names]) -> tuple[Names, list[Names]]
         meeting = [s for s in apart if not inside.isdisjoint(s)]
         if not meeting:
             return inside, apart
-        inside = inside.union(*meeting)
+        # Before the union: sets that meet only those that join now are next, not gone.
         apart = [s for s in apart if inside.isdisjoint(s)]
+        inside = inside.union(*meeting)
