@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint paper clean
+.PHONY: help demo test guides lint paper clean
 
 help: ## show this list
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -16,7 +16,10 @@ demo: $(VENV)/.installed ## plan, simulate and check the cliff; leaves logs/clif
 	$(BIN)/twin run scenarios/lego/cliff.yaml
 
 test: $(VENV)/.installed-dev ## run the tests
-	$(BIN)/python -m pytest --numprocesses auto
+	$(BIN)/python -m pytest --numprocesses auto -m 'not expensive'
+
+guides: $(VENV)/.installed-dev ## run the commands of the guides that take longer
+	$(BIN)/python -m pytest --numprocesses auto -m expensive
 
 lint: $(VENV)/.installed-dev ## check style and types
 	$(BIN)/ruff check .
