@@ -6,11 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
-from planning.construction.arena import Arena
+from planning.construction.free_cells import strike_out
 from planning.construction.space_time_checker import SpaceTimeChecker
-from planning.construction.space_time_kernel import clear_throughout
 from planning.transforms import Array
 
 Part = tuple[SpaceTimeChecker, Array]
@@ -39,30 +37,14 @@ def arrival_windows(
     # Once nothing moves any more, all cells are alike.
     last = max(int(np.ceil(checker.world.end / step - 1e-6)), first) + 1
     if np.isfinite(latest) and np.isfinite(duration):
-        last = min(last, int(np.ceil((latest + duration) / step)))
+        last = max(min(last, int(np.ceil((latest + duration) / step))), first + 1)
     free = np.ones(max(last - first, 0), dtype=np.bool_)
     for part, path in parts:
         path = np.array(np.atleast_2d(path), dtype=np.float64)
         following = path[1:] if len(path) > 1 else path
         for a, b in zip(path, following, strict=False):
-            _strike_out(part.scene, a.copy(), b.copy(), first, step, free)
+            strike_out(part.scene, a.copy(), b.copy(), first, step, free)
     return _spans(free, first, step, duration, earliest, latest)
-
-
-@njit(cache=True)
-def _strike_out(
-    scene: Arena,
-    q0: Array,
-    q1: Array,
-    first: int,
-    step: float,
-    free: npt.NDArray[np.bool_],
-) -> None:
-    """Mark the cells of time in which a motion is not clear."""
-    for k in range(len(free)):
-        if free[k]:
-            lo = (first + k) * step
-            free[k] = clear_throughout(scene, q0, q1, lo, lo + step)
 
 
 def _spans(

@@ -7,55 +7,16 @@ stand at each place. What comes out is the earliest arrival for departures on a 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from planning.construction.arena import Arena
+from planning.construction.free_cells import spans_of, strike_out
+from planning.construction.roadmap_kernel import arrive
 from planning.construction.rrt_kernel import Query, next_arrival
-from planning.construction.space_time_kernel import clear_throughout, motion_clear
+from planning.construction.space_time_kernel import motion_clear
 from planning.transforms import Array
 
 _TINY = 1e-9
-
-
-@njit(cache=True)
-def _arrive(query: Query, a: Array, t: float, b: Array) -> float:
-    """Return when one can be at ``b`` who leaves ``a`` at time ``t`` [s]."""
-    out = t
-    for j in range(len(a)):
-        travel = abs(b[j] - a[j])
-        if travel > 0.0:
-            out = max(out, max(t, query.begin[j]) + travel / query.velocity[j])
-    return out
-
-
-@njit(cache=True)
-def _spans(
-    scene: Arena,
-    q: Array,
-    begin: float,
-    step: float,
-    cells: int,
-    free: npt.NDArray[np.bool_],
-    out: Array,
-) -> int:
-    """Write the spans of time in which one may stand at ``q``; return how many there are."""
-    for k in range(cells):
-        lo = begin + k * step
-        free[k] = clear_throughout(scene, q, q, lo, lo + step)
-    count = 0
-    k = 0
-    while k < cells and count < len(out):
-        if free[k]:
-            first = k
-            while k < cells and free[k]:
-                k += 1
-            out[count, 0] = begin + first * step
-            out[count, 1] = begin + k * step if k < cells else np.inf
-            count += 1
-        else:
-            k += 1
-    return count
 
 
 @njit(cache=True)
@@ -78,8 +39,8 @@ def earliest_along(
     most = 16
     places = len(path)
     start = np.min(query.begin)
-    begin = np.floor(start / step + 1e-6) * step
-    cells = max(int(np.ceil((latest - begin) / step)) + 1, 1)
+    first = int(np.floor(start / step + 1e-6))
+    cells = max(int(np.ceil(latest / step)) + 1 - first, 1)
     free = np.empty(cells, dtype=np.bool_)
     spans = np.empty((places, most, 2))
     counts = np.zeros(places, dtype=np.int64)
@@ -89,7 +50,9 @@ def earliest_along(
     left = np.full((places, most), np.inf)
     before = np.full((places, most), -1, dtype=np.int64)
     for k in range(places):
-        counts[k] = _spans(scene, path[k], begin, step, cells, free, spans[k])
+        free[:] = True
+        strike_out(scene, path[k], path[k], first, step, free)
+        counts[k] = spans_of(free, first, step, spans[k])
     come[0, 0] = start
     if counts[0] == 0 or spans[0, 0, 0] > start + _TINY:
         # It cannot stay where it is, and has to leave at once.
@@ -99,7 +62,7 @@ def earliest_along(
         for i in range(counts[k]):
             depart = come[k, i]
             while depart <= spans[k, i, 1] + _TINY:
-                arrival = _arrive(query, path[k], depart, path[k + 1])
+                arrival = arrive(query, path[k], depart, path[k + 1])
                 if arrival >= latest:
                     break
                 m = _span_at(spans[k + 1], counts[k + 1], arrival)
@@ -120,15 +83,15 @@ def earliest_along(
             best, last = at, i
     if last < 0:
         return np.empty(0), np.empty(0)
-    arrive, depart_at = np.empty(places), np.empty(places)
+    come_at, depart_at = np.empty(places), np.empty(places)
     depart_at[places - 1] = best
     i = last
     for k in range(places - 1, -1, -1):
-        arrive[k] = come[k, i]
+        come_at[k] = come[k, i]
         if k > 0:
             depart_at[k - 1] = left[k, i]
             i = before[k, i]
-    return arrive, depart_at
+    return come_at, depart_at
 
 
 @njit(cache=True)

@@ -240,7 +240,7 @@ def _extend(
 
 
 @njit(cache=True)
-def _sample(
+def sample_between(
     query: Query,
     goal: int,
     arrival: float,
@@ -388,7 +388,7 @@ def grow(
             if root < 0:
                 roots = 0
                 continue
-        t = _sample(query, back.goal[root], back.t[root], state, q)
+        t = sample_between(query, back.goal[root], back.t[root], state, q)
         tree, size = (ahead, number) if forward else (back, behind)
         near = _nearest(query, tree, size, q, t, forward, limits.weight, bound)
         if near >= 0 and size < most - 4:

@@ -9,6 +9,7 @@ import numpy as np
 
 from planning.construction.arrival_windows import arrival_windows
 from planning.construction.postprocess import hasten, shorten
+from planning.construction.roadmap_kernel import search_roadmap
 from planning.construction.rrt_kernel import (
     Limits,
     Query,
@@ -36,6 +37,9 @@ class RrtSettings:
             [s]; so much must an improvement gain.
         direct: arrival times at which straight lines are tried first.
         rounds: how often a path is searched for, each time with the bound of the one before.
+        vertices: of the roadmap that is searched for an earlier arrival.
+        neighbours: of each of its vertices.
+        checks: motions of the roadmap that are looked at.
         shortcuts: random stretches of a path that are tried to be made straight.
         speed: share of the joints' speed limits that is used, (0, 1].
     """
@@ -47,7 +51,10 @@ class RrtSettings:
     growth: float = 1.15
     good_enough: float = 0.2
     direct: int = 40
-    rounds: int = 3
+    rounds: int = 2
+    vertices: int = 80
+    neighbours: int = 8
+    checks: int = 600
     shortcuts: int = 60
     speed: float = 1.0
 
@@ -66,8 +73,9 @@ def space_time_rrt(
 ) -> SpaceTimePath | None:
     """Return a path to one of several goals that arrives early, or None.
 
-    Straight lines are tried first; then two forests are grown until they meet, and on to
-    arrive earlier.
+    Straight lines are tried first. Then two forests are grown until they meet, and on to
+    arrive earlier; and places on the path found and around it become a roadmap, over which the
+    earliest arrival is searched for.
 
     Args:
         checker: who moves, and among what.
@@ -158,13 +166,45 @@ def _search(
         )
         time, path, goal, drawn, _ = grow(checker.scene, query, limits, bound)
         samples += int(drawn)
-        if goal < 0:
+        if goal >= 0:
+            found = SpaceTimePath(time, path, int(goal), earliest)
+            best = _improve(checker, found, query, settings, seed + turn)
+        if best is None:
             continue
-        found = SpaceTimePath(time, path, int(goal), earliest)
-        best = _improve(checker, found, query, settings, seed + turn)
-        if best.arrival <= earliest + settings.good_enough:
+        enough = earliest + settings.good_enough
+        if settings.checks > 0 and best.arrival > enough:
+            around = _over_roadmap(checker, query, best, settings, seed + turn)
+            if around is not None:
+                best = _improve(checker, around, query, settings, seed + turn)
+        if best.arrival <= enough:
             break
     return None if best is None else replace(best, samples=samples)
+
+
+def _over_roadmap(
+    checker: SpaceTimeChecker,
+    query: Query,
+    best: SpaceTimePath,
+    settings: RrtSettings,
+    seed: int,
+) -> SpaceTimePath | None:
+    """Return a path that arrives earlier than the best one so far, over a random roadmap."""
+    extra = np.unique(best.path, axis=0)
+    time, path, goal, _ = search_roadmap(
+        checker.scene,
+        query,
+        extra,
+        max(settings.vertices, 1 + len(query.goals) + len(extra)),
+        settings.neighbours,
+        settings.checks,
+        checker.step,
+        best.arrival - settings.good_enough,
+        seed,
+    )
+    if goal < 0:
+        return None
+    keep = np.concatenate([[True], np.diff(time) > 1e-9])
+    return SpaceTimePath(time[keep], path[keep], int(goal), best.earliest)
 
 
 def _improve(

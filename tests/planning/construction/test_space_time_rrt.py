@@ -1,0 +1,221 @@
+"""The space-time RRT against an exhaustive search on a grid, and what its paths promise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+
+from planning.construction.fixed_world import FixedWorld
+from planning.construction.space_time_checker import SpaceTimeChecker
+from planning.construction.space_time_path import SpaceTimePath
+from planning.construction.space_time_rrt import RrtSettings, space_time_rrt
+from planning.construction.timeline import RobotTimeline
+from planning.robots.model import RobotModel
+from planning.transforms import Array
+from tests.planning.construction.toy_teams import SPEED, fixture, placed, slider, team
+
+SEARCH = RrtSettings(direct=0)
+"""Without the straight lines that are tried first."""
+
+THOROUGH = RrtSettings(rounds=3, vertices=200, neighbours=16, checks=4000)
+
+
+@cache
+def small(x: float = 1.5, y: float = 1.0) -> RobotModel:
+    """A slider that stays in a room."""
+    room = np.array([x, y])
+    return replace(slider(), lower=-room, upper=room)
+
+
+def check_path(checker: SpaceTimeChecker, found: SpaceTimePath, goals: Array) -> None:
+    """All that a path promises."""
+    assert np.array_equal(found.path[0], checker.start_configuration())
+    assert np.array_equal(found.path[-1], np.atleast_2d(goals)[found.goal])
+    assert found.time[0] == checker.start
+    assert np.all(np.diff(found.time) > 0)
+    assert found.earliest <= found.arrival + 1e-9
+    for (a, b), (s, t) in zip(pairwise(found.path), pairwise(found.time), strict=True):
+        begin = np.maximum(s, checker.begin_of_joint)
+        assert np.all(
+            np.abs(b - a) <= checker.velocity * np.maximum(t - begin, 0.0) + 1e-6
+        )
+        assert checker.motion_free(a, s, b, t)
+
+
+@cache
+def door_world() -> FixedWorld:
+    """A wall with a gap, and in the gap a door that is away from 8 s to 11 s."""
+    walls = (
+        fixture("upper", (0.1, 1.7, 0.4), (0.0, 1.15, 0.2)),
+        fixture("lower", (0.1, 1.7, 0.4), (0.0, -1.15, 0.2)),
+    )
+    door = slider((0.1, 0.56, 0.3))
+    cell = team(
+        [placed("me", small(), (-1.0, 0.0)), placed("door", door, (0.0, 0.0))],
+        fixtures=walls,
+    )
+    line = RobotTimeline(
+        "door",
+        np.array([0.0, 7.9, 8.0, 11.0, 11.1]),
+        np.array([[0.0, 0], [0, 0], [0, 4], [0, 4], [0, 0]]),
+    )
+    return FixedWorld(cell, {"door": line})
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_door_that_is_open_for_a_while_is_used_at_once(seed: int) -> None:
+    checker = SpaceTimeChecker(door_world(), ("me",))
+    goal = np.array([1.0, 0.0])
+    found = space_time_rrt(checker, goal, settings=SEARCH, seed=seed)
+    assert found is not None
+    check_path(checker, found, goal)
+    # The front is at the door when it opens; 1.2 m are left.
+    soonest = 7.9 + 1.2 / SPEED
+    assert soonest <= found.arrival <= soonest + 0.3
+    assert found.samples > 0
+
+
+def test_the_same_seed_gives_the_same_path() -> None:
+    checker = SpaceTimeChecker(door_world(), ("me",))
+    goal = np.array([1.0, 0.5])
+    first, again, other = (
+        space_time_rrt(checker, goal, settings=SEARCH, seed=s) for s in (3, 3, 4)
+    )
+    assert first is not None
+    assert again is not None
+    assert other is not None
+    assert np.array_equal(first.path, again.path)
+    assert np.array_equal(first.time, again.time)
+    assert not np.array_equal(first.path, other.path)
+
+
+def test_a_goal_that_is_closed_off_is_not_reached() -> None:
+    world = door_world()
+    shut = FixedWorld(world.cell)
+    checker = SpaceTimeChecker(shut, ("me",))
+    assert space_time_rrt(checker, np.array([1.0, 0.0])) is None
+    inside_the_wall = np.array([0.0, 0.8])
+    assert space_time_rrt(checker, inside_the_wall) is None
+    assert (
+        space_time_rrt(SpaceTimeChecker(world, ("me",)), [[1, 0]], latest=9.0) is None
+    )  # type: ignore[arg-type]
+
+
+def test_times_of_arrival_are_kept() -> None:
+    checker = SpaceTimeChecker(door_world(), ("me",))
+    goals = np.array([[1.0, 0.0], [-1.0, 0.5]])
+    near = space_time_rrt(checker, goals)
+    assert near is not None
+    assert (near.goal, near.arrival) == (1, pytest.approx(1.0))
+    late = space_time_rrt(checker, goals, not_before=3.25)
+    assert late is not None
+    assert late.arrival == pytest.approx(3.25)
+    fixed = space_time_rrt(checker, goals[:1], arrival=12.5)
+    assert fixed is not None
+    assert fixed.arrival == 12.5
+    check_path(checker, fixed, goals[:1])
+    assert space_time_rrt(checker, goals[:1], arrival=9.0) is None
+    # In the doorway one may stand only while the door is away.
+    doorway = np.array([0.0, 0.0])
+    short = space_time_rrt(checker, doorway, stay=1.0)
+    assert short is not None
+    assert 8.3 < short.arrival <= 10.0
+    assert space_time_rrt(checker, doorway, stay=np.inf) is None
+    only = [np.array([[9.1, 9.3]])]
+    there = space_time_rrt(checker, doorway, windows=only)
+    assert there is not None
+    assert 9.1 - 1e-9 <= there.arrival <= 9.3 + 1e-9
+
+
+def grid_arrival(checker: SpaceTimeChecker, goal: Array, latest: float) -> float:
+    """The earliest arrival on a grid of 0.2 m, one step to a neighbour or none in 0.4 s."""
+    pitch, tick = 0.2, 0.2 / SPEED
+    start = tuple(np.round(checker.start_configuration() / pitch).astype(int).tolist())
+    target = tuple(np.round(goal / pitch).astype(int).tolist())
+    front, t = {start}, 0.0
+    room = np.round(checker.upper / pitch).astype(int)
+    while front and t < latest:
+        if target in front:
+            return t
+        after = set()
+        for place, step in product(sorted(front), product((-1, 0, 1), repeat=2)):
+            there = (place[0] + step[0], place[1] + step[1])
+            if there in after or np.any(np.abs(there) > room):
+                continue
+            a, b = np.array(place) * pitch, np.array(there) * pitch
+            if checker.motion_free(a, t, b, t + tick):
+                after.add(there)
+        front, t = after, t + tick
+    return np.inf
+
+
+def crowded_world(seed: int) -> FixedWorld:
+    """Three robots wander through a small room with a pillar, and then stay where they are."""
+    rng = np.random.default_rng(seed)
+    robots = [placed("me", small(1.2, 1.2), (-1.0, -1.0))]
+    lines = {}
+    for k in range(3):
+        path = rng.uniform(-0.9, 0.9, (4, 2))
+        robots.append(placed(f"r{k}", slider((0.4, 0.4, 0.3)), tuple(path[0])))
+        times = np.concatenate([[0.0], np.cumsum(rng.uniform(1.0, 4.0, 3))])
+        lines[f"r{k}"] = RobotTimeline(f"r{k}", times, path)
+    pillar = fixture("pillar", (0.3, 0.3, 0.4), (*rng.uniform(-0.4, 0.4, 2), 0.2))
+    return FixedWorld(team(robots, fixtures=(pillar,)), lines)
+
+
+def test_it_is_hardly_later_than_the_best_way_on_a_grid() -> None:
+    goal = np.array([1.0, 1.0])
+    later = []
+    for seed in (0, 3, 8):
+        checker = SpaceTimeChecker(crowded_world(seed), ("me",))
+        best = grid_arrival(checker, goal, 10.0)
+        assert 4.0 <= best < 10.0
+        found = space_time_rrt(checker, goal, settings=THOROUGH, seed=seed)
+        assert found is not None
+        check_path(checker, found, goal)
+        later.append(found.arrival - best)
+    # The grid is no bound: a path off it may be earlier, by less than its pitch.
+    assert np.mean(later) <= 0.6
+    assert max(later) <= 1.5
+
+
+def test_robots_that_become_free_at_different_times_meet() -> None:
+    robots = [
+        placed("a", small(2.0, 2.0), (-1.5, 0.0)),
+        placed("b", small(2.0, 2.0), (1.5, 1.0)),
+    ]
+    walls = (fixture("wall", (0.1, 1.5, 0.4), (0.3, -0.3, 0.2)),)
+    busy = RobotTimeline("b", np.array([0.0, 5.0]), np.array([[1.5, 1.0], [0.9, -0.5]]))
+    world = FixedWorld(team(robots, fixtures=walls), {"b": busy})
+    checker = SpaceTimeChecker(world, ("a", "b"))
+    goal = np.array([-0.2, 0.9, 0.2, 0.9])
+    found = space_time_rrt(checker, goal, settings=SEARCH, seed=1)
+    assert found is not None
+    check_path(checker, found, goal)
+    # b is not free to move before 5 s, and then has to get around the wall.
+    assert found.earliest == pytest.approx(5.0 + 1.4 / SPEED)
+    assert found.arrival <= found.earliest + 3.0
+    before = found.time <= 5.0
+    assert np.allclose(found.path[before][:, 2:], [0.9, -0.5])
+
+
+def test_a_wait_is_put_where_it_costs_nothing() -> None:
+    robots = [
+        placed("me", small(), (-1.0, 0.0)),
+        placed("other", slider(), (0.0, -1.0)),
+    ]
+    line = RobotTimeline(
+        "other", np.array([0.0, 4.0]), np.array([[0.0, -1.0], [0.0, 1.0]])
+    )
+    world = FixedWorld(team(robots), {"other": line})
+    checker = SpaceTimeChecker(world, ("me",))
+    goal = np.array([1.0, 0.0])
+    found = space_time_rrt(checker, goal, stay=np.inf, settings=SEARCH)
+    assert found is not None
+    check_path(checker, found, goal)
+    # Straight across behind it, or a small way around: never as late as after it has gone.
+    assert found.arrival <= 5.5
