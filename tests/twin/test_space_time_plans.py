@@ -103,7 +103,7 @@ def building() -> tuple[Builder, MotionPlan, TemporalPlanGraph]:
         for k, a in enumerate(angle)
     ]
     cell = team(robots, fixtures=(floor,), objects=(*boxes, beam))
-    builder = Builder(cell, QUICK)
+    builder = Builder(cell)
     for k in range(4):
         robot = min(("f0", "f1", "f2"), key=builder.world.free_from)
         builder.free(robot)
