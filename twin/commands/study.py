@@ -163,7 +163,7 @@ def study(
     All policies and variants see the same draws, so their differences are sharp. Leaves
     replications.parquet, tasks.parquet, edges.parquet, summary.json, pictures and report.html.
     """
-    from twin.study.executors import open_executor
+    from twin.study.executors import check_scheduler, open_executor
     from twin.study.study_display import StudyDisplay
 
     silent = quiet or as_json
@@ -171,8 +171,8 @@ def study(
     def executor() -> AbstractContextManager[Executor]:
         return open_executor(workers, scheduler)
 
-    with executor():
-        pass  # says now, not after the planning, that there is nobody to compute
+    if scheduler is not None:
+        check_scheduler(scheduler)  # now, not after the planning
     with StudyDisplay(enabled=not silent) as progress:
         if resume is not None:
             result = _resume(resume, scenario, executor, progress)

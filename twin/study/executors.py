@@ -74,6 +74,12 @@ def open_executor(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
+def check_scheduler(address: str, *, answer_within_s: float = ANSWER_WITHIN_S) -> None:
+    """Raise a ClusterError unless a Dask scheduler answers at an address and has workers."""
+    with _cluster(address, answer_within_s):
+        return
+
+
 def usable_cores() -> int:
     """Return how many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1

@@ -67,7 +67,7 @@ def audit_open_loop(
             found.append(int(json.loads(path.read_text())["violations"]))
             progress(replication + 1, count)
             continue
-        run = engines.simulator().run(seed=load.seed, replication=replication)
+        run = engines.simulator.run(seed=load.seed, replication=replication)
         if run.outcome != "completed":
             continue
         if not replay.exists():

@@ -64,6 +64,10 @@ class ReplicationRows:
         self.busy_ns[:, which] = chain_end_ns - waited_ns.sum(axis=1)
         self.waited_ns[:, which] = waited_ns.sum(axis=0)
 
+    def makespans_s(self) -> npt.NDArray[np.float64]:
+        """Return the makespans, NaN where a replication did not complete, shape (r,) [s]."""
+        return _seconds(self.makespan_ns, self.outcome == COMPLETED)
+
     def columns(self) -> dict[str, Any]:
         """Return the columns of ``replications.parquet`` that do not name the cell."""
         completed = self.outcome == COMPLETED

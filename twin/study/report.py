@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 
 from planning.transforms import Array
 from twin.atomic import replacing
-from twin.durations import NANOSECONDS
 from twin.progress import Report
 from twin.run_folder import versions
 from twin.study.band_gantt import draw_bands
@@ -28,7 +27,6 @@ from twin.study.figures import (
     draw_waits,
 )
 from twin.study.plans import load_plans, workloads
-from twin.study.replication_rows import COMPLETED
 from twin.study.sobol import sobol_indices
 from twin.study.study import StudyResult
 from twin.study.study_folder import BLOCKS, PLANS, REPORT
@@ -103,11 +101,8 @@ def _pictures(
 
 def makespans_s(result: StudyResult, cell: int) -> Array:
     """Return the makespans of a cell, NaN where it did not complete, shape (n,) [s]."""
-    parts = []
-    for block in cell_blocks(result.folder / BLOCKS, cell):
-        done = block.rows.outcome == COMPLETED
-        parts.append(np.where(done, block.rows.makespan_ns / NANOSECONDS, np.nan))
-    return np.concatenate(parts)
+    blocks = cell_blocks(result.folder / BLOCKS, cell)
+    return np.concatenate([block.rows.makespans_s() for block in blocks])
 
 
 def _shown_cell(policies: Sequence[str]) -> int:

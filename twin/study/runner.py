@@ -21,7 +21,6 @@ from planning.errors import TwinError
 from twin.study.block_files import blocks_done, read_block, write_block
 from twin.study.executors import parallelism
 from twin.study.experiment import Block, Experiment, blocks_of
-from twin.study.replication_rows import COMPLETED
 from twin.study.workload import BlockResult, Parcel, Workload, compute_block, pack
 
 BULK_BLOCK, EVENTS_BLOCK = 500, 20
@@ -99,9 +98,8 @@ class _Counter:
 
     def add(self, result: BlockResult) -> None:
         """Count a block."""
-        rows = result.rows
-        values = np.where(rows.outcome == COMPLETED, rows.makespan_ns * 1e-9, np.nan)
-        self._makespans[result.block.cell][result.block.first] = values
+        parts = self._makespans[result.block.cell]
+        parts[result.block.first] = result.rows.makespans_s()
         self._done += result.block.count
         self._progress(self._done, max(self._wanted, self._done))
 

@@ -83,7 +83,7 @@ def _cell(
     for result in cell_blocks(blocks, cell):
         rows = result.rows
         done = rows.outcome == COMPLETED
-        parts.append(np.where(done, rows.makespan_ns / NANOSECONDS, np.nan))
+        parts.append(rows.makespans_s())
         busy.append(rows.busy_ns[:, done].sum(axis=1, dtype=float))
         waited.append(rows.waited_ns[:, done].sum(axis=1, dtype=float))
         ends.append(rows.makespan_ns[done].sum(dtype=float))

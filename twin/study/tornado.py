@@ -11,7 +11,6 @@ from planning.transforms import Array
 from twin.statistics import paired_difference
 from twin.study.experiment import Block
 from twin.study.inputs import inputs_of
-from twin.study.replication_rows import COMPLETED
 from twin.study.workload import Engines, Workload
 
 SHARE = 0.2
@@ -74,9 +73,7 @@ def influences(
 
 def makespans_s(load: Workload, block: Block) -> Array:
     """Return the makespans of some replications, NaN where one did not complete [s]."""
-    rows = Engines(load).compute(block).rows
-    done = rows.outcome == COMPLETED
-    return np.where(done, rows.makespan_ns * 1e-9, np.nan)
+    return Engines(load).compute(block).rows.makespans_s()
 
 
 def _difference(values: Array, base: Array) -> float:

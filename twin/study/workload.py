@@ -7,7 +7,7 @@ import pickle
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -19,10 +19,11 @@ from twin.durations import Nanoseconds, SkillDurations
 from twin.engine import Simulator
 from twin.max_plus import completions
 from twin.policy_graph import policy_graph
+from twin.precedence import PrecedenceArrays
 from twin.run import DeadlockError, Policy, Run
 from twin.study.experiment import Block
 from twin.study.replication_rows import ERROR, ReplicationRows, empty_rows
-from twin.study.task_tally import TaskTally, task_groups
+from twin.study.task_tally import TaskGroups, TaskTally, task_groups
 
 
 @dataclass(frozen=True)
@@ -106,8 +107,6 @@ class Engines:
 
     def __init__(self, workload: Workload) -> None:
         self.workload = workload
-        self._bulk: BulkEngine | None = None
-        self._events: Simulator | None = None
 
     def compute(self, block: Block) -> BlockResult:
         """Execute a block, side by side where that is possible."""
@@ -122,12 +121,7 @@ class Engines:
     def in_bulk(self, block: Block) -> BlockResult:
         """Execute a block side by side; replications in which a task fails go by events."""
         load = self.workload
-        bulk = self._bulk = self._bulk or BulkEngine(
-            load.tpg,
-            load.durations,
-            policy=load.policy,
-            disturbances=load.disturbances,
-        )
+        bulk = self.bulk
         robots = robot_names(load.tpg)
         numbers = np.asarray(block.replications, dtype=np.int64)
         times = bulk.sample(seed=load.seed, replications=numbers)
@@ -137,7 +131,7 @@ class Engines:
         rows.fill(well, found.chain_end_ns, found.waited_ns)
         for place in np.flatnonzero(~well).tolist():
             self._by_event(rows, place)
-        tally = task_groups(bulk.contraction.tpg).tally(
+        tally = self._segment_groups.tally(
             numbers[well],
             found.start_ns,
             found.end_ns,
@@ -150,7 +144,7 @@ class Engines:
     def by_events(self, block: Block) -> BlockResult:
         """Execute a block with the event engine, one replication after the other."""
         load = self.workload
-        graph = policy_graph(load.tpg, load.policy)
+        graph = self._node_graph
         robots = robot_names(load.tpg)
         numbers = np.asarray(block.replications, dtype=np.int64)
         rows = empty_rows(numbers, robots, engine="events")
@@ -163,15 +157,27 @@ class Engines:
         end = _columns([run.end_ns for run in done], len(graph.order))
         waited, critical, critical_edge = explain(graph, start, end)
         rows.fill(well, _chain_ends(done, len(robots)), waited)
-        tally = task_groups(load.tpg).tally(
+        tally = self._node_groups.tally(
             numbers[well], start, end, critical, critical_edge, None
         )
         return BlockResult(block, rows, tally)
 
-    def simulator(self) -> Simulator:
-        """Return the event engine."""
+    @cached_property
+    def bulk(self) -> BulkEngine:
+        """The engine that computes many replications side by side."""
         load = self.workload
-        self._events = self._events or Simulator(
+        return BulkEngine(
+            load.tpg,
+            load.durations,
+            policy=load.policy,
+            disturbances=load.disturbances,
+        )
+
+    @cached_property
+    def simulator(self) -> Simulator:
+        """The event engine."""
+        load = self.workload
+        return Simulator(
             load.tpg,
             load.durations,
             policy=load.policy,
@@ -180,14 +186,25 @@ class Engines:
             release_latency_s=load.release_latency_s,
             disturbances=load.disturbances,
         )
-        return self._events
+
+    @cached_property
+    def _segment_groups(self) -> TaskGroups:
+        return task_groups(self.bulk.contraction.tpg)
+
+    @cached_property
+    def _node_groups(self) -> TaskGroups:
+        return task_groups(self.workload.tpg)
+
+    @cached_property
+    def _node_graph(self) -> PrecedenceArrays:
+        return policy_graph(self.workload.tpg, self.workload.policy)
 
     def _by_event(self, rows: ReplicationRows, place: int) -> Run | None:
         """Execute one replication with the event engine; enter its outcome and end."""
         load = self.workload
         try:
             number = int(rows.replication[place])
-            run = self.simulator().run(seed=load.seed, replication=number)
+            run = self.simulator.run(seed=load.seed, replication=number)
         except DeadlockError as error:
             run = error.run
             rows.error[place] = str(error)
