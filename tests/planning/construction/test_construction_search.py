@@ -1,0 +1,213 @@
+"""Whole constructions: orders, sequences of actions, and plans that keep what they promise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import permutations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.construction.building import nothing_built
+from planning.construction.fixed_time import plan_fixed_time
+from planning.construction.models import ModelPart, tower
+from planning.construction.object_order import rank_parts, ready_at
+from planning.construction.part_graph import PartGraph
+from planning.construction.planner import ConstructionPlan, plan_construction
+from planning.construction.problem import ConstructionProblem
+from planning.construction.search import robot_groups
+from planning.construction.site import build_problem, ground_fixture, part_objects
+from planning.construction.skeletons import HANDOVER, in_words, skeletons
+from planning.construction.supply import Spiral
+from planning.kinematics import frame_pose
+from planning.robots.registry import robot_model
+from planning.transforms import identity, readonly, translation
+from planning.workcell import PlacedRobot, Workcell
+
+
+def _problem(
+    parts: tuple[ModelPart, ...], robots: int, seed: int = 0
+) -> ConstructionProblem:
+    model = robot_model("mobile-manipulator")
+    team = []
+    for k in range(robots):
+        at = 2.0 * np.pi * k / robots
+        home = np.array(model.home)
+        home[:3] = 5.0 * np.cos(at), 5.0 * np.sin(at), at
+        team.append(PlacedRobot(f"robot{k + 1}", model, identity(), readonly(home)))
+    cell = Workcell(tuple(team), (ground_fixture(),), part_objects(parts, Spiral()))
+    return build_problem(cell, parts, seed=seed)
+
+
+def _box(name: str, size: tuple[float, ...], at: tuple[float, ...]) -> ModelPart:
+    return ModelPart(name, readonly(size), 1.0, readonly(translation(*at)))
+
+
+CHEST = (
+    _box("post1", (0.12, 0.3, 0.4), (-0.4, 0.0, 0.2)),
+    _box("post2", (0.12, 0.3, 0.4), (0.4, 0.0, 0.2)),
+    _box("chest", (0.4, 0.25, 0.2), (0.0, 0.0, 0.1)),
+    _box("slab", (1.0, 0.3, 0.1), (0.0, 0.0, 0.45)),
+)
+"""A chest under a slab on two posts: gripped from above, it must come before the slab."""
+
+
+def _check(plan: ConstructionPlan) -> None:
+    """Check order of modes, speeds, joints, and where parts are, by other means."""
+    problem, world = plan.problem, plan.building.world
+    for robot in problem.cell.robots:
+        line = world.robots[robot.name]
+        assert np.array_equal(line.path[0], robot.home)
+        travel = np.abs(np.diff(line.path, axis=0))
+        room = np.diff(line.time)[:, None] * robot.model.velocity
+        assert np.all(travel <= room + 1e-6)
+        assert np.all(line.path >= robot.model.lower - 1e-9)
+        assert np.all(line.path <= robot.model.upper + 1e-9)
+        own = sorted(
+            (w.start, w.end) for w in plan.building.work if w.robot == robot.name
+        )
+        assert all(a[1] <= b[0] + 1e-9 for a, b in zip(own, own[1:], strict=False))
+    for part in problem.parts:
+        work = sorted(
+            (w for w in plan.building.work if w.part == part.name),
+            key=lambda w: w.start,
+        )
+        assert [w.kind for w in work][0::99] == ["pick"]
+        assert work[-1].kind == "place-down"
+        for before, after in zip(work, work[1:], strict=False):
+            # Who has it then is who does the next skill, and holds it where it was taken.
+            assert before.holder == after.robot
+            assert before.end <= after.start + 1e-9
+        for w in work:
+            carrier = work[-1] if w.holder is None else w
+            holder = problem.cell.robot(w.holder or w.robot)
+            held = work[-2].pose if w.holder is None else carrier.pose
+            q = world.robots[holder.name].at(w.touch)
+            at = frame_pose(holder, q) @ held
+            wanted = problem.object(part).start if w.kind == "pick" else part.goal
+            if w.kind != "handover":
+                assert np.allclose(at, wanted, atol=1e-5)
+    for part in problem.parts:
+        placing = {w.part: w for w in plan.building.work if w.holder is None}
+        for below in problem.graph.carriers[part.name]:
+            assert placing[below].end <= placing[part.name].start + 1e-9
+
+
+def test_shortest_sequences_come_first() -> None:
+    alone = [in_words(s) for s in skeletons(["a"])]
+    assert alone == ["a pick, a place, a retract"]
+    both = list(skeletons(["a", "b"]))
+    assert [in_words(s) for s in both] == [
+        "a pick, a handover to b, b place, b retract",
+        "b pick, b handover to a, a place, a retract",
+    ]
+    three = list(skeletons(["a", "b", "c"]))
+    assert len(three) == 6
+    # Who has the part follows from who gave it: any order of the robots, once each.
+    chains = {(s[0].robot, *(a.to for a in s if a.kind == HANDOVER)) for s in three}
+    assert chains == set(permutations("abc"))
+
+
+_SEVEN = _problem(
+    tuple(_box(f"p{k}", (0.2, 0.1, 0.1), (float(k), 0.0, 0.1)) for k in range(7)), 1
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000))
+def test_order_of_parts_is_that_of_eq_6(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    names = [f"p{k}" for k in range(7)]
+    touch = {
+        frozenset((a, b)) for a in names for b in names if a < b and rng.random() < 0.4
+    }
+    near = {a: frozenset(b for b in names if frozenset((a, b)) in touch) for a in names}
+    carriers = {
+        a: frozenset(b for b in near[a] if b < a and rng.random() < 0.5) for a in names
+    }
+    ground = {a: frozenset(("ground",)) for a in names if rng.random() < 0.3}
+    problem = replace(_SEVEN, graph=PartGraph(near, ground, carriers))
+    placed = {n: float(rng.random()) for n in names if rng.random() < 0.5}
+    ranked = rank_parts(problem, placed, {}, rng)
+    possible = {
+        n
+        for n in names
+        if n not in placed
+        and (n in ground or any(p in near[n] for p in placed))
+        and all(c in placed for c in carriers[n])
+    }
+    assert set(ranked) == possible
+    counts = [sum(p in near[n] for p in placed) for n in ranked]
+    assert counts == sorted(counts, reverse=True)
+    for n in ranked:
+        assert all(ready_at(problem, n, placed) >= placed[c] for c in carriers[n])
+
+
+def test_parts_that_would_wall_others_in_wait() -> None:
+    problem = _problem(CHEST, 1)
+    placed = {"post1": 1.0, "post2": 2.0}
+    rng = np.random.default_rng(0)
+    assert rank_parts(problem, placed, {}, rng)[0] == "slab"
+    walls = {"chest": {frozenset(("post1", "post2", "slab"))}}
+    assert rank_parts(problem, placed, walls, rng) == ["chest"]
+
+
+def test_robots_that_are_free_earliest_come_first() -> None:
+    problem = _problem(CHEST, 3)
+    world = nothing_built(problem)
+    busy = world.moved(
+        "robot1", np.array([0.0, 4.0]), np.tile(problem.robots()[0].home, (2, 1))
+    )
+    busy = busy.moved(
+        "robot2", np.array([0.0, 2.0]), np.tile(problem.robots()[1].home, (2, 1))
+    )
+    assert robot_groups(busy, problem.team, 1) == [
+        ("robot3",),
+        ("robot2",),
+        ("robot1",),
+    ]
+    assert robot_groups(busy, problem.team, 2)[0] == ("robot2", "robot3")
+
+
+def test_placements_are_taken_back_for_a_part_that_was_built_in() -> None:
+    plan = plan_construction(_problem(CHEST, 2, seed=2))
+    order = [w.part for w in plan.building.work if w.holder is None]
+    assert sorted(order) == ["chest", "post1", "post2", "slab"]
+    assert plan.rewound >= 1
+    assert {f.part for f in plan.failures} == {"chest"}
+    assert order.index("chest") < order.index("slab")
+    _check(plan)
+
+
+@pytest.fixture(scope="module")
+def small_tower() -> ConstructionPlan:
+    return plan_construction(_problem(tower(3), 2))
+
+
+def test_plans_keep_speeds_order_and_poses(small_tower: ConstructionPlan) -> None:
+    _check(small_tower)
+    assert small_tower.rewound == 0
+
+
+def test_a_seed_means_one_plan(small_tower: ConstructionPlan) -> None:
+    again = plan_construction(_problem(tower(3), 2))
+    for name, line in small_tower.building.world.robots.items():
+        assert np.array_equal(line.time, again.building.world.robots[name].time)
+        assert np.array_equal(line.path, again.building.world.robots[name].path)
+
+
+def test_actions_of_a_fixed_duration_begin_at_its_multiples() -> None:
+    duration = 9.0
+    plan = plan_fixed_time(_problem(tower(2), 2), duration)
+    _check(plan)
+    for robot in plan.problem.team:
+        free = 0.0
+        for w in sorted(
+            (w for w in plan.building.work if w.robot == robot), key=lambda w: w.start
+        ):
+            slots = (w.start - free) / duration
+            assert slots == pytest.approx(round(slots), abs=1e-9)
+            assert slots > 0.5
+            free = w.end
