@@ -13,10 +13,10 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from planning.geometry.reference import Part, ReferenceRobot
 from planning.transforms import Array
 from planning.workcell import PlacedRobot, Workcell
 from scheduling.temporal_plan_graph import Indices, NodeChain
-from scheduling.verification_geometry import Part, ReferenceRobot
 from scheduling.verification_objects import Carried
 
 PIECE = 0.02

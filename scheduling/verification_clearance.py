@@ -9,16 +9,16 @@ from itertools import combinations
 
 import numpy as np
 
-from planning.transforms import Array, Transform
-from scheduling.temporal_plan_graph import TemporalPlanGraph
-from scheduling.verification_bodies import RobotBodies
-from scheduling.verification_geometry import (
+from planning.geometry.reference import (
     TOLERANCE,
     Part,
     ReferenceRobot,
     measure,
     resting_part,
 )
+from planning.transforms import Array, Transform
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.verification_bodies import RobotBodies
 from scheduling.verification_objects import Resting, object_histories
 from scheduling.verification_order import Precedence
 from scheduling.verification_pairs import (

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+from planning.geometry.reference import TOLERANCE, measure
 from planning.transforms import Array
 from scheduling.temporal_plan_graph import Indices
 from scheduling.verification_bodies import Body, Pieces, RobotBodies
-from scheduling.verification_geometry import TOLERANCE, measure
 from scheduling.verification_objects import Resting
 from scheduling.verification_order import Precedence
 

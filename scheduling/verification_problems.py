@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from planning.geometry.reference import Part
 from scheduling.verification_bodies import Pieces, RobotBodies
-from scheduling.verification_geometry import Part
 
 Key = tuple[int, int, bool, bool]
 """Nodes of both sides, and whether each robot stands before its node."""

@@ -8,13 +8,13 @@ import networkx as nx
 import numpy as np
 import pytest
 
+from planning.geometry.reference import ReferenceRobot, measure
 from planning.kinematics import frame_pose, inverse_kinematics
 from planning.task_graph import AllowedContact, Handling
 from planning.transforms import Array, inverse, rotation, translation
 from scheduling.construction import build_chains, build_tpg
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification import Problem, verify_plan
-from scheduling.verification_geometry import ReferenceRobot, measure
 from scheduling.verification_order import find_precedence
 from tests.scheduling.two_arms import Writer, block, random_turns, two_arms
 from twin.adversary import audit_standing_states, run_until_still, standing_states

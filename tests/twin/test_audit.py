@@ -10,12 +10,12 @@ import pytest
 
 from planning.errors import OutputError
 from planning.geometry.cover import box_body
+from planning.geometry.reference import ReferenceRobot, measure
 from planning.kinematics import frame_pose, inverse_kinematics
 from planning.robots.registry import robot_model
 from planning.task_graph import AllowedContact
 from planning.transforms import Array, translation
 from planning.workcell import CellObject, PlacedRobot, Workcell
-from scheduling.verification_geometry import ReferenceRobot, measure
 from tests.twin.audit_cell import (
     BRICK,
     TOP,

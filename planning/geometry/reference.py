@@ -1,4 +1,4 @@
-"""Robots and boxes for the verification: loaded by pinocchio, measured by coal, and no capsules."""
+"""Robots and boxes for independent checks: loaded by pinocchio, measured by coal, and no capsules."""
 
 from __future__ import annotations
 
