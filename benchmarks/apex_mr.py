@@ -3,7 +3,9 @@
     python -m benchmarks.apex_mr                        # all of it, as `make paper` does
     python -m benchmarks.apex_mr --only cliff faucet --seeds 1
 
-Writes apex-mr.md, apex-mr.json and apex-mr.png to benchmarks/results/, or with ``--only`` to
+All of it twice: with skills that take as long as their reference paths, as in the simulations of
+the paper (apex-mr.md, .json and .png), and with force-controlled skills, whose durations are drawn
+(apex-mr-drawn.md, .json and .png). The files go to benchmarks/results/, with ``--only`` to
 logs/apex-mr/. Everything runs in one process, one plan after another: planning times are not
 those of programs that compete for the processor. What was measured is kept in
 benchmarks/.measured/, so that an interrupted run goes on where it was.
@@ -19,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.apex_mr_paper import STRUCTURES, TABLE_I
-from benchmarks.apex_mr_report import write_report
+from benchmarks.apex_mr_report import DRAWN, REFERENCE, SkillTimes, write_report
 from benchmarks.apex_mr_tables import Measured
 from benchmarks.machine import date_line, machine_line
 from benchmarks.measured_store import MeasuredStore
@@ -31,6 +33,7 @@ from twin.comparison import (
     shortcut_budget,
 )
 from twin.comparison_figures import comparison_figures
+from twin.duration_models import follow_references
 from twin.progress import Report, StageDisplay
 from twin.scenario import Scenario
 from twin.scenario_file import load_scenario
@@ -52,6 +55,7 @@ class Options:
 
     Attributes:
         only: names of scenarios, in the order of the report.
+        skills: what decides how long skills take; a report each.
         seeds: how many, counted from the seed of each scenario.
         shortcuts: tried on each plan, None for what the scenario or the program says.
         out: folder of the report.
@@ -60,6 +64,7 @@ class Options:
     """
 
     only: tuple[str, ...]
+    skills: tuple[SkillTimes, ...]
     seeds: int
     shortcuts: int | None
     out: Path
@@ -68,46 +73,78 @@ class Options:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure and write the report; 1 if something could not be planned."""
+    """Measure and write the reports; 1 if something could not be planned."""
     options = _options(arguments)
-    store = MeasuredStore(ROOT / "benchmarks" / ".measured", ROOT, machine_line())
-    measured, failures = {}, {}
-    with StageDisplay(enabled=not options.quiet) as progress:
-        warm = False
-        for number, name in enumerate(options.only):
-            progress(ALL, number, len(options.only))
-            scenario = load_scenario(SCENARIOS[name])
-            candidates = options.shortcuts
-            if candidates is None:
-                candidates = shortcut_budget(scenario)
-            rows, dates = [], set()
-            seeds = range(scenario.seed, scenario.seed + options.seeds)
-            for seed in seeds:
-                found = None if options.fresh else store.load(name, seed, candidates)
-                if found is None:
-                    if not warm:
-                        _warm_up(progress)
-                        warm = True
-                    try:
-                        row = _measure(name, scenario, seed, candidates, progress)
-                    except TwinError as error:
-                        failures[f"{name}, seed {seed}"] = str(error)
-                        sys.stderr.write(f"{name}, seed {seed}: {error}\n")
-                        break
-                    store.save(name, seed, candidates, row, date_line())
-                    found = row, date_line()
-                rows.append(found[0])
-                dates.add(found[1])
-            if len(rows) == options.seeds:
-                comparison = collect(scenario, seeds, candidates, rows)
-                figures = comparison_figures(comparison)
-                robots = len(comparison.robots)
-                measured[name] = Measured(figures, robots, candidates, max(dates))
-        progress(ALL, len(options.only), len(options.only))
+    bench = _Bench(
+        options, MeasuredStore(ROOT / "benchmarks" / ".measured", ROOT, machine_line())
+    )
     options.out.mkdir(parents=True, exist_ok=True)
-    written = write_report(options.out, measured, failures, machine_line())
-    sys.stderr.write(f"{written}\n")
-    return 1 if failures else 0
+    failed = False
+    with StageDisplay(enabled=not options.quiet) as progress:
+        for skills in options.skills:
+            measured, failures = {}, {}
+            for number, name in enumerate(options.only):
+                progress(f"{ALL}, {skills.name}", number, len(options.only))
+                try:
+                    measured[name] = bench.measured(name, skills, progress)
+                except TwinError as error:
+                    failures[name] = str(error)
+                    sys.stderr.write(f"{name}: {error}\n")
+            progress(f"{ALL}, {skills.name}", len(options.only), len(options.only))
+            written = write_report(
+                options.out, measured, failures, machine_line(), skills
+            )
+            sys.stderr.write(f"{written}\n")
+            failed |= bool(failures)
+    return 1 if failed else 0
+
+
+class _Bench:
+    """Measures what is not in the store."""
+
+    def __init__(self, options: Options, store: MeasuredStore) -> None:
+        self._options = options
+        self._store = store
+        self._warm = False
+
+    def measured(self, name: str, skills: SkillTimes, progress: Report) -> Measured:
+        """Return the figures of a scenario over all seeds.
+
+        Raises:
+            TwinError: a seed cannot be planned; the message names it.
+        """
+        scenario = load_scenario(SCENARIOS[name])
+        if skills is REFERENCE:
+            scenario = follow_references(scenario)
+        candidates = self._options.shortcuts
+        if candidates is None:
+            candidates = shortcut_budget(scenario)
+        rows, dates = [], set()
+        seeds = range(scenario.seed, scenario.seed + self._options.seeds)
+        for seed in seeds:
+            key = f"{name}-{skills.name}"
+            found = None
+            if not self._options.fresh:
+                found = self._store.load(key, seed, candidates)
+            if found is None:
+                self._warm_up(progress)
+                try:
+                    row = _measure(name, scenario, seed, candidates, progress)
+                except TwinError as error:
+                    raise TwinError(f"seed {seed}: {error}") from error
+                self._store.save(key, seed, candidates, row, date_line())
+                found = row, date_line()
+            rows.append(found[0])
+            dates.add(found[1])
+        comparison = collect(scenario, seeds, candidates, rows)
+        figures = comparison_figures(comparison)
+        return Measured(figures, len(comparison.robots), candidates, max(dates))
+
+    def _warm_up(self, progress: Report) -> None:
+        """Load all kernels, before anything is measured."""
+        if not self._warm:
+            _warm_up(progress)
+        self._warm = True
 
 
 def _measure(
@@ -140,6 +177,13 @@ def _options(arguments: Sequence[str] | None) -> Options:
         "--only", nargs="+", choices=tuple(SCENARIOS), metavar="NAME", default=()
     )
     parser.add_argument(
+        "--skills",
+        nargs="+",
+        choices=("reference", "drawn"),
+        default=("reference", "drawn"),
+        help="what decides how long skills take",
+    )
+    parser.add_argument(
         "--seeds", type=int, choices=range(1, 100), default=4, metavar="N"
     )
     parser.add_argument("--shortcuts", type=int, help="candidates tried on each plan")
@@ -150,7 +194,10 @@ def _options(arguments: Sequence[str] | None) -> Options:
     chosen = tuple(name for name in SCENARIOS if not given.only or name in given.only)
     everything = ROOT / "benchmarks" / "results"
     out = given.out or (ROOT / "logs" / "apex-mr" if given.only else everything)
-    return Options(chosen, given.seeds, given.shortcuts, out, given.fresh, given.quiet)
+    skills = tuple(each for each in (REFERENCE, DRAWN) if each.name in given.skills)
+    return Options(
+        chosen, skills, given.seeds, given.shortcuts, out, given.fresh, given.quiet
+    )
 
 
 if __name__ == "__main__":

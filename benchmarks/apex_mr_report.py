@@ -1,8 +1,9 @@
-"""apex-mr.md, apex-mr.json and apex-mr.png: our figures beside those of the paper."""
+"""apex-mr.md, .json and .png, and apex-mr-drawn: our figures beside those of the paper."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,45 @@ from twin.atomic import replacing, write_json
 from twin.comparison import SEQUENTIAL
 from twin.comparison_chart import draw_comparison
 
-NAME = "apex-mr"
+
+@dataclass(frozen=True)
+class SkillTimes:
+    """What decides how long skills take.
+
+    Attributes:
+        name: short.
+        file: of the report, without its ending.
+        title: of the report.
+        about: what to know about it.
+    """
+
+    name: str
+    file: str
+    title: str
+    about: tuple[str, ...]
+
+
+REFERENCE = SkillTimes(
+    "reference",
+    "apex-mr",
+    "The experiments of the APEX-MR paper",
+    (
+        "Skills follow their reference paths at the speed of everything else, without force control and",
+        "the same each time, as in the simulations of the paper (Section V-A). What becomes of it when",
+        "force control makes skills long and uncertain is in [apex-mr-drawn.md](apex-mr-drawn.md).",
+    ),
+)
+DRAWN = SkillTimes(
+    "drawn",
+    "apex-mr-drawn",
+    "The experiments of the APEX-MR paper with force-controlled skills",
+    (
+        "Skills take random times, the same ones under every policy, from the packaged timings: 4 to 9 s",
+        "each, several times as long as their reference paths. The paper reports no such simulation, its",
+        "figures stand here for orientation. Nothing shortens a skill, so all shares are smaller than",
+        "those in [apex-mr.md](apex-mr.md), which repeats the paper's way of measuring.",
+    ),
+)
 
 
 def write_report(
@@ -27,6 +66,7 @@ def write_report(
     measured: Mapping[str, Measured],
     failures: Mapping[str, str],
     machine: str,
+    skills: SkillTimes,
 ) -> Path:
     """Write the three files and return the path of the text.
 
@@ -35,6 +75,7 @@ def write_report(
         measured: of each scenario; the JSON file holds the structures of the paper only.
         failures: what could not be planned, and why.
         machine: what it was measured on.
+        skills: what decided how long skills took.
 
     Raises:
         OutputError: a file cannot be written.
@@ -43,7 +84,7 @@ def write_report(
     more = {name: measured[name] for name in paper.TABLE_I if name in measured}
     about = {name: _about(one, machine) for name, one in measured.items()}
     write_json(
-        folder / f"{NAME}.json",
+        folder / f"{skills.file}.json",
         {
             name: {
                 policy: {**row, **about[name]} for policy, row in one.figures.items()
@@ -54,13 +95,13 @@ def write_report(
     if measured:
         drawn = {name: one.figures for name, one in (lego or more).items()}
         title = "The structures of APEX-MR" if lego else "Cells with more robots"
-        draw_comparison(folder / f"{NAME}.png", drawn, f"{title}, planned here")
-    parts = [_head(measured, machine), _failed(failures)]
+        draw_comparison(folder / f"{skills.file}.png", drawn, f"{title}, planned here")
+    parts = [_head(measured, machine, skills), _failed(failures)]
     if lego:
         parts += [averages(lego), quality(lego), planning(lego), baselines(lego)]
     if more:
         parts += [cells(more), quality(more)]
-    target = folder / f"{NAME}.md"
+    target = folder / f"{skills.file}.md"
     with replacing(target) as temporary:
         text = "\n\n".join("\n".join(part) for part in parts if part)
         temporary.write_text(text + "\n", encoding="utf-8")
@@ -75,7 +116,9 @@ def _about(one: Measured, machine: str) -> dict[str, Any]:
     }
 
 
-def _head(measured: Mapping[str, Measured], machine: str) -> list[str]:
+def _head(
+    measured: Mapping[str, Measured], machine: str, skills: SkillTimes
+) -> list[str]:
     dates = sorted({one.date for one in measured.values()})
     when = " to ".join(dict.fromkeys([*dates[:1], *dates[-1:]]))
     seeds = sorted(
@@ -83,7 +126,7 @@ def _head(measured: Mapping[str, Measured], machine: str) -> list[str]:
     )
     budgets = sorted({one.candidates for one in measured.values()})
     return [
-        "# The experiments of the APEX-MR paper",
+        f"# {skills.title}",
         "",
         f"Measured {when or 'never'} on {machine}; written by `make paper`.",
         f"Seeds {_list(', '.join(map(str, s)) for s in seeds)};"
@@ -92,17 +135,17 @@ def _head(measured: Mapping[str, Measured], machine: str) -> list[str]:
         "",
         "**Not the paper's cell, and not its structures.** The paper's models, calibration and LEGO",
         "designs are not part of this project. The structures here are designs of our own with as many",
-        "bricks of the same kinds of steps; arms and tools are made of primitives; skills take",
-        "random times (the same ones under every policy), where the paper reports simulations in",
-        "which they follow their reference path at the speed of everything else. Seconds of makespan",
+        "bricks of the same kinds of steps; arms and tools are made of primitives. Seconds of makespan",
         "can therefore not be compared with the paper's, shares with care. Planning times of the paper",
         "were measured on an AMD 7840HS laptop with 16 threads.",
+        "",
+        *skills.about,
         "",
         "Planning times here are wall-clock seconds in one process, one plan after another: no plan is",
         "made while another one is measured. Whatever else the machine did counts too. Kernels were",
         "compiled and loaded before. Within a plan, stages may use all cores.",
         "",
-        f"![Makespan, wait and planning time of every policy]({NAME}.png)",
+        f"![Makespan, wait and planning time of every policy]({skills.file}.png)",
     ]
 
 

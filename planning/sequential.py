@@ -11,7 +11,7 @@ from planning.errors import TransitError
 from planning.full_turns import take_near_turns
 from planning.geometry.scene import SceneChecker
 from planning.motion_plan import MotionPlan, TaskMotion
-from planning.speed import SpeedModel, sample_path
+from planning.speed import SpeedModel, path_times, sample_path
 from planning.step_tasks import StepTasks, cell_with_steps
 from planning.task_graph import TRANSIT, AllowedContact, Task
 from planning.transforms import Array
@@ -32,7 +32,8 @@ class MotionSettings:
         planners: transit planner of each robot.
         speeds: speed model of each robot.
         step: longest time between pose nodes [s].
-        skill_seconds: nominal duration of each skill [s].
+        skill_seconds: nominal duration of each skill [s]; one that is not there follows its
+            reference path at the speed of its robot.
         attempts: seeds tried for a transit before another grasp is.
         seed: of the whole plan.
     """
@@ -117,7 +118,12 @@ def _plan_step(
             )
         else:
             waypoints = _check_skill(cell, task, step.allowed, now)
-            times = _spread_over(waypoints, settings.skill_seconds[task.kind])
+            seconds = settings.skill_seconds.get(task.kind)
+            times = (
+                path_times(waypoints, settings.speeds[task.robot])
+                if seconds is None
+                else _spread_over(waypoints, seconds)
+            )
         motions.append(TaskMotion(waypoints, now.clock + times))
         state = apply_handlings(now.state, task.handlings)
         now = _Progress(

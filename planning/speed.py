@@ -55,6 +55,12 @@ def path_duration(path: Array, speed: SpeedModel) -> float:
     return sum(speed.duration(a, b) for a, b in zip(path, path[1:], strict=False))
 
 
+def path_times(path: Array, speed: SpeedModel) -> Array:
+    """Return when a polyline, shape (w, n), passes its waypoints, from 0, shape (w,) [s]."""
+    steps = [speed.duration(a, b) for a, b in zip(path, path[1:], strict=False)]
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
 def sample_path(path: Array, speed: SpeedModel, step: float) -> tuple[Array, Array]:
     """Split a polyline into steps of at most ``step`` seconds, keeping its corners.
 

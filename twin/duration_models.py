@@ -37,6 +37,7 @@ from twin.scenario_durations import (
     NormalDuration,
     PackagedDuration,
     PertDuration,
+    ReferenceDuration,
     RetriesDuration,
     ShiftedDuration,
     TriangularDuration,
@@ -70,6 +71,8 @@ def skill_durations(
 def skill_models(scenario: Scenario, folder: Path = Path()) -> dict[str, DurationModel]:
     """Return the duration model of every skill, without exceptions.
 
+    Skills that take as long as their reference path have none.
+
     Args:
         scenario: a checked scenario.
         folder: where relative paths in it start, that of its file.
@@ -80,7 +83,22 @@ def skill_models(scenario: Scenario, folder: Path = Path()) -> dict[str, Duratio
     return {
         skill: duration_model(section, folder)
         for skill, section in scenario.execution.skills.items()
+        if not isinstance(section, ReferenceDuration)
     }
+
+
+def follow_references(scenario: Scenario) -> Scenario:
+    """Return a scenario in which every skill takes as long as its reference path.
+
+    That is how APEX-MR V-A executes skills in simulation: without force control, the same each time.
+    """
+    skills = dict.fromkeys(
+        scenario.execution.skills, ReferenceDuration(kind="reference")
+    )
+    execution = scenario.execution.model_copy(
+        update={"skills": skills, "skill_overrides": ()}
+    )
+    return scenario.model_copy(update={"execution": execution})
 
 
 def duration_model(section: AnyDuration, folder: Path) -> DurationModel:

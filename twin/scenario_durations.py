@@ -206,7 +206,16 @@ class RetriesDuration(AnyDuration):
     retry: DurationSection | None = None
 
 
-DurationSection = Annotated[
+class ReferenceDuration(Section):
+    """As long as the reference path of the skill takes at the speed of the robot's other motions.
+
+    So skills are executed in the simulations of APEX-MR V-A, without force control.
+    """
+
+    kind: Literal["reference"]
+
+
+_Distribution = (
     FixedDuration
     | UniformDuration
     | TriangularDuration
@@ -219,10 +228,14 @@ DurationSection = Annotated[
     | EmpiricalDuration
     | PackagedDuration
     | ShiftedDuration
-    | RetriesDuration,
-    Field(discriminator="kind"),
-]
+    | RetriesDuration
+)
+
+DurationSection = Annotated[_Distribution, Field(discriminator="kind")]
 """Any distribution of durations; ``kind`` says which."""
+
+SkillSection = Annotated[_Distribution | ReferenceDuration, Field(discriminator="kind")]
+"""How long a skill takes: drawn from a distribution, or that of its reference path."""
 
 ShiftedDuration.model_rebuild()
 RetriesDuration.model_rebuild()

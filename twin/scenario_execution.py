@@ -14,7 +14,12 @@ from twin.scenario_disturbances import (
     SpeedSection,
     StallsSection,
 )
-from twin.scenario_durations import DurationSection, PackagedDuration, Skill
+from twin.scenario_durations import (
+    DurationSection,
+    PackagedDuration,
+    Skill,
+    SkillSection,
+)
 
 Latency = Annotated[float, Field(ge=0, le=3600)]
 
@@ -72,7 +77,7 @@ class ExecutionSection(Section):
     latency_s: Latency = 0.0
     report_latency_s: Latency | None = None
     release_latency_s: Latency | None = None
-    skills: dict[Skill, DurationSection] = Field(
+    skills: dict[Skill, SkillSection] = Field(
         default_factory=dict, validate_default=True
     )
     skill_overrides: tuple[SkillOverride, ...] = ()
@@ -85,12 +90,10 @@ class ExecutionSection(Section):
 
     @field_validator("skills")
     @classmethod
-    def _all_skills(
-        cls, given: dict[Skill, DurationSection]
-    ) -> dict[Skill, DurationSection]:
+    def _all_skills(cls, given: dict[Skill, SkillSection]) -> dict[Skill, SkillSection]:
         """Spell out what is drawn from where the file says nothing."""
         names: tuple[Skill, ...] = get_args(Skill)
-        packaged: dict[Skill, DurationSection] = {
+        packaged: dict[Skill, SkillSection] = {
             name: PackagedDuration(kind="packaged", skill=name) for name in names
         }
         return {**packaged, **given}

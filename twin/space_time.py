@@ -50,6 +50,13 @@ def construction_problem(
             " planning's coordination"
         )
     models = skill_models(scenario, folder)
+    for skill in ("pick", "place-down", "handover"):
+        if skill not in models:
+            raise ScenarioError(
+                f"execution.skills.{skill}: a construction is planned with the mean duration of"
+                " its skills, touching a part has no path of its own: give a distribution in"
+                " place of kind: reference"
+            )
     seconds = SkillSeconds(
         models["pick"].mean, models["place-down"].mean, models["handover"].mean
     )

@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks.apex_mr import main
 from benchmarks.apex_mr_paper import STRUCTURES, TABLE_I, TABLE_II
-from benchmarks.apex_mr_report import write_report
+from benchmarks.apex_mr_report import DRAWN, REFERENCE, write_report
 from benchmarks.apex_mr_tables import Measured
 from benchmarks.measured_store import MeasuredStore
 from twin.comparison import (
@@ -61,7 +61,7 @@ def write(folder: Path, compared: dict[str, Comparison]) -> str:
         name: Measured(comparison_figures(one), 2, 70, "2026-01-02")
         for name, one in compared.items()
     }
-    return write_report(folder, measured, {}, "a machine").read_text()
+    return write_report(folder, measured, {}, "a machine", REFERENCE).read_text()
 
 
 def below(one: Comparison, key: str, policy: str, other: str) -> float:
@@ -159,9 +159,12 @@ def test_what_cannot_be_planned_is_named_and_left_out(
         for name, one in rest.items()
     }
     failures = {"chair, seed 1": "no way"}
-    text = write_report(tmp_path, measured, failures, "a machine").read_text()
+    text = write_report(tmp_path, measured, failures, "a machine", DRAWN).read_text()
     assert "- chair, seed 1: no way" in text
     assert "2 of 9 structures" in text
+    assert "random times" in text
+    assert (tmp_path / "apex-mr-drawn.json").exists()
+    assert not (tmp_path / "apex-mr.json").exists()
 
 
 def test_an_unknown_structure_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

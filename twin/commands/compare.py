@@ -26,6 +26,14 @@ Shortcuts = Annotated[
         show_default=False,
     ),
 ]
+References = Annotated[
+    bool,
+    typer.Option(
+        "--reference-skills",
+        help="Skills take as long as their reference paths, as in the simulations of the"
+        " APEX-MR paper, in place of the scenario's durations.",
+    ),
+]
 Out = Annotated[
     Path | None,
     typer.Option(
@@ -42,6 +50,7 @@ def compare(
     scenario: File,
     seeds: Seeds = 4,
     shortcuts: Shortcuts = None,
+    reference_skills: References = False,
     out: Out = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -71,7 +80,10 @@ def compare(
         from twin.comparison import compare_policies, shortcut_budget
         from twin.comparison_chart import draw_comparison
         from twin.comparison_figures import comparison_figures
+        from twin.duration_models import follow_references
 
+        if reference_skills:
+            chosen = follow_references(chosen)
         candidates = shortcut_budget(chosen) if shortcuts is None else shortcuts
         found = compare_policies(
             chosen,
@@ -85,6 +97,8 @@ def compare(
         write_json(folder / COMPARISON, figures)
         counted = f"{seeds} seed" + ("s" if seeds > 1 else "")
         heading = f"{chosen.name}: {counted}, {candidates} shortcuts tried"
+        if reference_skills:
+            heading += ", skills follow their reference paths"
         draw_comparison(folder / CHART, {chosen.name: figures}, heading)
     if as_json:
         typer.echo(json.dumps(figures, indent=2))
