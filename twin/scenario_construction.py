@@ -139,12 +139,17 @@ class SpiralSection(Section):
         radius_m: distance of the first part from the origin.
         growth_m: how much further out each next part lies.
         turn_rad: angle from one part to the next.
+        across: whether parts lie with their longer edge across the radius, not along it.
+        near: whether every part lies near where it belongs, as far as others leave it room; by
+            default parts lie in their order.
     """
 
     layout: Literal["spiral"]
     radius_m: Length = 3.0
     growth_m: Annotated[float, Field(ge=0, le=10)] = 0.05
     turn_rad: float = 0.5
+    across: bool = False
+    near: bool = False
 
 
 class RowsSection(Section):
@@ -156,6 +161,7 @@ class RowsSection(Section):
         columns: parts of a row.
         pitch_m: distance of parts in a row, and of rows.
         yaw_deg: direction in which further rows lie.
+        near: see SpiralSection.
     """
 
     layout: Literal["rows"]
@@ -163,6 +169,7 @@ class RowsSection(Section):
     columns: Annotated[int, Field(ge=1, le=1000)]
     pitch_m: Pair
     yaw_deg: float = 0.0
+    near: bool = False
 
 
 SupplySection = Annotated[SpiralSection | RowsSection, Field(discriminator="layout")]

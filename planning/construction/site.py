@@ -36,6 +36,8 @@ def part_objects(
     parts: Sequence[ModelPart],
     layout: SupplyLayout,
     starts: Mapping[str, Transform] | None = None,
+    *,
+    near: bool = False,
 ) -> tuple[CellObject, ...]:
     """Return the parts of a model as objects that lie in the supply.
 
@@ -43,9 +45,11 @@ def part_objects(
         parts: the model.
         layout: where parts lie.
         starts: poses of parts that lie elsewhere; they leave no gap in the layout.
+        near: whether parts lie near where they belong, see ``lay_out``.
     """
     poses = dict(starts or {})
-    poses |= lay_out([part for part in parts if part.name not in poses], layout)
+    others = [part for part in parts if part.name not in poses]
+    poses |= lay_out(others, layout, near=near)
     return tuple(
         CellObject(
             name=part.name,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from planning.construction.models import ModelPart
 from planning.transforms import Transform, readonly, rotation, translation
@@ -21,18 +22,26 @@ class Spiral:
     Attributes:
         radius: of the first part [m].
         growth: how much further out each next part lies [m].
-        turn: angle from one part to the next [rad].
+        turn: angle from one part to the next; an even share of a full turn leaves straight
+            lanes between the parts, from the outside to the site [rad].
+        across: whether parts lie with their longer edge across the radius, not along it.
     """
 
     radius: float = 3.0
     growth: float = 0.05
     turn: float = 0.5
+    across: bool = False
 
     def spots(self, count: int) -> list[Transform]:
-        """Return a pose on the ground for each part; x points away from the site's middle."""
+        """Return a pose on the ground for each part; x points away from the site's middle.
+
+        Where they lie across the radius, y points towards it instead.
+        """
+        way = rotation("z", 0.5 * np.pi if self.across else 0.0)
         return [
             rotation("z", k * self.turn)
             @ translation(self.radius + k * self.growth, 0.0, 0.0)
+            @ way
             for k in range(count)
         ]
 
@@ -67,13 +76,33 @@ class Rows:
 SupplyLayout = Spiral | Rows
 
 
-def lay_out(parts: Sequence[ModelPart], layout: SupplyLayout) -> dict[str, Transform]:
-    """Return where every part lies at the start: flat on the ground, its first face up."""
+def lay_out(
+    parts: Sequence[ModelPart], layout: SupplyLayout, *, near: bool = False
+) -> dict[str, Transform]:
+    """Return where every part lies at the start: flat on the ground, its first face up.
+
+    Args:
+        parts: the model.
+        layout: the spots.
+        near: whether every part lies near the place where it belongs, as far as others leave
+            it room; by default they lie in their order.
+    """
     spots = layout.spots(len(parts))
+    if near:
+        spots = [spots[k] for k in _nearest(parts, spots)]
     return {
         part.name: readonly(spot @ lying(part))
         for part, spot in zip(parts, spots, strict=True)
     }
+
+
+def _nearest(parts: Sequence[ModelPart], spots: Sequence[Transform]) -> list[int]:
+    """Return the spot of each part: the least sum of squared distances to where they belong."""
+    at = np.array([spot[:2, 3] for spot in spots])
+    to = np.array([part.goal[:2, 3] for part in parts])
+    away = np.sum((to[:, None] - at[None]) ** 2, axis=2)
+    chosen = linear_sum_assignment(away)[1]
+    return [int(k) for k in chosen]
 
 
 def lying(part: ModelPart) -> Transform:

@@ -90,7 +90,8 @@ class ConstructionKind:
             for part in self.section.parts
             if part.start is not None
         }
-        return part_objects(self.parts, supply_layout(self.section.supply), starts)
+        supply = self.section.supply
+        return part_objects(self.parts, supply_layout(supply), starts, near=supply.near)
 
     def prepare(self, cell: Workcell, stages: Stages) -> Prepared:
         """Refuse: there are no candidates to choose from before robots and times are known."""
@@ -177,7 +178,9 @@ def supply_layout(section: SupplySection) -> SupplyLayout:
     from planning.construction.supply import Rows, Spiral
 
     if isinstance(section, SpiralSection):
-        return Spiral(section.radius_m, section.growth_m, section.turn_rad)
+        return Spiral(
+            section.radius_m, section.growth_m, section.turn_rad, section.across
+        )
     return Rows(
         (section.first_m[0], section.first_m[1]),
         section.columns,

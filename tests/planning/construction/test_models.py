@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from planning.construction.models import ModelPart, pavilion, tower, wall, well
 from planning.construction.part_grips import face_grips
 from planning.construction.supply import Rows, Spiral, lay_out, lying
-from planning.transforms import identity, readonly
+from planning.transforms import Array, identity, readonly
 
 MODELS = {"tower": tower, "wall": wall, "well": well, "pavilion": pavilion}
 COUNTS = {"tower": 15, "wall": 36, "well": 52, "pavilion": 113}
@@ -75,6 +76,37 @@ def test_the_spiral_is_that_of_the_paper() -> None:
         assert np.hypot(at[0], at[1]) == pytest.approx(3.0 + 0.05 * k)
         turn = math.remainder(math.atan2(at[1], at[0]) - 0.5 * k, 2.0 * math.pi)
         assert turn == pytest.approx(0.0, abs=1e-9)
+
+
+def test_parts_across_the_radius() -> None:
+    along = lay_out(wall(), Spiral())
+    across = lay_out(wall(), Spiral(across=True))
+    for name, pose in across.items():
+        assert np.allclose(pose[:3, 3], along[name][:3, 3])
+        outwards = pose[:2, 3] / np.linalg.norm(pose[:2, 3])
+        # The blocks' long edge is x.
+        assert pose[:2, 0] @ outwards == pytest.approx(0.0, abs=1e-9)
+        assert along[name][:2, 0] @ outwards == pytest.approx(1.0)
+
+
+def test_parts_lie_near_where_they_belong() -> None:
+    few = well(5, 1)
+    for layout in (Spiral(), Rows((2.0, 0.0), 3, (0.7, 0.4))):
+        spots = [spot[:2, 3] for spot in layout.spots(len(few))]
+
+        def cost(order: tuple[int, ...], spots: list[Array] = spots) -> float:
+            pairs = zip(few, order, strict=True)
+            return sum(float(np.sum((spots[k] - p.goal[:2, 3]) ** 2)) for p, k in pairs)
+
+        poses = lay_out(few, layout, near=True)
+        chosen = tuple(
+            next(k for k, s in enumerate(spots) if np.allclose(s, poses[p.name][:2, 3]))
+            for p in few
+        )
+        assert sorted(chosen) == list(range(5))
+        best = min(cost(order) for order in permutations(range(5)))
+        assert cost(chosen) == pytest.approx(best)
+        assert cost(chosen) < cost(tuple(range(5)))
 
 
 def test_rows_fill_one_after_another() -> None:
