@@ -59,6 +59,7 @@ class ReferenceRobot:
             np.abs(model.lowerPositionLimit), np.abs(model.upperPositionLimit)
         )
         self._flange = placed.model.flange
+        self._subspaces = [_subspace(joint) for joint in list(model.joints)[1:]]
         tool = {part.body.name for part in placed.model.parts if part.group == "tool"}
         self.parts = []
         for item in geometry.geometryObjects:
@@ -84,6 +85,27 @@ class ReferenceRobot:
         frames[0] = self.base
         for j in range(self.dof):
             frames[j + 1] = self.base @ self._data.oMi[j + 1].homogeneous
+        return frames
+
+    def joint_frames_along(self, path: Array) -> Array:
+        """Return world poses at many configurations at once, shape (s, n + 1, 4, 4).
+
+        Args:
+            path: configurations, shape (s, n).
+        """
+        frames = np.empty((len(path), self.dof + 1, 4, 4))
+        frames[:, 0] = self.base
+        for j in range(self.dof):
+            moved = np.tile(np.eye(4), (len(path), 1, 1))
+            slide, axis = self._subspaces[j]
+            moved[:, :3, 3] = path[:, j, None] * slide
+            cross = np.cross(np.eye(3), axis)  # of a turn by Rodrigues' formula
+            moved[:, :3, :3] += np.sin(path[:, j])[:, None, None] * cross
+            moved[:, :3, :3] += (1.0 - np.cos(path[:, j]))[:, None, None] * (
+                cross @ cross
+            )
+            placement = self._model.jointPlacements[j + 1].homogeneous
+            frames[:, j + 1] = frames[:, j] @ (placement @ moved)
         return frames
 
     def flange_pose(self, q: Array) -> Transform:
@@ -129,6 +151,14 @@ def measure(a: Part, frame_a: Transform, b: Part, frame_b: Transform) -> float:
             _RESULT,
         )
     )
+
+
+def _subspace(joint: Any) -> tuple[Array, Array]:
+    """Return along what a joint slides and about what it turns, each of shape (3,)."""
+    data = joint.createData()
+    joint.calc(data, np.zeros(1))
+    column = np.asarray(data.S, dtype=np.float64).reshape(6)
+    return column[:3], column[3:]
 
 
 def _load(placed: PlacedRobot) -> tuple[Any, Any]:

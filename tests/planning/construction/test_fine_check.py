@@ -1,0 +1,282 @@
+"""The fine check: good plans pass, and whatever is done to one is found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.construction.fine_check import FineCheck, check_construction
+from planning.construction.fine_motion import Motion
+from planning.construction.fine_walk import Group, Measurer
+from planning.construction.fixed_time import plan_fixed_time
+from planning.construction.models import tower
+from planning.construction.planner import ConstructionPlan, plan_construction
+from planning.construction.problem import ConstructionProblem
+from planning.construction.site import build_problem, ground_fixture, part_objects
+from planning.construction.supply import Spiral
+from planning.construction.timeline import ObjectTimeline, RobotTimeline
+from planning.geometry.reference import ReferenceRobot, measure
+from planning.robots.registry import robot_model
+from planning.transforms import Array, identity, readonly, rotation, translation
+from planning.workcell import PlacedRobot, Workcell
+from tests.planning.construction.toy_teams import placed, rover
+
+
+@cache
+def problem() -> ConstructionProblem:
+    model = robot_model("mobile-manipulator")
+    team = []
+    for k in range(2):
+        home = np.array(model.home)
+        home[:3] = 5.0 * np.cos(np.pi * k), 0.0, np.pi * k
+        team.append(PlacedRobot(f"robot{k + 1}", model, identity(), readonly(home)))
+    cell = Workcell(tuple(team), (ground_fixture(),), part_objects(tower(3), Spiral()))
+    return build_problem(cell, tower(3))
+
+
+@cache
+def good() -> ConstructionPlan:
+    return plan_construction(problem())
+
+
+def with_line(plan: ConstructionPlan, line: RobotTimeline) -> ConstructionPlan:
+    world = plan.building.world.with_robot(line)
+    return replace(plan, building=replace(plan.building, world=world))
+
+
+def with_object(plan: ConstructionPlan, line: ObjectTimeline) -> ConstructionPlan:
+    world = plan.building.world.with_object(line)
+    return replace(plan, building=replace(plan.building, world=world))
+
+
+def driving(plan: ConstructionPlan, robot: str, *to: Array) -> ConstructionPlan:
+    """Return the plan in which a robot goes somewhere when it has done its work."""
+    line = plan.building.world.robots[robot]
+    path = np.vstack([line.path[-1:], *(q[None] for q in to)])
+    time = line.end + 60.0 + 60.0 * np.arange(len(path))
+    return with_line(plan, line.then(time, path))
+
+
+def test_a_good_plan_passes() -> None:
+    found = check_construction(good())
+    assert found.ok, found.faults[:3]
+    assert found.measured > 1000
+    assert 0.0 <= found.least_others_m < 0.05
+
+
+def test_the_fixed_time_baseline_passes() -> None:
+    plan = plan_fixed_time(problem(), 6.0)
+    found = check_construction(plan)
+    assert found.ok, found.faults[:3]
+    starts = {
+        robot: [w for w in plan.building.work if w.robot == robot]
+        for robot in problem().team
+    }
+    for work in starts.values():
+        end = 0.0
+        for skill in work:
+            waits = (skill.start - end) / 6.0
+            assert waits == pytest.approx(round(waits))
+            assert waits > 0.5
+            end = skill.end
+
+
+def late_robot(plan: ConstructionPlan) -> ConstructionPlan:
+    line = plan.building.world.robots["robot1"]
+    return with_line(plan, replace(line, time=line.time + np.minimum(line.time, 4.0)))
+
+
+def late_hand(plan: ConstructionPlan) -> ConstructionPlan:
+    """Everything that robot1 does, and what that does to parts, comes much later."""
+    by = 200.0
+    building = plan.building
+    line = building.world.robots["robot1"]
+    plan = with_line(
+        plan,
+        replace(
+            line,
+            time=np.concatenate([[0.0], line.time + by]),
+            path=np.vstack([line.path[:1], line.path]),
+            busy_until=line.busy_until + by,
+        ),
+    )
+    own = {w.part for w in building.work if w.robot == "robot1"}
+    for name in own:
+        item = plan.building.world.objects[name]
+        later = tuple(c._replace(time=c.time + by) for c in item.changes)
+        plan = with_object(plan, replace(item, changes=later))
+    work = tuple(
+        replace(w, start=w.start + by, end=w.end + by, touch=w.touch + by)
+        if w.robot == "robot1"
+        else w
+        for w in building.work
+    )
+    return replace(plan, building=replace(plan.building, work=work))
+
+
+def exchanged_parts(plan: ConstructionPlan) -> ConstructionPlan:
+    world = plan.building.world
+    plan = with_object(plan, replace(world.objects["beam1"], object="beam2"))
+    return with_object(plan, replace(world.objects["beam2"], object="beam1"))
+
+
+def hurried(plan: ConstructionPlan) -> ConstructionPlan:
+    line = plan.building.world.robots["robot2"]
+    moves = np.any(np.diff(line.path, axis=0) != 0.0, axis=1)
+    k = int(np.flatnonzero(moves)[0]) + 1
+    time = np.array(line.time)
+    time[k] = time[k - 1] + 0.9 * (time[k] - time[k - 1])
+    return with_line(plan, replace(line, time=time))
+
+
+def through_the_tower(plan: ConstructionPlan) -> ConstructionPlan:
+    home = plan.building.world.robots["robot1"].path[-1]
+    there = np.array(home)
+    there[:2] *= -1.0
+    # The other one has left meanwhile: the way is blocked by the tower alone.
+    aside = np.array(plan.building.world.robots["robot2"].path[-1])
+    aside[:2] = -8.0, 8.0
+    return driving(driving(plan, "robot2", aside), "robot1", home, home, there)
+
+
+def into_the_other(plan: ConstructionPlan) -> ConstructionPlan:
+    home = plan.building.world.robots["robot1"].path[-1]
+    aside, there = np.array(home), np.array(home)
+    aside[1] = 8.0
+    there[:2] = -5.0, 8.0
+    over = np.array(there)
+    over[1] = 0.0
+    return driving(plan, "robot1", aside, there, over)
+
+
+def turned_grip(plan: ConstructionPlan) -> ConstructionPlan:
+    """The part is held upside down, and put down so."""
+    world = plan.building.world
+    item = world.objects["beam3"]
+    first = item.changes[0]
+    pose = readonly(first.pose @ rotation("x", np.pi))
+    return with_object(
+        plan, replace(item, changes=(first._replace(pose=pose), *item.changes[1:]))
+    )
+
+
+def misplaced(plan: ConstructionPlan) -> ConstructionPlan:
+    item = plan.building.world.objects["beam3"]
+    last = item.changes[-1]
+    pose = readonly(translation(0.0, 0.002, 0.0) @ last.pose)
+    return with_object(
+        plan, replace(item, changes=(*item.changes[:-1], last._replace(pose=pose)))
+    )
+
+
+def forgotten_pick(plan: ConstructionPlan) -> ConstructionPlan:
+    building = plan.building
+    first = next(w for w in building.work if w.part == "beam2")
+    work = tuple(w for w in building.work if w is not first)
+    return replace(plan, building=replace(building, work=work))
+
+
+def short_skill(plan: ConstructionPlan) -> ConstructionPlan:
+    building = plan.building
+    work = tuple(
+        replace(w, start=w.touch - 0.1) if w.part == "beam2" else w
+        for w in building.work
+    )
+    return replace(plan, building=replace(building, work=work))
+
+
+def bent_joint(plan: ConstructionPlan) -> ConstructionPlan:
+    model = robot_model("mobile-manipulator")
+    beyond = np.array(plan.building.world.robots["robot1"].path[-1])
+    beyond[3] = model.upper[3] + 0.01
+    return driving(plan, "robot1", beyond)
+
+
+@pytest.mark.parametrize(
+    ("tamper", "kind", "words"),
+    [
+        (late_robot, "pose", "jumps by"),
+        (late_hand, "order", "is placed before"),
+        (exchanged_parts, "mode", "not when the part changes hands"),
+        (hurried, "motion", "robot2 moves joint"),
+        (through_the_tower, "clearance", "robot1/arm and beam"),
+        (into_the_other, "clearance", "robot1/arm and robot2/arm"),
+        (turned_grip, "mode", "by none of its grips"),
+        (misplaced, "pose", "beam3 ends 2.0 mm from where it belongs"),
+        (forgotten_pick, "mode", "beam2 goes through place-down"),
+        (short_skill, "mode", "less than"),
+        (bent_joint, "motion", "beyond its joint limits"),
+    ],
+)
+def test_a_tampered_plan_is_refused(
+    tamper: Callable[[ConstructionPlan], ConstructionPlan], kind: str, words: str
+) -> None:
+    found: FineCheck = check_construction(tamper(good()))
+    assert not found.ok
+    hits = [fault for fault in found.faults if words in fault.words]
+    assert hits, found.faults[:5]
+    assert {fault.kind for fault in hits} == {kind}
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 100_000))
+def test_walks_find_what_measuring_every_sample_finds(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    motions = []
+    for name, at in (("a", -0.6), ("b", 0.6)):
+        robot = placed(name, rover(), (at, 0.0, 0.0, 0.0, 0.0))
+        path = np.zeros((4, 5))
+        path[:, :2] = rng.uniform(-0.9, 0.9, (4, 2))
+        path[:, 2:] = rng.uniform(-1.0, 1.0, (4, 3))
+        time = np.cumsum(rng.uniform(0.5, 2.0, 4))
+        motions.append(Motion(ReferenceRobot(robot), RobotTimeline(name, time, path)))
+    groups = [Group(motion, tuple(motion.robot.parts)) for motion in motions]
+    times = np.union1d(
+        *(m.samples(g.parts, 0.0, 9.0) for m, g in zip(motions, groups, strict=True))
+    )
+    measurer = Measurer()
+    least = float(rng.choice([0.0, 0.02]))
+    measurer.walk(groups[0], groups[1], times.tolist(), lambda p, q: least)
+    frames = [group.frames(times) for group in groups]
+    close: dict[tuple[str, str], float] = {}
+    for i, p in enumerate(groups[0].parts):
+        for j, q in enumerate(groups[1].parts):
+            gap = np.array(
+                [
+                    measure(p, f, q, g)
+                    for f, g in zip(frames[0][:, i], frames[1][:, j], strict=True)
+                ]
+            )
+            if np.any(gap < least - 2e-5):
+                t = float(times[np.argmax(gap < least - 2e-5)])
+                key = (p.entity, q.entity)
+                close[key] = min(close.get(key, np.inf), t)
+    found: dict[tuple[str, str], float] = {}
+    for t, words in measurer.found:
+        first, _, rest = words.partition(" and ")
+        key = (first, rest.partition(":")[0])
+        found[key] = min(found.get(key, np.inf), t)
+    assert found == close
+
+
+def test_samples_leave_nothing_out() -> None:
+    motion = Motion(
+        ReferenceRobot(problem().cell.robots[0]),
+        good().building.world.robots["robot1"],
+    )
+    parts = tuple(motion.robot.parts)
+    times = motion.samples(parts, 0.0, motion.end)
+    group = Group(motion, parts)
+    frames = group.frames(times)
+    for i, part in enumerate(parts):
+        corners = np.array(np.meshgrid(*3 * [[-1.0, 1.0]])).reshape(3, -1).T
+        points = part.centre + part.radius / np.sqrt(3.0) * corners
+        world = points @ frames[:, i, :3, :3].transpose(0, 2, 1)
+        world = world + frames[:, i, None, :3, 3]
+        assert np.linalg.norm(np.diff(world, axis=0), axis=2).max() <= 0.005 + 1e-9
