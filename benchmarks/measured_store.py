@@ -24,7 +24,7 @@ class MeasuredStore:
     def __init__(self, folder: Path, root: Path, machine: str) -> None:
         """Keep measurements of the program under ``root`` in ``folder``."""
         self._folder = folder
-        self._program = _hash_of(root, machine)
+        self._program = program_hash(root, machine)
 
     def load(
         self, name: str, seed: int, candidates: int
@@ -56,7 +56,7 @@ class MeasuredStore:
         return self._folder / f"{name}-{seed}-{candidates}-{self._program}.json"
 
 
-def _hash_of(root: Path, machine: str) -> str:
+def program_hash(root: Path, machine: str) -> str:
     """Return a short hash of all sources, scenarios and the machine."""
     digest = hashlib.sha256(machine.encode())
     for package in _PACKAGES:
