@@ -26,8 +26,9 @@ lint: $(VENV)/.installed-dev ## check style and types
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-paper: $(VENV)/.installed ## measure the tables of the APEX-MR paper; goes on where it was interrupted
+paper: $(VENV)/.installed ## measure the tables of both papers; goes on where it was interrupted
 	$(BIN)/python -m benchmarks.apex_mr
+	$(BIN)/python -m benchmarks.construction
 
 clean: ## remove the environment, caches and runs
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist

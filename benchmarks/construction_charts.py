@@ -70,7 +70,8 @@ def draw_speed_ups(path: Path, rows: Sequence[Row]) -> None:
                 fontsize=7.5,
                 color=_INK,
             )
-        _style(axis, model, f"{len(methods(rows, model, 1))} seeds")
+        seeds = len(methods(rows, model, 1))
+        _style(axis, model, f"{seeds} seed{'s' if seeds > 1 else ''}")
         axis.set_xticks(teams)
         axis.set_xlim(0.6, most + 0.4)
         axis.set_ylim(0.0, 1.15 * min(max(*rate, limit), 1.6 * max(rate)))
@@ -81,9 +82,16 @@ def draw_speed_ups(path: Path, rows: Sequence[Row]) -> None:
         "Speed-up against the size of the team",
         [
             Line2D([], [], color=_OURS, marker="o", label="the method"),
-            Line2D([], [], color=_FIXED, marker="s", ms=4, label="fixed duration"),
+            Line2D(
+                [],
+                [],
+                color=_FIXED,
+                marker="s",
+                ms=4,
+                label="fixed duration, over the method's one robot",
+            ),
             Line2D([], [], color=_LIMIT, ls="--", label="limit of the longest pile"),
-            Line2D([], [], color="#b8bec6", ls=":", label="m"),
+            Line2D([], [], color="#b8bec6", ls=":", label="number of robots"),
         ],
     )
 
@@ -193,7 +201,7 @@ def _finish(
         handles=list(handles),
         loc="upper left",
         bbox_to_anchor=(left, 0.915),
-        ncols=len(handles),
+        ncols=len(handles) if picture.get_figwidth() > 9.0 else 3,
         frameon=False,
         fontsize=8.5,
         labelcolor=_INK,

@@ -55,7 +55,7 @@ def draw_schedules(path: Path, charts: Sequence[Chart], title: str) -> None:
     """
     lanes = [list(dict.fromkeys(span[0] for span in c.row["schedule"])) for c in charts]
     heights = [_LANE_IN * len(names) + 0.75 for names in lanes]
-    height = sum(heights) + 1.0
+    height = sum(heights) + 0.55
     picture = Figure(figsize=(12.0, height), dpi=110, facecolor="white")
     FigureCanvasAgg(picture)
     latest = max(span[3] for c in charts for span in c.row["schedule"])
@@ -81,6 +81,7 @@ def draw_schedules(path: Path, charts: Sequence[Chart], title: str) -> None:
         labelcolor=_INK,
         handlelength=1.2,
     )
+    picture.text(0.98, 0.06 / height, "time [s]", size=8, color=_INK, ha="right")
     with replacing(path) as temporary:
         picture.savefig(temporary, format="png")
 
