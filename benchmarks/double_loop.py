@@ -30,7 +30,7 @@ from scheduling.staircase import (
     touching_bodies,
     wide_gap,
 )
-from scheduling.swept_sequence import SweptSequence, bound_leaf, empty_capsules
+from scheduling.swept_sequence import SweptSequence, bound_leaf, room_for_capsules
 from scheduling.temporal_plan_graph import Indices
 
 
@@ -42,9 +42,9 @@ def segment_capsules(occupancy: Occupancy) -> SweptSequence:
     flat = tree._replace(
         block_first=first,
         block_last=first + 1,
-        block_low=np.full((count, 3), np.inf),
-        block_high=np.full((count, 3), -np.inf),
-        capsules=empty_capsules(count, capsules),
+        block_low=np.empty((count, 3)),
+        block_high=np.empty((count, 3)),
+        capsules=room_for_capsules(count, capsules),
     )
     _bound_segments(flat, occupancy.hulls, make_stretch(occupancy.hulls))
     return flat

@@ -50,6 +50,9 @@ SMALL = Path("scenarios/lego/cliff.yaml")
 _ONE_BLOCK = 1 << 40
 """Segments in a leaf where there is to be no tree."""
 
+REPEATS = 3
+"""How often each way is measured where capsules decide; the quickest counts."""
+
 Result = TypeVar("Result")
 
 
@@ -110,17 +113,24 @@ def measure_plan(plan: MotionPlan) -> Built:
     wall = time.perf_counter() - start
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     (nodes, ranks, task_edges), common = _clock(lambda: _nodes(plan))
-    tree, edges = _by_tree(nodes, ranks, task_edges, common)
+    tree, edges = _best(lambda: _by_tree(nodes, ranks, task_edges, common))
     loops = {}
     for reading, growing in READINGS.items():
-        loops[reading], theirs = _by_double_loop(
-            nodes, ranks, task_edges, common, growing=growing
-        )
+
+        def by_double_loop(growing: bool = growing) -> tuple[Search, Indices]:
+            return _by_double_loop(nodes, ranks, task_edges, common, growing=growing)
+
+        loops[reading], theirs = _best(by_double_loop)
         if not np.array_equal(edges, theirs):
             raise AssertionError(f"the double loop that {reading} finds other edges")
     return Built(
         sum(map(len, tpg.chains)), len(tpg.edges), wall, cpu, memory, tree, loops
     )
+
+
+def _best(measure: Callable[[], tuple[Search, Indices]]) -> tuple[Search, Indices]:
+    """Return the quickest of REPEATS measurements: the first one pays for fresh memory."""
+    return min((measure() for _ in range(REPEATS)), key=lambda found: found[0].total_s)
 
 
 def _nodes(plan: MotionPlan) -> tuple[TemporalPlanGraph, tuple[Indices, ...], Indices]:
@@ -251,7 +261,8 @@ def _report(name: str, seed: int, load: str, built: Built) -> str:
         "",
         "With capsules deciding, against our own compiled double loop (Algorithm 1, latest "
         "node first) over the same segments and capsules, culled by the same boxes. Processor "
-        "seconds, in one run; the reduced edges are the same, or the benchmark fails.",
+        f"seconds, in one run, the best of {REPEATS} each; the reduced edges are the same, or the "
+        "benchmark fails.",
         "",
         "| | pairs tested | edges found | reduced | bodies [s] | search [s] | whole [s] "
         "| search, times slower | whole, times slower |",

@@ -98,17 +98,17 @@ def swept_sequence(
         column,
         np.zeros(blocks, dtype=np.int64),
         np.zeros(blocks, dtype=np.int64),
-        np.full((blocks, 3), np.inf),
-        np.full((blocks, 3), -np.inf),
-        empty_capsules(blocks, int(column[-1])),
+        np.empty((blocks, 3)),
+        np.empty((blocks, 3)),
+        room_for_capsules(blocks, int(column[-1])),
     )
     _build(out, hulls, leaves, make_stretch(hulls))
     return out
 
 
-def empty_capsules(blocks: int, count: int) -> npt.NDArray[np.float32]:
-    """Return capsules that are not there yet."""
-    return np.full((blocks, count, 7), INACTIVE, dtype=np.float32)
+def room_for_capsules(blocks: int, count: int) -> npt.NDArray[np.float32]:
+    """Return room for capsules, with nothing written yet: once is enough for so much memory."""
+    return np.empty((blocks, count, 7), dtype=np.float32)
 
 
 @njit(cache=True, nogil=True)
@@ -147,6 +147,8 @@ def bound_leaf(seq: SweptSequence, hulls: HullTable, block: int, room: Stretch) 
     pose_stretch(hulls, first, last, room)
     sweep_all_capsules(hulls, room)
     out, capsule_first = seq.capsules[block], hulls.capsule_first
+    out[:] = INACTIVE
+    seq.block_low[block], seq.block_high[block] = np.inf, -np.inf
     ends, grown = room.ends, room.radius
     for i in range(len(room.solid)):
         solid, c = room.solid[i], seq.column[i]

@@ -223,6 +223,16 @@ def stray_of_capsules(
     if joint == AT_REST:
         return 0.0, 0.0, 0.0
     pose = poses[joint + 1]
+    count = last - first
+    points = np.empty((2 * count, 4))
+    for c in range(count):
+        for e in range(2):
+            x, y, z = ends[first + c, e]
+            point = points[2 * c + e]
+            for r in range(3):
+                m = pose[r, 0] * x + pose[r, 1] * y
+                point[r] = m + pose[r, 2] * z + pose[r, 3]
+            point[3] = radius[first + c]
     moved = bend = off = 0.0
     for j in range(joint, -1, -1):
         if travel[j] == 0.0 and aside[j] == 0.0:
@@ -243,18 +253,13 @@ def stray_of_capsules(
             ay += frame[1, k] * axis[j, k]
             az += frame[2, k] * axis[j, k]
         reach = 0.0
-        for c in range(first, last):
-            for e in range(2):
-                x = pose[0, 3] - frame[0, 3]
-                y = pose[1, 3] - frame[1, 3]
-                z = pose[2, 3] - frame[2, 3]
-                for k in range(3):
-                    x += pose[0, k] * ends[c, e, k]
-                    y += pose[1, k] * ends[c, e, k]
-                    z += pose[2, k] * ends[c, e, k]
-                cx, cy, cz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
-                far = np.sqrt(cx * cx + cy * cy + cz * cz) + radius[c]
-                reach = max(reach, far)
+        for i in range(2 * count):
+            x = points[i, 0] - frame[0, 3]
+            y = points[i, 1] - frame[1, 3]
+            z = points[i, 2] - frame[2, 3]
+            cx, cy, cz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
+            far = np.sqrt(cx * cx + cy * cy + cz * cz) + points[i, 3]
+            reach = max(reach, far)
         reach += moved
         moved += 0.5 * travel[j] * reach
         bend += travel[j] * (travel[j] + 2.0 * turned) * reach

@@ -379,6 +379,8 @@ def _sweep(
                 m = middle[p, r, 0] * x + middle[p, r, 1] * y
                 m += middle[p, r, 2] * z + middle[p, r, 3]
                 out[c, k, r] = m
+                if p == 0:
+                    continue  # the base stands
                 n = start[p, r, 0] * x + start[p, r, 1] * y
                 n += start[p, r, 2] * z + start[p, r, 3]
                 from_start += (m - n) * (m - n)
