@@ -22,6 +22,9 @@ ROUNDING = 1e-9
 _CERTAIN = 1e-7
 """By so much hulls are closer than asked for, or overlap, before that is held for certain [m]."""
 
+_FLAT = 1e-22
+"""Squared height of a tetrahedron against its edges from which on rounding decides its sides."""
+
 _SLIVER = 1e-10
 """Faces of a smaller area have no reliable side [m^2]."""
 
@@ -177,7 +180,7 @@ def _nearest(simplex: Array, size: int, v: Array) -> int:
 
 @njit(cache=True)
 def _inside(simplex: Array) -> bool:
-    """Tell whether the origin is inside a tetrahedron."""
+    """Tell whether the origin is inside a tetrahedron; one that is flat has no inside."""
     side = np.empty(4)
     for s in range(4):
         p = simplex[(s + 1) % 4]
@@ -189,6 +192,9 @@ def _inside(simplex: Array) -> bool:
         origin = -(nx * p[0] + ny * p[1] + nz * p[2])
         o = simplex[s]
         corner = nx * (o[0] - p[0]) + ny * (o[1] - p[1]) + nz * (o[2] - p[2])
+        long = ux * ux + uy * uy + uz * uz + wx * wx + wy * wy + wz * wz
+        if corner * corner <= _FLAT * long * long * long:
+            return False
         side[s] = origin * corner
     return bool(side[0] >= 0 and side[1] >= 0 and side[2] >= 0 and side[3] >= 0)
 

@@ -1,0 +1,54 @@
+"""Straight ways of skills: free where there is room, however parallel the faces are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planning.construction.building import lying_at
+from planning.construction.fixed_world import FixedWorld
+from planning.construction.models import pavilion
+from planning.construction.reach import ReachSampler
+from planning.construction.site import build_problem, ground_fixture, part_objects
+from planning.construction.skill_motion import skill_motion
+from planning.construction.space_time_checker import SpaceTimeChecker
+from planning.construction.supply import Spiral
+from planning.robots.registry import robot_model
+from planning.transforms import readonly
+from planning.workcell import Attachment, PlacedRobot, Workcell
+
+
+def test_a_cassette_goes_straight_to_its_foot_above_a_wide_floor() -> None:
+    # Its edges are parallel to the floor's: simplices of the two are flat again and again.
+    part, beside = (
+        next(p for p in pavilion() if p.name == name)
+        for name in ("cassette1_15", "cassette2_16")
+    )
+    model = robot_model("mobile-manipulator")
+    home = readonly((-10.0, 0.0, *model.home[2:]))
+    cell = Workcell(
+        (PlacedRobot("mover", model, np.eye(4), home),),
+        (ground_fixture(),),
+        part_objects((part, beside), Spiral(5.0)),
+    )
+    problem = build_problem(cell, (part, beside))
+    world = lying_at(FixedWorld(cell), beside.name, beside.goal)
+    own = problem.part(part.name)
+    pose = problem.held_in_flange("mover", own, 0, 0.0)
+    tool = frozenset({frozenset(("mover/tool", part.name))})
+    checker = SpaceTimeChecker(
+        world, ("mover",), held={part.name: Attachment("mover", pose)}, allowed=tool
+    )
+    at = problem.tool_pose(own, own.goal, 0, 0.0)
+    drawn = ReachSampler(cell.robot("mover")).sample(at, np.random.default_rng(1), 12)
+    ways = (0.1 * own.insertion, -0.1 * own.insertion)
+    motions = [
+        skill_motion(cell.robot("mover"), "tool", q, ways, model.velocity, 3.0)
+        for q in drawn
+        if checker.configuration_free(q, 0.0)
+    ]
+    assert len(motions) >= 4
+    for motion in motions:
+        assert motion is not None
+        way = motion.before
+        for a, b in zip(way, way[1:], strict=False):
+            assert checker.motion_free(a, 0.0, b, 1.0)
