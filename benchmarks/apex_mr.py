@@ -26,17 +26,17 @@ from benchmarks.apex_mr_tables import Measured
 from benchmarks.machine import date_line, machine_line
 from benchmarks.measured_store import MeasuredStore
 from planning.errors import TwinError
-from twin.comparison import (
+from twin.comparison.comparison import (
     Measurement,
     collect,
     measure_policies,
     shortcut_budget,
 )
-from twin.comparison_figures import comparison_figures
-from twin.duration_models import follow_references
+from twin.comparison.figures import comparison_figures
 from twin.progress import Report, StageDisplay
-from twin.scenario import Scenario
-from twin.scenario_file import load_scenario
+from twin.scenario.file import load_scenario
+from twin.scenario.scenario import Scenario
+from twin.uncertainty.duration_models import follow_references
 
 ROOT = Path(__file__).parents[1]
 SCENARIOS = {

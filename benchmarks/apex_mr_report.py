@@ -17,8 +17,8 @@ from benchmarks.apex_mr_tables import (
     quality,
 )
 from twin.atomic import replacing, write_json
-from twin.comparison import SEQUENTIAL
-from twin.comparison_chart import draw_comparison
+from twin.comparison.chart import draw_comparison
+from twin.comparison.comparison import SEQUENTIAL
 
 
 @dataclass(frozen=True)

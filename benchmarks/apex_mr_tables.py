@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import apex_mr_paper as paper
-from twin.comparison import (
+from twin.comparison.comparison import (
     ASYNCHRONOUS,
     ASYNCHRONOUS_SHORTCUT,
     BASELINES,
@@ -18,8 +18,8 @@ from twin.comparison import (
     SYNCHRONOUS_SHORTCUT,
     SYNCHRONOUS_TPG,
 )
-from twin.comparison_figures import TOTAL
-from twin.comparison_table import mean, percent, spread
+from twin.comparison.figures import TOTAL
+from twin.comparison.table import mean, percent, spread
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,9 @@ from scheduling.construction import build_tpg
 from scheduling.rollout import earliest_times
 from twin.cell import build_workcell
 from twin.progress import Report
-from twin.scenario import Scenario
-from twin.scenario_cell import choose_robots
-from twin.scenario_file import load_scenario
+from twin.scenario.cell import choose_robots
+from twin.scenario.file import load_scenario
+from twin.scenario.scenario import Scenario
 from twin.space_time import construction_problem
 
 FOLDER = Path(__file__).parents[1] / "scenarios" / "construction"

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from benchmarks.construction_schedule import CARRY, DRIVE, HOME
 from benchmarks.construction_store import Row
 from twin.atomic import replacing
-from twin.lanes import LANE_COLOURS
+from twin.run.lanes import LANE_COLOURS
 
 _INK = "#2b2f36"
 _LANE_IN = 0.26

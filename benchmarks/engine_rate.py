@@ -20,19 +20,19 @@ from pathlib import Path
 from benchmarks.machine import date_line, machine_line
 from scheduling.plan_files import load_plan
 from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.contraction import contract
-from twin.disturbances import (
+from twin.durations import SkillDurations, Uniform, packaged_timings
+from twin.engine.contraction import contract
+from twin.engine.engine import Simulator
+from twin.recorders.memory import MemoryRecorder
+from twin.run.run import Run
+from twin.scenario.file import load_scenario
+from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,
     EmergencyStop,
     SkillFailure,
     StallRate,
 )
-from twin.durations import SkillDurations, Uniform, packaged_timings
-from twin.engine import Simulator
-from twin.recorders.memory import MemoryRecorder
-from twin.run import Run
-from twin.scenario_file import load_scenario
 
 RESULTS = Path(__file__).parent / "results"
 DISTURBED = Disturbances(

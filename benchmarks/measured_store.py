@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from twin.atomic import write_json
-from twin.comparison import Measurement
+from twin.comparison.comparison import Measurement
 
 _PACKAGES = ("planning", "scheduling", "twin", "scenarios")
 

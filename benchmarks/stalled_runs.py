@@ -31,16 +31,16 @@ from benchmarks.machine import date_line, machine_line
 from benchmarks.stalled_runs_report import report
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.atomic import write_json
-from twin.audit import Auditor
-from twin.audit_recording import read_recording
-from twin.audit_scene import scene_of
+from twin.audit.audit import Auditor
+from twin.audit.recording import read_recording
+from twin.audit.scene import scene_of
 from twin.pipeline import plan_scenario
 from twin.recorders.parquet import objects_table, trajectory_table, write_table
-from twin.run_folder import OBJECTS, TRAJECTORY
-from twin.scenario import Scenario
-from twin.scenario_disturbances import StallsSection
-from twin.scenario_file import load_scenario
-from twin.trajectory import object_placements, robot_trajectories
+from twin.run.folder import OBJECTS, TRAJECTORY
+from twin.run.trajectory import object_placements, robot_trajectories
+from twin.scenario.disturbances import StallsSection
+from twin.scenario.file import load_scenario
+from twin.scenario.scenario import Scenario
 from twin.trial import execute
 
 ROOT = Path(__file__).parents[1]

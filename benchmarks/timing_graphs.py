@@ -17,7 +17,7 @@ from pathlib import Path
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.pipeline import order_motions, plan_in_turns
 from twin.progress import Report, StageDisplay, report_nothing
-from twin.scenario_file import load_scenario
+from twin.scenario.file import load_scenario
 from twin.stage_watch import StageWatch
 from twin.study.timing_graph import save_timing_graph, timing_graph
 

@@ -40,7 +40,7 @@ from scheduling.order import planned_ranks
 from scheduling.reduction import order_and_reduce
 from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
 from twin.pipeline import plan_in_turns
-from twin.scenario_file import load_scenario
+from twin.scenario.file import load_scenario
 from twin.stage_watch import StageWatch
 
 RESULTS = Path(__file__).parent / "results"

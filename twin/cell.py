@@ -11,8 +11,8 @@ from planning.robots.model import RobotModel
 from planning.transforms import readonly
 from planning.workcell import Clearances, Fixture, PlacedRobot, Workcell
 from twin.assemblies.kinds import assembly_kind
-from twin.poses import build_transform
-from twin.scenario import FixtureSection, RobotSection, Scenario
+from twin.scenario.poses import build_transform
+from twin.scenario.scenario import FixtureSection, RobotSection, Scenario
 
 
 def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:

@@ -25,10 +25,10 @@ from scheduling.task_conflicts import SweptTaskConflicts
 from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
 from twin.assemblies.kinds import assembly_kind
 from twin.cell import build_workcell
-from twin.duration_models import skill_models
 from twin.progress import Report, report_nothing
-from twin.scenario import PlanningSection, Scenario
+from twin.scenario.scenario import PlanningSection, Scenario
 from twin.stage_watch import StageWatch
+from twin.uncertainty.duration_models import skill_models
 
 MOTION, SLOTS, ORDER = "motions", "who moves at once", "what waits for what"
 SHORTCUTS = "shortcuts"

@@ -11,10 +11,10 @@ from planning.motion_plan import MotionPlan
 from planning.task_plan import StepChoice, TaskPlan
 from planning.workcell import Workcell
 from twin.assemblies.construction import ConstructionKind
-from twin.duration_models import skill_models
-from twin.scenario import Scenario
-from twin.scenario_construction import ConstructionSection
+from twin.scenario.construction import ConstructionSection
+from twin.scenario.scenario import Scenario
 from twin.stage_watch import StageWatch
+from twin.uncertainty.duration_models import skill_models
 
 if TYPE_CHECKING:
     from planning.construction.planner import ConstructionPlan

@@ -10,15 +10,14 @@ from typing import Any
 
 from scheduling.plan_files import save_plan
 from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.events import Event
-from twin.gantt import draw_gantt
+from twin.engine.simulation import scenario_simulator
 from twin.progress import Report, report_nothing
 from twin.recorders.jsonl import JsonlRecorder
 from twin.recorders.memory import MemoryRecorder
 from twin.recorders.observers import Recorder
 from twin.recorders.parquet import objects_table, trajectory_table, write_table
-from twin.run import DeadlockError, Policy, Run
-from twin.run_folder import (
+from twin.run.events import Event
+from twin.run.folder import (
     EVENTS,
     GANTT,
     OBJECTS,
@@ -27,11 +26,12 @@ from twin.run_folder import (
     TRAJECTORY,
     write_manifest,
 )
-from twin.scenario import Scenario, resolved
+from twin.run.gantt import draw_gantt
+from twin.run.run import DeadlockError, Policy, Run
+from twin.run.summary import summarise, write_summary
+from twin.run.trajectory import object_placements, robot_trajectories
+from twin.scenario.scenario import Scenario, resolved
 from twin.silence import silenced
-from twin.simulation import scenario_simulator
-from twin.summary import summarise, write_summary
-from twin.trajectory import object_placements, robot_trajectories
 
 SIMULATION, RECORDS, AUDIT = "simulation", "recording", "audit"
 """Names of the stages for progress displays."""
@@ -239,7 +239,7 @@ def _write_records(
 def _audit(folder: Path, progress: Report) -> dict[str, Any]:
     with silenced():
         import pybullet  # noqa: F401 - for its greeting
-    from twin.audit import audit_run
+    from twin.audit.audit import audit_run
 
     report = audit_run(folder, lambda done, total: progress(AUDIT, done, total))
     least = report.min_distance_m

@@ -26,7 +26,7 @@ from scheduling.verification import verify_plan
 from tests.scheduling.algorithm_one import PlainGraph
 from tests.scheduling.mini_world import random_plan
 from tests.scheduling.two_arms import random_turns
-from twin.adversary import audit_standing_states
+from twin.engine.adversary import audit_standing_states
 
 CASES = [(2, 0), (2, 4), (2, 7), (3, 3), (3, 5), (4, 1), (5, 2)]
 

@@ -17,7 +17,11 @@ from scheduling.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification import Problem, verify_plan
 from scheduling.verification_order import find_precedence
 from tests.scheduling.two_arms import Writer, block, random_turns, two_arms
-from twin.adversary import audit_standing_states, run_until_still, standing_states
+from twin.engine.adversary import (
+    audit_standing_states,
+    run_until_still,
+    standing_states,
+)
 
 MIDDLE = (0.44, 0.0, 0.32)
 ONE_NODE = 100.0

@@ -7,16 +7,21 @@ from pathlib import Path
 
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.twin_toys import random_tpg
-from twin.disturbances import Disturbances, EmergencyStop, RandomStalls, SkillFailure
 from twin.durations import Fixed, SkillDurations, packaged_timings
-from twin.engine import simulate
+from twin.engine.engine import simulate
 from twin.exports.exporter import ExportOptions
 from twin.exports.recorded_run import RecordedRun
 from twin.exports.registry import exporter
 from twin.recorders.jsonl import JsonlRecorder
 from twin.recorders.parquet import objects_table, trajectory_table, write_table
-from twin.run import Run
-from twin.trajectory import object_placements, robot_trajectories
+from twin.run.run import Run
+from twin.run.trajectory import object_placements, robot_trajectories
+from twin.uncertainty.disturbances import (
+    Disturbances,
+    EmergencyStop,
+    RandomStalls,
+    SkillFailure,
+)
 
 DISTURBED = Disturbances(
     stalls=RandomStalls(2),

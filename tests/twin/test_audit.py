@@ -26,13 +26,13 @@ from tests.twin.audit_cell import (
     straight_down,
     two_arm_cell,
 )
-from twin.audit import Auditor, AuditReport, audit_run
-from twin.audit_contacts import CONTACT_DEPTH, SLACK
-from twin.audit_pairs import tracks_of
-from twin.audit_recording import read_recording
-from twin.audit_sampling import STEP, stretches
-from twin.audit_scene import scene_of
-from twin.audit_world import AuditWorld, overlapping_at_home, travel
+from twin.audit.audit import Auditor, AuditReport, audit_run
+from twin.audit.contacts import CONTACT_DEPTH, SLACK
+from twin.audit.pairs import tracks_of
+from twin.audit.recording import read_recording
+from twin.audit.sampling import STEP, stretches
+from twin.audit.scene import scene_of
+from twin.audit.world import AuditWorld, overlapping_at_home, travel
 
 X, Y = 0.42, -0.05
 EDGE = X + BRICK[0] / 2

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from planning.errors import PlanInvariantError
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.twin_toys import random_tpg
-from twin.bulk_engine import BulkEngine
+from twin.bulk.bulk_engine import BulkEngine
+from twin.bulk.policy_graph import sequential_order
 from twin.durations import Lognormal, SkillDurations, Uniform
-from twin.engine import Simulator
-from twin.policy_graph import sequential_order
-from twin.run import Policy
+from twin.engine.engine import Simulator
+from twin.run.run import Policy
 
 DURATIONS = SkillDurations(
     {"pick": Uniform(0.2, 5.0), "place-down": Lognormal(2.0, 9.0)}

@@ -9,7 +9,7 @@ import numpy as np
 from planning.lego.structure import Cell, Press, Support
 from twin.assemblies.lego import build_lego
 from twin.cell import build_workcell
-from twin.scenario_file import load_scenario
+from twin.scenario.file import load_scenario
 
 SCENARIO = """\
 version: 1

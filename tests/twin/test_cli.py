@@ -160,7 +160,7 @@ def test_validate_prints_the_resolved_scenario(here: Path) -> None:
 
 
 def test_the_schema_is_the_committed_one() -> None:
-    committed = (ROOT / "twin" / "scenario.schema.json").read_text()
+    committed = (ROOT / "twin" / "scenario" / "scenario.schema.json").read_text()
     assert invoke("schema").stdout == committed
 
 

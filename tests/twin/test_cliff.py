@@ -10,11 +10,11 @@ import pytest
 from benchmarks.stalled_runs import run_with_stalls
 from planning.task_graph import TRANSIT
 from scheduling.verification import verify_plan
-from twin.adversary import audit_standing_states
+from twin.engine.adversary import audit_standing_states
 from twin.pipeline import Planned, plan_scenario
-from twin.run_folder import prepare_run_folder
-from twin.scenario import Scenario
-from twin.scenario_file import load_scenario
+from twin.run.folder import prepare_run_folder
+from twin.scenario.file import load_scenario
+from twin.scenario.scenario import Scenario
 from twin.trial import Keep, Trial, try_plan
 
 FILE = Path(__file__).parents[2] / "scenarios" / "lego" / "cliff.yaml"

@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 
 from scheduling.shortcutting import shorten_tpg
 from twin.cli import app
-from twin.comparison import (
+from twin.comparison.comparison import (
     ASYNCHRONOUS,
     ASYNCHRONOUS_SHORTCUT,
     BASELINES,
@@ -26,7 +26,7 @@ from twin.comparison import (
     measure_policies,
 )
 from twin.pipeline import motion_settings, plan_scenario
-from twin.scenario_file import load_scenario
+from twin.scenario.file import load_scenario
 from twin.trial import execute
 
 CLIFF = Path(__file__).parents[2] / "scenarios" / "lego" / "cliff.yaml"

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from planning.speed import JointSpeed, L1Speed, SpeedModel
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.comparison_bounds import straight_line_ratio, straight_line_s
+from twin.comparison.bounds import straight_line_ratio, straight_line_s
 from twin.durations import NANOSECONDS, SkillDurations
-from twin.engine import simulate
-from twin.run import Run
-from twin.summary import lower_bound_s
+from twin.engine.engine import simulate
+from twin.run.run import Run
+from twin.run.summary import lower_bound_s
 
 
 def slow_straight_line_s(

@@ -15,7 +15,7 @@ from benchmarks.apex_mr_paper import STRUCTURES, TABLE_I, TABLE_II
 from benchmarks.apex_mr_report import DRAWN, REFERENCE, write_report
 from benchmarks.apex_mr_tables import Measured
 from benchmarks.measured_store import MeasuredStore
-from twin.comparison import (
+from twin.comparison.comparison import (
     ASYNCHRONOUS_SHORTCUT,
     BASELINES,
     COMPARED,
@@ -25,7 +25,7 @@ from twin.comparison import (
     Comparison,
     Measurement,
 )
-from twin.comparison_figures import comparison_figures
+from twin.comparison.figures import comparison_figures
 
 STAGES = ("assignment", "motion", "synchronous", "tpg", "shortcut")
 

@@ -15,10 +15,10 @@ from twin.assemblies.construction import ConstructionKind
 from twin.assemblies.kinds import assembly_kind
 from twin.cell import build_workcell
 from twin.cli import app
-from twin.scenario import Scenario, resolved
-from twin.scenario_cell import choose_robots
-from twin.scenario_file import load_scenario
-from twin.scenario_problems import InvalidScenarioError
+from twin.scenario.cell import choose_robots
+from twin.scenario.file import load_scenario
+from twin.scenario.problems import InvalidScenarioError
+from twin.scenario.scenario import Scenario, resolved
 
 FOLDER = Path(__file__).parents[2] / "scenarios" / "construction"
 

@@ -6,9 +6,9 @@ import pytest
 from planning.errors import ScenarioError
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.twin_toys import random_tpg
-from twin.disturbances import Disturbances, RandomStalls
 from twin.durations import SkillDurations
-from twin.node_times import sample_node_times
+from twin.uncertainty.disturbances import Disturbances, RandomStalls
+from twin.uncertainty.node_times import sample_node_times
 
 
 def stalls_of(

@@ -9,7 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from twin.draws import philox_block, stable_hash, uniform, uniforms, uniforms_bulk
+from twin.uncertainty.draws import (
+    philox_block,
+    stable_hash,
+    uniform,
+    uniforms,
+    uniforms_bulk,
+)
 
 WORD = st.integers(min_value=0, max_value=2**64 - 1)
 
@@ -55,7 +61,7 @@ def test_a_draw_follows_from_its_name_as_documented() -> None:
 def test_hashes_of_names_are_fixed_for_all_time() -> None:
     assert stable_hash("robot", "left") == 0xE6BFFD88DC01B0B7
     assert stable_hash("ab", "c") != stable_hash("a", "bc")
-    code = "from twin.draws import stable_hash; print(stable_hash('robot', 'left'))"
+    code = "from twin.uncertainty.draws import stable_hash; print(stable_hash('robot', 'left'))"
     other = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )

@@ -11,14 +11,14 @@ from planning.errors import TwinError
 from scheduling.rollout import earliest_times
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.contraction import contract
-from twin.disturbances import Disturbances, RandomStalls
 from twin.durations import SkillDurations, packaged_timings
-from twin.engine import Simulator, simulate
-from twin.events import Event
-from twin.node_times import sample_node_times
+from twin.engine.contraction import contract
+from twin.engine.engine import Simulator, simulate
 from twin.recorders.memory import MemoryRecorder
-from twin.run import DeadlockError, Run
+from twin.run.events import Event
+from twin.run.run import DeadlockError, Run
+from twin.uncertainty.disturbances import Disturbances, RandomStalls
+from twin.uncertainty.node_times import sample_node_times
 
 NOMINAL = SkillDurations({})
 VARIED = SkillDurations(packaged_timings())

@@ -12,12 +12,12 @@ import pytest
 
 from planning.errors import OutputError
 from tests.twin.twin_toys import random_tpg
-from twin.disturbances import Disturbances, RandomStalls
 from twin.durations import SkillDurations, packaged_timings
-from twin.engine import simulate
-from twin.events import Event
+from twin.engine.engine import simulate
 from twin.recorders.jsonl import JsonlRecorder, event_line
 from twin.recorders.memory import MemoryRecorder
+from twin.run.events import Event
+from twin.uncertainty.disturbances import Disturbances, RandomStalls
 
 VARIED = SkillDurations(packaged_timings())
 
@@ -87,7 +87,7 @@ import os, signal, sys
 from pathlib import Path
 from tests.twin.twin_toys import random_tpg
 from tests.twin.test_event_log import VARIED
-from twin.engine import simulate
+from twin.engine.engine import simulate
 from twin.recorders.jsonl import JsonlRecorder
 
 class Kills:

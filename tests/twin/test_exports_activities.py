@@ -11,12 +11,12 @@ from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.test_engine import TPGS
 from tests.twin.test_stops import ANYTHING, VARIED
 from tests.twin.twin_toys import two_robot_tpg
-from twin.disturbances import Disturbances
-from twin.engine import Simulator
-from twin.events import Event
+from twin.engine.engine import Simulator
 from twin.exports.activities import Activity, robot_activities
-from twin.lanes import IDLE, STOPPED, WAITING, Span, robot_lanes
 from twin.recorders.memory import MemoryRecorder
+from twin.run.events import Event
+from twin.run.lanes import IDLE, STOPPED, WAITING, Span, robot_lanes
+from twin.uncertainty.disturbances import Disturbances
 
 Stretch = tuple[str, int, int, int]
 

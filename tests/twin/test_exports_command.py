@@ -16,7 +16,7 @@ from tests.twin.test_trial import SCENARIO, turning_plan
 from twin.cell import build_workcell
 from twin.cli import app
 from twin.exports.registry import FORMATS, exporter
-from twin.scenario_file import load_scenario
+from twin.scenario.file import load_scenario
 
 
 def invoke(*arguments: object) -> Result:

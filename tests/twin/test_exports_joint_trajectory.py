@@ -14,7 +14,7 @@ from scheduling.rollout import earliest_times
 from tests.twin.exported_runs import exported, toy_run
 from twin.durations import to_nanoseconds
 from twin.exports.recorded_run import RecordedRun
-from twin.run import Run
+from twin.run.run import Run
 
 POINT = {"positions", "velocities", "accelerations", "effort", "time_from_start"}
 

@@ -13,9 +13,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.twin.exported_runs import exported, toy_run
-from twin.events import Event
 from twin.exports.recorded_run import RecordedRun
 from twin.recorders.jsonl import event_line
+from twin.run.events import Event
 
 KEYS = ["t_s", "robot", "kind", "task", "node", "object", "detail"]
 

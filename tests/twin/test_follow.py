@@ -27,17 +27,17 @@ from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.cell import build_workcell
 from twin.cli import app
 from twin.durations import SkillDurations
-from twin.engine import simulate
-from twin.event_log import EventLogError
-from twin.follow import follow
-from twin.follow_display import TerminalDisplay, run_picture
-from twin.follow_lines import JsonLines, PlainLines
-from twin.follow_source import growing_file, piped
-from twin.follow_state import FollowedRun
-from twin.forecast import Forecaster
+from twin.engine.engine import simulate
+from twin.follow.display import TerminalDisplay, run_picture
+from twin.follow.follow import follow
+from twin.follow.forecast import Forecaster
+from twin.follow.lines import JsonLines, PlainLines
+from twin.follow.source import growing_file, piped
+from twin.follow.state import FollowedRun
 from twin.recorders.jsonl import event_line
 from twin.recorders.memory import MemoryRecorder
-from twin.scenario_file import load_scenario
+from twin.run.event_log import EventLogError
+from twin.scenario.file import load_scenario
 
 ROOT = Path(__file__).parents[2]
 TPG = random_tpg(16, tasks=14, edges=12)

@@ -13,14 +13,14 @@ from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.test_engine import TPGS, VARIED
 from tests.twin.test_stops import ANYTHING
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.disturbances import Disturbances
 from twin.durations import SkillDurations
-from twin.engine import simulate
-from twin.event_log import EventLogError, parse_event
-from twin.events import Event
-from twin.follow_state import FollowedRun
+from twin.engine.engine import simulate
+from twin.follow.state import FollowedRun
 from twin.recorders.jsonl import event_line
 from twin.recorders.memory import MemoryRecorder
+from twin.run.event_log import EventLogError, parse_event
+from twin.run.events import Event
+from twin.uncertainty.disturbances import Disturbances
 
 NOMINAL = SkillDurations({})
 

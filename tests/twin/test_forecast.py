@@ -10,14 +10,6 @@ from hypothesis import strategies as st
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.test_engine import TPGS, VARIED
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.conditional import longer_than
-from twin.disturbances import (
-    Breakdowns,
-    Disturbances,
-    RandomStalls,
-    SkillFailure,
-    StallRate,
-)
 from twin.durations import (
     Empirical,
     Exponential,
@@ -26,12 +18,20 @@ from twin.durations import (
     SkillDurations,
     Uniform,
 )
-from twin.engine import Simulator, simulate
-from twin.events import Event
-from twin.follow_state import FollowedRun
-from twin.forecast import Forecaster
-from twin.messages import Messages
+from twin.engine.engine import Simulator, simulate
+from twin.engine.messages import Messages
+from twin.follow.conditional import longer_than
+from twin.follow.forecast import Forecaster
+from twin.follow.state import FollowedRun
 from twin.recorders.memory import MemoryRecorder
+from twin.run.events import Event
+from twin.uncertainty.disturbances import (
+    Breakdowns,
+    Disturbances,
+    RandomStalls,
+    SkillFailure,
+    StallRate,
+)
 
 NOMINAL = SkillDurations({})
 SPREAD = SkillDurations(

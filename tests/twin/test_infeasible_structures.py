@@ -20,7 +20,7 @@ from planning.errors import InfeasibleStepError
 from planning.lego.step_stability import borne_steps
 from twin.assemblies.lego import build_lego
 from twin.cli import app
-from twin.scenario_file import load_scenario, scenario_schema
+from twin.scenario.file import load_scenario, scenario_schema
 
 ROOT = Path(__file__).parents[2]
 CLIFF: dict[str, Any] = yaml.safe_load(

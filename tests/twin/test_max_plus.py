@@ -16,12 +16,12 @@ from scheduling.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from tests.twin.twin_toys import random_tpg
-from twin.contraction import contract
-from twin.critical_paths import OTHER
+from twin.bulk.critical_paths import OTHER
+from twin.bulk.max_plus import completions, makespans
+from twin.bulk.precedence import edge_order, precedence_arrays
 from twin.durations import Nanoseconds, SkillDurations, Uniform
-from twin.engine import Simulator
-from twin.max_plus import completions, makespans
-from twin.precedence import edge_order, precedence_arrays
+from twin.engine.contraction import contract
+from twin.engine.engine import Simulator
 
 REPLICATIONS = 70
 

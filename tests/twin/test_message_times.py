@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.test_engine import TPGS, VARIED
-from twin.disturbances import Disturbances, RandomStalls
+from twin.bulk.message_times import Past, end_times, nothing_yet
+from twin.bulk.policy_graph import policy_graph
 from twin.durations import to_nanoseconds
-from twin.engine import Simulator
-from twin.message_times import Past, end_times, nothing_yet
-from twin.messages import Messages
-from twin.policy_graph import policy_graph
+from twin.engine.engine import Simulator
+from twin.engine.messages import Messages
+from twin.uncertainty.disturbances import Disturbances, RandomStalls
 
 LATENCIES = st.sampled_from([0.0, 0.001, 0.1, 0.7])
 POLICIES = st.sampled_from(["asynchronous", "sequential", "open-loop"])

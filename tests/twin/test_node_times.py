@@ -11,9 +11,10 @@ from planning.errors import ScenarioError
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.test_engine import TPGS
 from tests.twin.twin_toys import random_tpg
-from twin.chain_draws import choose
-from twin.contraction import contract
-from twin.disturbances import (
+from twin.durations import Fixed, SkillDurations, Uniform, packaged_timings
+from twin.engine.contraction import contract
+from twin.uncertainty.chain_draws import choose
+from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,
     EmergencyStop,
@@ -21,9 +22,8 @@ from twin.disturbances import (
     SkillFailure,
     StallRate,
 )
-from twin.draws import uniform
-from twin.durations import Fixed, SkillDurations, Uniform, packaged_timings
-from twin.node_times import NodeTimes, NodeTimeSampler, sample_node_times
+from twin.uncertainty.draws import uniform
+from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, sample_node_times
 
 VARIED = SkillDurations(packaged_timings())
 TPG = random_tpg(16, tasks=20)
@@ -219,7 +219,9 @@ def test_pieces_of_replications_make_no_difference(
     sampler = NodeTimeSampler(TPG, VARIED, EVERYTHING)
     contraction = contract(TPG)
     whole = sampler.sample_segments(contraction, seed=3, replications=range(25))
-    monkeypatch.setattr("twin.node_times._MOST_VALUES", 7 * len(TPG.chains[0]))
+    monkeypatch.setattr(
+        "twin.uncertainty.node_times._MOST_VALUES", 7 * len(TPG.chains[0])
+    )
     pieces = sampler.sample_segments(contraction, seed=3, replications=range(25))
     assert np.array_equal(whole.busy_ns, pieces.busy_ns)
     assert np.array_equal(whole.fails, pieces.fails)

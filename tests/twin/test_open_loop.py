@@ -17,7 +17,7 @@ from scheduling.plan_files import save_plan
 from tests.twin.test_trial import SCENARIO, straight
 from twin.cell import build_workcell
 from twin.cli import app
-from twin.scenario_file import load_scenario
+from twin.scenario.file import load_scenario
 
 LATE = """\
   speed: {robots: {left: {kind: fixed, value: 0.25}}}

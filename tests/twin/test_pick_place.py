@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 from scheduling.verification import verify_plan
 from twin.cli import app
 from twin.pipeline import Planned, plan_scenario
-from twin.poses import build_transform
-from twin.scenario import Scenario
-from twin.scenario_file import load_scenario
-from twin.scenario_problems import InvalidScenarioError
+from twin.scenario.file import load_scenario
+from twin.scenario.poses import build_transform
+from twin.scenario.problems import InvalidScenarioError
+from twin.scenario.scenario import Scenario
 from twin.trial import Keep, Trial, try_plan
 
 SCENARIO = """\

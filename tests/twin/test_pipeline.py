@@ -11,7 +11,7 @@ from planning.lego.bricks import brick_type
 from planning.lego.grid import box_pose
 from scheduling.verification import verify_plan
 from twin.pipeline import MOTION, Planned, plan_scenario
-from twin.scenario_file import load_scenario
+from twin.scenario.file import load_scenario
 from twin.trial import Keep, Trial, try_plan
 
 SCENARIO = """\

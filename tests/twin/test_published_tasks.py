@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 from scheduling.verification import verify_plan
 from twin.cli import app
 from twin.pipeline import plan_scenario
-from twin.run_folder import prepare_run_folder
-from twin.scenario_file import load_scenario
+from twin.run.folder import prepare_run_folder
+from twin.scenario.file import load_scenario
 from twin.trial import Keep, try_plan
 
 DATA = Path(

@@ -17,14 +17,14 @@ from planning.workcell import PlacedRobot
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.twin_toys import random_tpg
 from twin.durations import SkillDurations, packaged_timings
-from twin.engine import simulate
-from twin.gantt import draw_gantt
-from twin.lanes import robot_lanes
+from twin.engine.engine import simulate
 from twin.recorders.memory import MemoryRecorder
 from twin.recorders.rerun_recording import write_recording
 from twin.recorders.rerun_robots import frame_times
-from twin.run import Run
-from twin.trajectory import object_placements, robot_trajectories
+from twin.run.gantt import draw_gantt
+from twin.run.lanes import robot_lanes
+from twin.run.run import Run
+from twin.run.trajectory import object_placements, robot_trajectories
 
 VARIED = SkillDurations(packaged_timings())
 

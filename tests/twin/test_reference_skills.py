@@ -14,12 +14,16 @@ from planning.task_graph import TRANSIT
 from scheduling.construction import build_nodes
 from twin.cell import build_workcell
 from twin.cli import app
-from twin.duration_models import follow_references, skill_durations, skill_models
 from twin.durations import SkillDurations
 from twin.pipeline import plan_in_turns
-from twin.scenario_file import load_scenario
+from twin.scenario.file import load_scenario
 from twin.space_time import construction_problem
 from twin.stage_watch import StageWatch
+from twin.uncertainty.duration_models import (
+    follow_references,
+    skill_durations,
+    skill_models,
+)
 
 ROOT = Path(__file__).parents[2]
 CLIFF = ROOT / "scenarios" / "lego" / "cliff.yaml"

@@ -19,9 +19,9 @@ from scheduling.plan_files import save_plan
 from tests.twin.test_trial import SCENARIO, turning_plan
 from twin.cell import build_workcell
 from twin.cli import app
+from twin.engine.resume import ResumeError, resume_run
 from twin.recorders.jsonl import JsonlRecorder
-from twin.resume import ResumeError, resume_run
-from twin.scenario_file import load_scenario
+from twin.scenario.file import load_scenario
 
 ROOT = Path(__file__).parents[2]
 DISTURBED = """\

@@ -9,14 +9,14 @@ import pytest
 from planning.errors import OutputError
 from tests.twin.twin_toys import toy_cell
 from twin.atomic import replacing, write_json
-from twin.replay import replay_run
-from twin.run_folder import (
+from twin.run.folder import (
     MANIFEST,
     prepare_run_folder,
     scenario_sha256,
     write_manifest,
 )
-from twin.viewer import ViewerError
+from twin.run.replay import replay_run
+from twin.run.viewer import ViewerError
 
 
 def test_a_folder_is_made_below_logs(

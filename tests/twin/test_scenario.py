@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from twin.scenario import Scenario, fingerprint, resolved
-from twin.scenario_file import load_scenario, scenario_schema
-from twin.scenario_problems import InvalidScenarioError
+from twin.scenario.file import load_scenario, scenario_schema
+from twin.scenario.problems import InvalidScenarioError
+from twin.scenario.scenario import Scenario, fingerprint, resolved
 
 ROOT = Path(__file__).parents[2]
 
@@ -350,9 +350,11 @@ def test_long_lines_are_cut_around_the_caret(tmp_path: Path) -> None:
 
 
 def test_the_committed_schema_is_current() -> None:
-    committed = json.loads((ROOT / "twin" / "scenario.schema.json").read_text())
+    committed = json.loads(
+        (ROOT / "twin" / "scenario" / "scenario.schema.json").read_text()
+    )
     assert committed == scenario_schema(), (
-        "run: twin schema > twin/scenario.schema.json"
+        "run: twin schema > twin/scenario/scenario.schema.json"
     )
 
 

@@ -8,8 +8,15 @@ from pathlib import Path
 import pytest
 
 from tests.twin.test_trial import SCENARIO
-from twin.disturbance_models import needs_event_engine, scenario_disturbances
-from twin.disturbances import (
+from twin.durations import Fixed, Lognormal, Uniform
+from twin.scenario.execution import ExecutionSection
+from twin.scenario.file import load_scenario
+from twin.scenario.problems import InvalidScenarioError
+from twin.uncertainty.disturbance_models import (
+    needs_event_engine,
+    scenario_disturbances,
+)
+from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,
     EmergencyStop,
@@ -17,10 +24,6 @@ from twin.disturbances import (
     SkillFailure,
     StallRate,
 )
-from twin.durations import Fixed, Lognormal, Uniform
-from twin.scenario_execution import ExecutionSection
-from twin.scenario_file import load_scenario
-from twin.scenario_problems import InvalidScenarioError
 
 ROBOTS = ("left", "right")
 EVERYTHING = """\

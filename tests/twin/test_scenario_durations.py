@@ -15,7 +15,6 @@ from pydantic import TypeAdapter, ValidationError
 from planning.errors import ScenarioError
 from planning.task_graph import SKILLS
 from tests.twin.twin_toys import random_tpg
-from twin.duration_models import duration_model, skill_durations, skill_models
 from twin.durations import (
     DurationModel,
     DurationOverride,
@@ -35,10 +34,15 @@ from twin.durations import (
     Weibull,
     packaged_timings,
 )
-from twin.scenario import Scenario, resolved
-from twin.scenario_durations import AnyDuration, DurationSection, Skill
-from twin.scenario_file import load_scenario
-from twin.scenario_problems import InvalidScenarioError
+from twin.scenario.durations import AnyDuration, DurationSection, Skill
+from twin.scenario.file import load_scenario
+from twin.scenario.problems import InvalidScenarioError
+from twin.scenario.scenario import Scenario, resolved
+from twin.uncertainty.duration_models import (
+    duration_model,
+    skill_durations,
+    skill_models,
+)
 
 SECTION: TypeAdapter[AnyDuration] = TypeAdapter(DurationSection)
 

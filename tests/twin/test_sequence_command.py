@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 from planning.lego.finished_structure import sequenced
 from twin.assemblies.lego import build_lego, build_structure
 from twin.cli import app
-from twin.scenario import LegoSection
-from twin.scenario_file import load_scenario
-from twin.scenario_problems import InvalidScenarioError
+from twin.scenario.file import load_scenario
+from twin.scenario.problems import InvalidScenarioError
+from twin.scenario.scenario import LegoSection
 
 HEAD = """\
 version: 1

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from planning.task_graph import SKILLS
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.twin_toys import random_tpg
-from twin.draws import uniform
 from twin.durations import (
     DurationModel,
     Empirical,
@@ -24,6 +23,7 @@ from twin.durations import (
     to_nanoseconds,
 )
 from twin.durations.skill_draws import share_duration
+from twin.uncertainty.draws import uniform
 
 MODELS: dict[str, DurationModel] = {
     "pick": Lognormal(6.0, 8.0),

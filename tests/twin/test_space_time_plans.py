@@ -36,15 +36,15 @@ from tests.planning.construction.toy_teams import (
     slider,
     team,
 )
-from twin.audit import Auditor
-from twin.audit_recording import read_recording
-from twin.audit_scene import scene_of
-from twin.disturbances import Disturbances, RandomStalls
+from twin.audit.audit import Auditor
+from twin.audit.recording import read_recording
+from twin.audit.scene import scene_of
 from twin.durations import SkillDurations, Uniform
-from twin.engine import Simulator
+from twin.engine.engine import Simulator
 from twin.recorders.parquet import objects_table, trajectory_table, write_table
-from twin.run_folder import OBJECTS, TRAJECTORY
-from twin.trajectory import object_placements, robot_trajectories
+from twin.run.folder import OBJECTS, TRAJECTORY
+from twin.run.trajectory import object_placements, robot_trajectories
+from twin.uncertainty.disturbances import Disturbances, RandomStalls
 
 QUICK = RrtSettings(iterations=300, patience=50, rounds=1, checks=0, shortcuts=10)
 

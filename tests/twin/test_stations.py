@@ -17,12 +17,12 @@ from scheduling.order import planned_ranks
 from scheduling.plan_files import load_plan, save_plan
 from scheduling.verification import verify_plan
 from scheduling.verification_structure import check_structure
-from twin.adversary import audit_standing_states
-from twin.audit import audit_run
+from twin.audit.audit import audit_run
+from twin.engine.adversary import audit_standing_states
 from twin.pipeline import Planned, plan_scenario
-from twin.scenario import Scenario
-from twin.scenario_file import load_scenario
-from twin.trajectory import object_placements
+from twin.run.trajectory import object_placements
+from twin.scenario.file import load_scenario
+from twin.scenario.scenario import Scenario
 from twin.trial import Keep, Trial, try_plan
 
 SCENARIO = """\
@@ -226,9 +226,9 @@ def test_a_brick_that_comes_up_elsewhere_is_a_violation(
     planned: Planned, trial: Trial, folder: Path
 ) -> None:
     """The audit holds the recording against the place that the plan gives."""
-    from twin.audit import Auditor
-    from twin.audit_recording import read_recording
-    from twin.audit_scene import scene_of
+    from twin.audit.audit import Auditor
+    from twin.audit.recording import read_recording
+    from twin.audit.scene import scene_of
 
     scene = scene_of(planned.tpg)
     recording = read_recording(folder / "run", scene)

@@ -9,11 +9,11 @@ from matplotlib.image import imread
 
 from tests.twin.twin_toys import random_tpg, toy_cell
 from twin.durations import SkillDurations
-from twin.engine import simulate
+from twin.engine.engine import simulate
 from twin.recorders.memory import MemoryRecorder
 from twin.recorders.rerun_recording import write_recording
-from twin.replay import replay_run
-from twin.viewer import ViewerError
+from twin.run.replay import replay_run
+from twin.run.viewer import ViewerError
 
 ARM = """<robot name="toy">
   <link name="base"/>

@@ -13,7 +13,15 @@ from hypothesis import strategies as st
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.test_engine import TPGS, story
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.disturbances import (
+from twin.durations import Fixed, SkillDurations, Uniform, packaged_timings
+from twin.engine.engine import Simulator, simulate
+from twin.engine.halts import Halts, Stop
+from twin.engine.pace import Pace
+from twin.recorders.memory import MemoryRecorder
+from twin.run.lanes import FAILED, STOPPED, robot_lanes
+from twin.run.run import Run
+from twin.run.trajectory import object_placements, robot_trajectories
+from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,
     EmergencyStop,
@@ -21,14 +29,6 @@ from twin.disturbances import (
     SkillFailure,
     StallRate,
 )
-from twin.durations import Fixed, SkillDurations, Uniform, packaged_timings
-from twin.engine import Simulator, simulate
-from twin.halts import Halts, Stop
-from twin.lanes import FAILED, STOPPED, robot_lanes
-from twin.pace import Pace
-from twin.recorders.memory import MemoryRecorder
-from twin.run import Run
-from twin.trajectory import object_placements, robot_trajectories
 
 NOMINAL = SkillDurations({})
 VARIED = SkillDurations(packaged_timings())

@@ -9,8 +9,8 @@ import pytest
 
 from scheduling.verification import verify_plan
 from twin.pipeline import Planned, plan_scenario
-from twin.scenario_file import load_scenario
-from twin.scenario_problems import InvalidScenarioError
+from twin.scenario.file import load_scenario
+from twin.scenario.problems import InvalidScenarioError
 from twin.trial import Keep, try_plan
 
 SCENARIO = """\

@@ -13,8 +13,8 @@ from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.test_engine import TPGS
 from tests.twin.twin_toys import two_robot_tpg
 from twin.durations import SkillDurations, packaged_timings
-from twin.engine import simulate
-from twin.summary import summarise, write_summary
+from twin.engine.engine import simulate
+from twin.run.summary import summarise, write_summary
 
 NOMINAL = SkillDurations({})
 VARIED = SkillDurations(packaged_timings())

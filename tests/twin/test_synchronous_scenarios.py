@@ -11,9 +11,9 @@ from scheduling.plan_files import load_plan, save_plan
 from scheduling.verification import verify_plan
 from twin.durations import NANOSECONDS
 from twin.pipeline import Planned, plan_scenario
-from twin.scenario import Scenario, resolved
-from twin.scenario_file import load_scenario
-from twin.scenario_problems import InvalidScenarioError
+from twin.scenario.file import load_scenario
+from twin.scenario.problems import InvalidScenarioError
+from twin.scenario.scenario import Scenario, resolved
 from twin.trial import Keep, try_plan
 
 FOLDER = Path(__file__).parents[2] / "scenarios" / "multi_arm"

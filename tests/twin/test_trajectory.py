@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.test_engine import TPGS, InterruptsAt
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.disturbances import Disturbances, RandomStalls
 from twin.durations import SkillDurations, packaged_timings
-from twin.engine import simulate
+from twin.engine.engine import simulate
 from twin.recorders.parquet import objects_table, trajectory_table
-from twin.run import Run
-from twin.trajectory import object_placements, robot_trajectories
+from twin.run.run import Run
+from twin.run.trajectory import object_placements, robot_trajectories
+from twin.uncertainty.disturbances import Disturbances, RandomStalls
 
 VARIED = SkillDurations(packaged_timings())
 

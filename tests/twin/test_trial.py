@@ -19,8 +19,8 @@ from scheduling.construction import build_tpg
 from scheduling.plan_files import save_plan
 from twin.cell import build_workcell
 from twin.cli import app
-from twin.run_table import summary_rows
-from twin.scenario_file import load_scenario
+from twin.run.table import summary_rows
+from twin.scenario.file import load_scenario
 
 SCENARIO = """\
 version: 1
@@ -195,7 +195,7 @@ def test_a_plan_for_another_cell_is_refused(plan: Path, tmp_path: Path) -> None:
 def test_violations_end_with_code_1_and_are_listed(
     plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from twin import audit
+    from twin.audit import audit
 
     found = audit.Violation(1.0, 2.0, "left/arm", "right/arm", 0.004, "link_3 - link_4")
     report = audit.AuditReport(100, -0.004, (found,))

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from benchmarks.timing_graphs import SCENARIOS, contracted_graph
-from twin.bulk_engine import BulkEngine
-from twin.contraction import contract
+from twin.bulk.bulk_engine import BulkEngine
 from twin.durations import SkillDurations, packaged_timings
-from twin.engine import Simulator
-from twin.run import Policy
+from twin.engine.contraction import contract
+from twin.engine.engine import Simulator
+from twin.run.run import Policy
 from twin.study.timing_graph import load_timing_graph, save_timing_graph
 
 FOLDER = Path(__file__).parent / "timing_graphs"

@@ -13,8 +13,7 @@ from planning.errors import ScenarioError
 from planning.transforms import Array, Transform, readonly
 from planning.workcell import CellObject, Fixture, Workcell
 from twin.assemblies.kind import Prepared, Stages
-from twin.poses import build_transform
-from twin.scenario_construction import (
+from twin.scenario.construction import (
     ConstructionPartSection,
     ConstructionSection,
     ModelSection,
@@ -25,8 +24,9 @@ from twin.scenario_construction import (
     WallSection,
     WellSection,
 )
-from twin.scenario_problems import Problem
-from twin.scenario_yaml import KeyPath, YamlDocument
+from twin.scenario.poses import build_transform
+from twin.scenario.problems import Problem
+from twin.scenario.yaml_text import KeyPath, YamlDocument
 
 if TYPE_CHECKING:
     from planning.construction.models import ModelPart

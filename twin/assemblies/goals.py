@@ -13,11 +13,11 @@ from planning.robot_goals import RobotGoal
 from planning.transforms import readonly
 from planning.workcell import CellObject, Fixture, Workcell
 from twin.assemblies.kind import ASSIGNMENT, Prepared, Stages
-from twin.poses import build_transform
-from twin.scenario_cell import CellSection
-from twin.scenario_goals import GoalsSection, MoveSection
-from twin.scenario_problems import Problem, mark_problems, unknown_name
-from twin.scenario_yaml import KeyPath, YamlDocument
+from twin.scenario.cell import CellSection
+from twin.scenario.goals import GoalsSection, MoveSection
+from twin.scenario.poses import build_transform
+from twin.scenario.problems import Problem, mark_problems, unknown_name
+from twin.scenario.yaml_text import KeyPath, YamlDocument
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 
 from planning.assembly_work import AssemblyWork
 from planning.workcell import CellObject, Fixture, Workcell
-from twin.scenario_problems import Problem
-from twin.scenario_yaml import KeyPath, YamlDocument
+from twin.scenario.problems import Problem
+from twin.scenario.yaml_text import KeyPath, YamlDocument
 
 ASSIGNMENT = "who does what"
 """Name of the stage that finds the candidates and chooses, for progress displays."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from twin.assemblies.kind import AssemblyKind
-from twin.scenario_construction import ConstructionSection
-from twin.scenario_goals import GoalsSection
-from twin.scenario_lego import LegoSection
-from twin.scenario_pick_place import PickPlaceSection
+from twin.scenario.construction import ConstructionSection
+from twin.scenario.goals import GoalsSection
+from twin.scenario.lego import LegoSection
+from twin.scenario.pick_place import PickPlaceSection
 
 
 def assembly_kind(

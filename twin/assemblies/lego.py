@@ -22,8 +22,7 @@ from planning.lego.structure import (
 )
 from planning.workcell import CellObject, Fixture, Workcell
 from twin.assemblies.kind import ASSIGNMENT, Prepared, Stages
-from twin.poses import build_transform
-from twin.scenario_lego import (
+from twin.scenario.lego import (
     LegoSection,
     PlateSection,
     PressSection,
@@ -31,9 +30,10 @@ from twin.scenario_lego import (
     StockSection,
     SupportSection,
 )
-from twin.scenario_problems import Problem
-from twin.scenario_structure import read_structure
-from twin.scenario_yaml import KeyPath, YamlDocument
+from twin.scenario.poses import build_transform
+from twin.scenario.problems import Problem
+from twin.scenario.structure import read_structure
+from twin.scenario.yaml_text import KeyPath, YamlDocument
 
 if TYPE_CHECKING:
     from planning.lego.sequencing import SequencedStructure, SequencingRules
@@ -86,7 +86,7 @@ class LegoKind:
 
     def problems(self, document: YamlDocument) -> list[Problem]:
         """Return what cannot be as it is written."""
-        from twin.lego_checks import find_lego_problems
+        from twin.scenario.lego_checks import find_lego_problems
 
         return find_lego_problems(self.section, document)
 

@@ -11,10 +11,10 @@ from planning.pick_place.structure import GripRules, PickPlaceAssembly
 from planning.transforms import readonly
 from planning.workcell import CellObject, Fixture, Workcell
 from twin.assemblies.kind import ASSIGNMENT, Prepared, Stages
-from twin.poses import build_transform
-from twin.scenario_pick_place import GripSection, PartSection, PickPlaceSection
-from twin.scenario_problems import Problem, mark_problems, unknown_name
-from twin.scenario_yaml import KeyPath, YamlDocument
+from twin.scenario.pick_place import GripSection, PartSection, PickPlaceSection
+from twin.scenario.poses import build_transform
+from twin.scenario.problems import Problem, mark_problems, unknown_name
+from twin.scenario.yaml_text import KeyPath, YamlDocument
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import typer
 from twin.commands.guard import COMPLETED, guarded
 
 if TYPE_CHECKING:
-    from twin.scenario import Scenario
+    from twin.scenario.scenario import Scenario
 
 File = Annotated[Path, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
 Seeds = Annotated[
@@ -64,8 +64,8 @@ def compare(
     from twin.atomic import write_json
     from twin.kernel_cache import kernels_are_cached
     from twin.progress import StageDisplay
-    from twin.run_folder import CHART, COMPARISON, run_folder
-    from twin.scenario_file import load_scenario
+    from twin.run.folder import CHART, COMPARISON, run_folder
+    from twin.scenario.file import load_scenario
 
     chosen = load_scenario(scenario)
     numbers = range(chosen.seed, chosen.seed + seeds)
@@ -77,10 +77,10 @@ def compare(
     ):
         if compiles and not silent:
             typer.echo("compiling kernels, once ...", err=True)
-        from twin.comparison import compare_policies, shortcut_budget
-        from twin.comparison_chart import draw_comparison
-        from twin.comparison_figures import comparison_figures
-        from twin.duration_models import follow_references
+        from twin.comparison.chart import draw_comparison
+        from twin.comparison.comparison import compare_policies, shortcut_budget
+        from twin.comparison.figures import comparison_figures
+        from twin.uncertainty.duration_models import follow_references
 
         if reference_skills:
             chosen = follow_references(chosen)
@@ -103,7 +103,7 @@ def compare(
     if as_json:
         typer.echo(json.dumps(figures, indent=2))
     elif not quiet:
-        from twin.comparison_table import print_comparison
+        from twin.comparison.table import print_comparison
 
         print_comparison(figures, folder, heading=heading, compiled=compiles)
     return COMPLETED
@@ -115,8 +115,8 @@ def _write_about(
     """Write what is needed to understand and repeat the comparison."""
     from twin.atomic import write_json
     from twin.cell import build_workcell
-    from twin.run_folder import MANIFEST, manifest
-    from twin.scenario import resolved
+    from twin.run.folder import MANIFEST, manifest
+    from twin.scenario.scenario import resolved
 
     cell = build_workcell(scenario, base)
     about = manifest(resolved(scenario), cell, seed=scenario.seed)

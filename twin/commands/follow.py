@@ -12,8 +12,8 @@ import typer
 from twin.commands.guard import COMPLETED, FAILED, guarded
 
 if TYPE_CHECKING:
-    from twin.follow import Onlooker
-    from twin.follow_state import FollowedRun
+    from twin.follow.follow import Onlooker
+    from twin.follow.state import FollowedRun
 
 PlanFolder = Annotated[
     Path,
@@ -77,9 +77,9 @@ def follow(
     from contextlib import ExitStack
 
     from scheduling.plan_files import load_plan
-    from twin.follow import follow as follow_run
-    from twin.follow_setup import followed_settings
-    from twin.follow_state import FollowedRun
+    from twin.follow.follow import follow as follow_run
+    from twin.follow.setup import followed_settings
+    from twin.follow.state import FollowedRun
 
     tpg = load_plan(plan)
     settings = followed_settings(plan, tpg, scenario)
@@ -88,7 +88,7 @@ def follow(
     with ExitStack() as stack:
         onlookers = [_shown(run, settings.name, as_json=as_json)]
         if recording is not None or view:
-            from twin.follow_recording import LiveRecording
+            from twin.follow.recording import LiveRecording
 
             onlookers.append(
                 stack.enter_context(
@@ -103,7 +103,7 @@ def follow(
 
 
 def _lines(events: Path, *, wait: bool) -> Iterator[str | None]:
-    from twin.follow_source import growing_file, piped
+    from twin.follow.source import growing_file, piped
 
     if str(events) == "-":
         return piped(sys.stdin.buffer)
@@ -111,7 +111,7 @@ def _lines(events: Path, *, wait: bool) -> Iterator[str | None]:
 
 
 def _shown(run: FollowedRun, title: str, *, as_json: bool) -> Onlooker:
-    from twin.follow_lines import JsonLines, PlainLines
+    from twin.follow.lines import JsonLines, PlainLines
 
     def write(line: str) -> None:
         typer.echo(line)
@@ -123,6 +123,6 @@ def _shown(run: FollowedRun, title: str, *, as_json: bool) -> Onlooker:
         return PlainLines(write)
     from rich.console import Console
 
-    from twin.follow_display import TerminalDisplay
+    from twin.follow.display import TerminalDisplay
 
     return TerminalDisplay(run, title, Console())

@@ -42,9 +42,9 @@ def apex_mr(
     from planning.lego.step_stability import borne_steps
     from twin.assemblies.kinds import assembly_kind
     from twin.assemblies.lego import build_lego
-    from twin.scenario_file import load_scenario
-    from twin.scenario_lego import LegoSection
-    from twin.scenario_text import scenario_text
+    from twin.scenario.file import load_scenario
+    from twin.scenario.lego import LegoSection
+    from twin.scenario.text import scenario_text
 
     content = import_apex_mr(
         folder,

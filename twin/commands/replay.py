@@ -30,7 +30,7 @@ Output = Annotated[
 @guarded
 def replay(folder: Folder, stills: Stills = None, out: Output = None) -> None:
     """Open a run in the Rerun viewer, or render pictures of it."""
-    from twin.replay import replay_run
+    from twin.run.replay import replay_run
 
     for picture in replay_run(folder, stills_s=tuple(stills or ()), out=out):
         typer.echo(picture)

@@ -31,9 +31,9 @@ def resume(
     The run is computed again from the start, compared with the log event by event, and brought
     to its end: the files are those of a run that was never killed.
     """
+    from twin.engine.resume import resume_run
     from twin.progress import StageDisplay
-    from twin.resume import resume_run
-    from twin.run_folder import SUMMARY
+    from twin.run.folder import SUMMARY
 
     silent = quiet or as_json
     with StageDisplay(enabled=not silent) as progress:
@@ -46,8 +46,8 @@ def resume(
     if as_json:
         typer.echo(json.dumps({"folder": str(folder), **summary}, indent=2))
     elif not quiet:
-        from twin.run_folder import RECORDING
-        from twin.run_table import print_summary
+        from twin.run.folder import RECORDING
+        from twin.run.table import print_summary
 
         if done.trial is None:
             typer.echo(f"{folder}: the run has come to its end already")

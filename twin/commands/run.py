@@ -15,7 +15,7 @@ from twin.commands.guard import COMPLETED, FAILED, INTERRUPTED, guarded, print_e
 if TYPE_CHECKING:
     from scheduling.temporal_plan_graph import TemporalPlanGraph
     from twin.progress import Report
-    from twin.scenario import Scenario
+    from twin.scenario.scenario import Scenario
 
 File = Annotated[Path, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
 Seed = Annotated[
@@ -106,8 +106,8 @@ def run(
     """Plan a scenario, execute it in the twin, check it, and show the figures."""
     from twin.kernel_cache import kernels_are_cached
     from twin.progress import StageDisplay
-    from twin.run_folder import prepare_run_folder
-    from twin.scenario_file import load_scenario
+    from twin.run.folder import prepare_run_folder
+    from twin.scenario.file import load_scenario
 
     chosen = _changed(load_scenario(scenario), seed, policy, stalls, shortcuts, robots)
     chosen = _with_settings(chosen, settings or [], scenario.parent)
@@ -141,7 +141,7 @@ def run(
     if as_json:
         typer.echo(json.dumps({"folder": str(folder), **trial.summary}, indent=2))
     elif not quiet:
-        from twin.run_table import print_summary
+        from twin.run.table import print_summary
 
         print_summary(trial.summary, folder, recording=recording, compiled=compiles)
     if trial.run.outcome == "aborted":
@@ -159,9 +159,9 @@ def _changed(
     robots: int | None,
 ) -> Scenario:
     """Return the scenario with what the options say in place of what the file says."""
-    from twin.run import POLICIES
-    from twin.scenario import resolved
-    from twin.scenario_cell import choose_robots
+    from twin.run.run import POLICIES
+    from twin.scenario.cell import choose_robots
+    from twin.scenario.scenario import resolved
 
     content: dict[str, Any] = resolved(scenario)
     if robots is not None:
@@ -183,7 +183,7 @@ def _changed(
 def _checked(content: dict[str, Any]) -> Scenario:
     from pydantic import ValidationError
 
-    from twin.scenario import Scenario
+    from twin.scenario.scenario import Scenario
 
     try:
         return Scenario.model_validate_json(json.dumps(content))
@@ -195,9 +195,9 @@ def _checked(content: dict[str, Any]) -> Scenario:
 
 def _with_settings(scenario: Scenario, settings: list[str], base: Path) -> Scenario:
     """Return the scenario with some keys of its execution section set."""
-    from twin.disturbance_models import scenario_disturbances
-    from twin.scenario import resolved
+    from twin.scenario.scenario import resolved
     from twin.study.variations import parse_variation, varied
+    from twin.uncertainty.disturbance_models import scenario_disturbances
 
     variant: dict[str, Any] = {}
     for text in settings:

@@ -12,6 +12,6 @@ from twin.commands.guard import guarded
 @guarded
 def schema() -> None:
     """Print the JSON schema of scenario files, for editors."""
-    from twin.scenario_file import scenario_schema
+    from twin.scenario.file import scenario_schema
 
     typer.echo(json.dumps(scenario_schema(), indent=2))

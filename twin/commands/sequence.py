@@ -35,8 +35,8 @@ def sequence(scenario: File, output: Output = None, as_json: AsJson = False) -> 
     from planning.lego.step_reach import check_reach
     from twin.assemblies.lego import find_sequence
     from twin.cell import build_workcell
-    from twin.scenario_file import load_scenario
-    from twin.scenario_lego import LegoSection
+    from twin.scenario.file import load_scenario
+    from twin.scenario.lego import LegoSection
 
     loaded = load_scenario(scenario)
     lego = loaded.assembly
@@ -155,9 +155,9 @@ def _print_table(found: SequencedStructure) -> None:
 
 def _write(source: Path, output: Path, found: SequencedStructure) -> None:
     """Write the scenario with explicit steps, and read it again."""
-    from twin.scenario_file import load_scenario
-    from twin.scenario_text import scenario_text
-    from twin.scenario_yaml import read_yaml
+    from twin.scenario.file import load_scenario
+    from twin.scenario.text import scenario_text
+    from twin.scenario.yaml_text import read_yaml
 
     content = read_yaml(source, source.read_text(encoding="utf-8-sig")).data
     assembly = {k: v for k, v in content["assembly"].items() if k != "structure"}

@@ -217,8 +217,8 @@ def _request(
     deadline: float | None,
     sobol: int,
 ) -> StudyRequest:
-    from twin.comparison import shortcut_budget
-    from twin.scenario_file import load_scenario
+    from twin.comparison.comparison import shortcut_budget
+    from twin.scenario.file import load_scenario
     from twin.study.study_folder import StudyRequest
 
     chosen = load_scenario(path)
@@ -234,7 +234,7 @@ def _start(
     executor: Callable[[], AbstractContextManager[Executor]],
     progress: Report,
 ) -> StudyResult:
-    from twin.run_folder import MANIFEST, run_folder
+    from twin.run.folder import MANIFEST, run_folder
     from twin.study.study import start_study
     from twin.study.study_folder import same_study
 
@@ -254,7 +254,7 @@ def _resume(
     executor: Callable[[], AbstractContextManager[Executor]],
     progress: Report,
 ) -> StudyResult:
-    from twin.scenario_file import load_scenario
+    from twin.scenario.file import load_scenario
     from twin.study.study import resume_study
     from twin.study.study_folder import same_study
 

@@ -21,9 +21,9 @@ Resolved = Annotated[
 @guarded
 def validate(files: Files, resolved: Resolved = False) -> int:
     """Check scenario files and report every problem in them."""
-    from twin import scenario as model
     from twin.assemblies.kinds import assembly_kind
-    from twin.scenario_file import load_scenario
+    from twin.scenario import scenario as model
+    from twin.scenario.file import load_scenario
 
     code = COMPLETED
     for file in files:

@@ -14,7 +14,7 @@ from twin.commands.guard import COMPLETED, FAILED, guarded
 
 if TYPE_CHECKING:
     from scheduling.verification import VerificationReport
-    from twin.adversary import AdversaryReport
+    from twin.engine.adversary import AdversaryReport
 
 Folder = Annotated[
     Path,
@@ -45,7 +45,7 @@ def verify(
     """
     from scheduling.plan_files import load_plan
     from scheduling.verification import verify_plan
-    from twin.adversary import audit_standing_states
+    from twin.engine.adversary import audit_standing_states
     from twin.progress import StageDisplay
 
     tpg = load_plan(folder)

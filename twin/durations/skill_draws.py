@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from planning.transforms import Array
 from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
-from twin.draws import uniforms_bulk
 from twin.durations.model import DurationModel
 from twin.durations.nanoseconds import Nanoseconds, to_nanoseconds
+from twin.uncertainty.draws import uniforms_bulk
 
 
 @dataclass(frozen=True)

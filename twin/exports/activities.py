@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.events import Event
-from twin.lanes import FAILED, RETRYING, STALLED, STOPPED, WAITING
+from twin.run.events import Event
+from twin.run.lanes import FAILED, RETRYING, STALLED, STOPPED, WAITING
 
 STANDING = frozenset({WAITING, STALLED, STOPPED, RETRYING, FAILED})
 """States in which a robot does not get on with its work."""

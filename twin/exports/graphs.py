@@ -17,7 +17,7 @@ from scheduling.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.exports.exporter import ExportOptions
 from twin.exports.recorded_run import RecordedRun
-from twin.lanes import LANE_COLOURS, OTHER_COLOUR
+from twin.run.lanes import LANE_COLOURS, OTHER_COLOUR
 
 if TYPE_CHECKING:
     Graph = nx.DiGraph[str]

@@ -18,11 +18,11 @@ from scheduling.temporal_plan_graph import (
     NodeChain,
     TemporalPlanGraph,
 )
-from twin.contraction import Contraction, contract
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
+from twin.engine.contraction import Contraction, contract
 from twin.exports.exporter import ExportOptions
 from twin.exports.recorded_run import RecordedRun
-from twin.run import waypoint_offsets_ns
+from twin.run.run import waypoint_offsets_ns
 
 FORMAT = "assembly-twin joint trajectories"
 VERSION = 1

@@ -15,7 +15,7 @@ from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.exports.activities import STANDING, Activity, robot_activities
 from twin.exports.exporter import ExportOptions
 from twin.exports.recorded_run import RecordedRun
-from twin.lanes import WAITING
+from twin.run.lanes import WAITING
 
 # Mermaid knows calendar times only: the chart starts at midnight of some day.
 _START = datetime(2000, 1, 1)

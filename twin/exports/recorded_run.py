@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from planning.errors import OutputError
-from twin.event_log import EventLogError, parse_event, read_log
-from twin.events import Event
-from twin.run_folder import EVENTS, MANIFEST, OBJECTS, SUMMARY, TRAJECTORY
+from twin.run.event_log import EventLogError, parse_event, read_log
+from twin.run.events import Event
+from twin.run.folder import EVENTS, MANIFEST, OBJECTS, SUMMARY, TRAJECTORY
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -13,7 +13,6 @@ from pydantic import TypeAdapter, ValidationError
 
 from planning.errors import ScenarioError
 from planning.transforms import Array
-from twin.duration_models import duration_model
 from twin.durations import DurationModel
 from twin.fit.bounded import PertFamily, TriangularFamily, UniformFamily
 from twin.fit.family import Family
@@ -25,7 +24,8 @@ from twin.fit.unbounded import (
     NormalFamily,
     WeibullFamily,
 )
-from twin.scenario_durations import AnyDuration, DurationSection
+from twin.scenario.durations import AnyDuration, DurationSection
+from twin.uncertainty.duration_models import duration_model
 
 FAMILIES: tuple[Family, ...] = (
     UniformFamily(),

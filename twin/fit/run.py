@@ -10,7 +10,7 @@ from twin.fit.candidates import fit_candidates
 from twin.fit.samples import Sample
 from twin.fit.snippet import Fit
 from twin.progress import Report, report_nothing
-from twin.run_folder import prepare_run_folder
+from twin.run.folder import prepare_run_folder
 
 
 def fit_samples(

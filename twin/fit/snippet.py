@@ -13,7 +13,7 @@ from twin.atomic import replacing
 from twin.fit.candidates import Candidate
 from twin.fit.family import rounded
 from twin.fit.samples import Sample
-from twin.scenario_text import scenario_text
+from twin.scenario.text import scenario_text
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import IO, Any
 
 from planning.errors import OutputError
 from twin.durations import NANOSECONDS
-from twin.events import Event
+from twin.run.events import Event
 
 
 def event_line(event: Event) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from twin.events import Event
+from twin.run.events import Event
 
 
 class MemoryRecorder:

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Sequence
 from typing import Protocol
 
-from twin.events import Event
+from twin.run.events import Event
 
 _log = logging.getLogger(__name__)
 

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from planning.transforms import quat_wxyz
 from twin.atomic import replacing
 from twin.durations import NANOSECONDS
-from twin.trajectory import Placement, Trajectory
+from twin.run.trajectory import Placement, Trajectory
 
 WORLD = "world"
 FLANGE = "flange"

@@ -17,7 +17,7 @@ from twin.recorders.rerun_robots import (
     quat_xyzw,
     time_column,
 )
-from twin.trajectory import Placement
+from twin.run.trajectory import Placement
 
 _FIXTURE_GREYS = ((178, 170, 158), (196, 201, 207), (140, 146, 154))
 

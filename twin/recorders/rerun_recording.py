@@ -14,8 +14,6 @@ import rerun as rr
 
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.atomic import replacing
-from twin.events import Event
-from twin.lanes import LANE_COLOURS, robot_lanes
 from twin.recorders import rerun_layout as layout
 from twin.recorders.rerun_objects import draw_fixtures, log_objects
 from twin.recorders.rerun_robots import (
@@ -23,8 +21,10 @@ from twin.recorders.rerun_robots import (
     log_robot,
     time_column,
 )
-from twin.run import Run
-from twin.trajectory import object_placements, robot_trajectories
+from twin.run.events import Event
+from twin.run.lanes import LANE_COLOURS, robot_lanes
+from twin.run.run import Run
+from twin.run.trajectory import object_placements, robot_trajectories
 
 _LEVELS = {
     "failed": "ERROR",

@@ -17,7 +17,7 @@ from planning.robots.urdf_file import mesh_places
 from planning.transforms import Array, quat_wxyz
 from planning.workcell import PlacedRobot
 from twin.durations import NANOSECONDS, Nanoseconds
-from twin.trajectory import Trajectory
+from twin.run.trajectory import Trajectory
 
 WORLD_FRAME = "world"
 TIMELINE = "sim_time"

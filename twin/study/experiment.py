@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from math import ceil
 
 from planning.errors import RequestError
-from twin.run import Policy
+from twin.run.run import Policy
 from twin.statistics import Precision
 from twin.study.variations import Variant
 

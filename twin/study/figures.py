@@ -13,7 +13,7 @@ from matplotlib.patches import Rectangle
 
 from planning.transforms import Array
 from scheduling.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
-from twin.critical_paths import OTHER
+from twin.bulk.critical_paths import OTHER
 from twin.study.replication_rows import WAIT_COLUMNS
 from twin.study.sobol import SobolIndex
 from twin.study.tornado import Influence

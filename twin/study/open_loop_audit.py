@@ -10,13 +10,13 @@ from pathlib import Path
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from twin.atomic import write_json
 from twin.recorders.parquet import objects_table, trajectory_table, write_table
-from twin.run_folder import OBJECTS, TRAJECTORY, write_manifest
-from twin.scenario import Scenario, resolved
+from twin.run.folder import OBJECTS, TRAJECTORY, write_manifest
+from twin.run.trajectory import object_placements, robot_trajectories
+from twin.scenario.scenario import Scenario, resolved
 from twin.silence import silenced
 from twin.study.plans import scenario_workload
 from twin.study.variations import Variant
 from twin.study.workload import Engines
-from twin.trajectory import object_placements, robot_trajectories
 
 OPEN_LOOP = "open-loop"
 
@@ -52,7 +52,7 @@ def audit_open_loop(
     with silenced():
         import pybullet  # noqa: F401 - for its greeting
     from scheduling.plan_files import save_plan
-    from twin.audit import audit_run
+    from twin.audit.audit import audit_run
 
     folder.mkdir(parents=True, exist_ok=True)
     load = scenario_workload(

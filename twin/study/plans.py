@@ -7,16 +7,19 @@ from pathlib import Path
 
 from scheduling.plan_files import load_plan, save_plan
 from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.disturbance_models import needs_event_engine, scenario_disturbances
-from twin.duration_models import skill_durations
 from twin.pipeline import order_motions, plan_in_slots, plan_motions, shorten
 from twin.progress import Report
-from twin.scenario import Scenario
+from twin.scenario.scenario import Scenario
 from twin.stage_watch import StageWatch
 from twin.study.experiment import PLAN_OF_POLICY, Experiment
 from twin.study.timing_graph import timing_graph
 from twin.study.variations import Variant, varied
 from twin.study.workload import Workload
+from twin.uncertainty.disturbance_models import (
+    needs_event_engine,
+    scenario_disturbances,
+)
+from twin.uncertainty.duration_models import skill_durations
 
 TURNS, SLOTS, SHORTENED = "turns", "slots", "shortened"
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from scheduling.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY, Indices
-from twin.critical_paths import OTHER
+from twin.bulk.critical_paths import OTHER
 from twin.durations import NANOSECONDS, Nanoseconds
 
 COMPLETED, ERROR = "completed", "error"

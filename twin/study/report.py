@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from planning.transforms import Array
 from twin.atomic import replacing
 from twin.progress import Report
-from twin.run_folder import versions
+from twin.run.folder import versions
 from twin.study.band_gantt import draw_bands
 from twin.study.experiment import PLAN_OF_POLICY
 from twin.study.figures import (

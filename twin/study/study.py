@@ -9,9 +9,8 @@ from typing import Any
 
 from planning.errors import RequestError
 from twin.atomic import write_json
-from twin.bulk_engine import BulkEngine
+from twin.bulk.bulk_engine import BulkEngine
 from twin.cell import build_workcell
-from twin.duration_models import skill_durations
 from twin.durations import NANOSECONDS
 from twin.progress import Report, report_nothing
 from twin.study.experiment import PLAN_OF_POLICY
@@ -35,6 +34,7 @@ from twin.study.summary import check_deadline, summarise_study
 from twin.study.tables import cell_tally, write_edges, write_replications, write_tasks
 from twin.study.variations import varied
 from twin.study.workload import Workload
+from twin.uncertainty.duration_models import skill_durations
 
 REPLICATING, CHECKING = "replications", "open-loop audit"
 """Names of the stages for progress displays."""

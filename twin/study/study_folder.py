@@ -12,8 +12,8 @@ from pydantic import ValidationError
 from planning.errors import OutputError, RequestError
 from planning.workcell import Workcell
 from twin.atomic import write_json
-from twin.run_folder import MANIFEST, manifest
-from twin.scenario import Scenario, fingerprint, resolved
+from twin.run.folder import MANIFEST, manifest
+from twin.scenario.scenario import Scenario, fingerprint, resolved
 from twin.statistics import Precision
 from twin.study.experiment import Experiment
 

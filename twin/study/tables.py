@@ -18,10 +18,10 @@ from scheduling.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from twin.atomic import replacing
-from twin.contraction import contract
-from twin.critical_paths import OTHER
+from twin.bulk.critical_paths import OTHER
+from twin.bulk.policy_graph import policy_graph
 from twin.durations import NANOSECONDS, Nanoseconds
-from twin.policy_graph import policy_graph
+from twin.engine.contraction import contract
 from twin.study.block_files import blocks_done, read_block
 from twin.study.experiment import Experiment
 from twin.study.task_tally import TaskTally, task_groups

@@ -18,7 +18,7 @@ from planning.task_graph import Task
 from planning.workcell import CellObject, Workcell
 from scheduling.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.atomic import replacing
-from twin.contraction import contract
+from twin.engine.contraction import contract
 
 _NO_BODY = ConvexBody(
     "none", np.zeros((0, 3)), Capsules(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))

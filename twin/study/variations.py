@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from planning.errors import ScenarioError
-from twin.scenario import ExecutionSection, Scenario, resolved
+from twin.scenario.scenario import ExecutionSection, Scenario, resolved
 
 Variant = Mapping[str, Any]
 """A value for each key that is varied."""

@@ -12,18 +12,18 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.bulk_engine import BulkEngine
-from twin.critical_paths import explain
-from twin.disturbances import Disturbances
+from twin.bulk.bulk_engine import BulkEngine
+from twin.bulk.critical_paths import explain
+from twin.bulk.max_plus import completions
+from twin.bulk.policy_graph import policy_graph
+from twin.bulk.precedence import PrecedenceArrays
 from twin.durations import Nanoseconds, SkillDurations
-from twin.engine import Simulator
-from twin.max_plus import completions
-from twin.policy_graph import policy_graph
-from twin.precedence import PrecedenceArrays
-from twin.run import DeadlockError, Policy, Run
+from twin.engine.engine import Simulator
+from twin.run.run import DeadlockError, Policy, Run
 from twin.study.experiment import Block
 from twin.study.replication_rows import ERROR, ReplicationRows, empty_rows
 from twin.study.task_tally import TaskGroups, TaskTally, task_groups
+from twin.uncertainty.disturbances import Disturbances
 
 
 @dataclass(frozen=True)

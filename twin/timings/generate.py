@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from planning.transforms import Array
-from twin.draws import uniforms
+from twin.uncertainty.draws import uniforms
 
 MEDIANS_S = {
     "pick": 6.1,

@@ -10,8 +10,8 @@ import pytest
 from planning.lego.finished_structure import scaffold, sequenced
 from planning.lego.grid import occupied_studs
 from twin.assemblies.lego import build_lego, build_structure
-from twin.scenario import LegoSection
-from twin.scenario_file import load_scenario
+from twin.scenario.file import load_scenario
+from twin.scenario.scenario import LegoSection
 
 FOLDER = Path(__file__).parents[3] / "scenarios" / "lego"
 

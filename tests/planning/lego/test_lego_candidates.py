@@ -179,7 +179,7 @@ def test_the_published_cliff_gets_the_published_robots() -> None:
     from planning.lego.importer import import_apex_mr
     from twin.assemblies.lego import build_lego
     from twin.cell import build_workcell
-    from twin.scenario import Scenario
+    from twin.scenario.scenario import Scenario
 
     content = import_apex_mr(DATA, "cliff")
     scenario = Scenario.model_validate_json(json.dumps(content))

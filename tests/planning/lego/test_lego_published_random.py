@@ -11,9 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from planning.lego.importer import import_apex_mr
-from twin.scenario_file import load_scenario
-from twin.scenario_lego import LegoSection
-from twin.scenario_text import scenario_text
+from twin.scenario.file import load_scenario
+from twin.scenario.lego import LegoSection
+from twin.scenario.text import scenario_text
 
 SIZES = {"2": (2, 4), "5": (1, 4), "7": (1, 4), "9": (1, 2), "10": (1, 1), "20": (2, 6)}
 HALF_TURN = "3.1415926"

@@ -14,9 +14,9 @@ from typer.testing import CliRunner, Result
 from planning.task_graph import SKILLS
 from planning.transforms import Array
 from twin.cli import app
-from twin.duration_models import skill_durations
 from twin.durations import Empirical, Fixed
-from twin.scenario_file import load_scenario
+from twin.scenario.file import load_scenario
+from twin.uncertainty.duration_models import skill_durations
 
 SMALL = """\
 version: 1

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from tests.twin.twin_toys import random_tpg
-from twin.disturbances import Disturbances
 from twin.durations import Lognormal, SkillDurations, Uniform
-from twin.run import Policy
+from twin.run.run import Policy
 from twin.study.timing_graph import timing_graph
 from twin.study.workload import Workload
+from twin.uncertainty.disturbances import Disturbances
 
 DURATIONS = SkillDurations(
     {

@@ -16,7 +16,6 @@ import pytest
 
 from planning.errors import TwinError
 from tests.twin.study.study_toys import toy_workload
-from twin.disturbances import Disturbances, SkillFailure
 from twin.statistics import Precision
 from twin.study import runner
 from twin.study.block_files import blocks_done, read_block
@@ -25,6 +24,7 @@ from twin.study.experiment import Block, Experiment
 from twin.study.runner import run_replications
 from twin.study.tables import write_replications
 from twin.study.workload import Workload, compute_block, pack
+from twin.uncertainty.disturbances import Disturbances, SkillFailure
 
 TWO = Experiment(("asynchronous", "sequential"), replications=70)
 

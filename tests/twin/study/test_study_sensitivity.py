@@ -10,7 +10,6 @@ import pytest
 from planning.errors import RequestError
 from tests.twin.study.study_toys import toy_workload
 from tests.twin.twin_toys import random_tpg
-from twin.disturbances import Disturbances, StallRate
 from twin.durations import Fixed, SkillDurations, Uniform
 from twin.study.experiment import Block
 from twin.study.inputs import inputs_of
@@ -18,6 +17,7 @@ from twin.study.sobol import sobol_indices
 from twin.study.timing_graph import timing_graph
 from twin.study.tornado import influences, makespans_s
 from twin.study.workload import Workload
+from twin.uncertainty.disturbances import Disturbances, StallRate
 
 
 def _sum_of_two() -> Workload:

@@ -1,0 +1,1 @@
+"""The independent witness: what was executed, measured again with PyBullet."""

@@ -1,0 +1,245 @@
+"""The independent witness: PyBullet replays what a run executed and measures every distance.
+
+It shares nothing with the planner but the plan's list of allowed contacts: robots come from
+their URDF files, boxes from their sizes, motion from the tables that the run wrote.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+from planning.transforms import Transform
+from twin.audit.contacts import ContactRule
+from twin.audit.pairs import gaps
+from twin.audit.recording import Recording, read_recording
+from twin.audit.sampling import Stretch, stretches
+from twin.audit.scene import AuditScene, scene_of
+from twin.audit.world import AuditWorld, homogeneous, overlapping_at_home
+
+JUMP = 0.001
+"""An object may move this far when it changes hands [m]."""
+
+Progress = Callable[[float, float], None]
+"""Called with the time audited so far and the time to audit [s]."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """Two things overlapped, or an object jumped, though nothing allows it.
+
+    Attributes:
+        t_start, t_end: first and last sample at which it was seen [s].
+        first, second: entities, such as ``"left/arm"``, ``"right/tool"``, ``"b3"``, ``"plate"``;
+            ``second`` is ``"jump"`` for an object that is not where it was when it changes hands.
+        depth_m: greatest overlap; for a jump its length; 0 for robots that just touch [m].
+        detail: the links that overlapped most.
+    """
+
+    t_start: float
+    t_end: float
+    first: str
+    second: str
+    depth_m: float
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class AuditReport:
+    """What the audit saw.
+
+    Attributes:
+        configurations: number of different configurations of the whole cell that were checked.
+        min_distance_m: least distance of any two robots, negative if they overlap; infinite
+            with fewer than two robots [m].
+        violations: by time; empty when all is well.
+    """
+
+    configurations: int
+    min_distance_m: float
+    violations: tuple[Violation, ...]
+
+
+def audit_run(folder: Path, progress: Progress | None = None) -> AuditReport:
+    """Audit a run that was written to a folder.
+
+    Args:
+        folder: with ``plan.npz``, ``plan.json``, ``trajectory.parquet``, ``objects.parquet``.
+        progress: told how far the audit has come.
+
+    Raises:
+        OutputError: a file is missing or does not fit the others.
+    """
+    from scheduling.plan_files import load_plan
+
+    scene = scene_of(load_plan(folder))
+    with Auditor(scene) as auditor:
+        return auditor.audit(read_recording(folder, scene), progress)
+
+
+class Auditor:
+    """Audits any number of executions in one cell; a context manager.
+
+    Args:
+        scene: what stands in the cell, and who may touch whom.
+    """
+
+    def __init__(self, scene: AuditScene) -> None:
+        self.scene = scene
+        self._world = AuditWorld(scene)
+        self._exempt = overlapping_at_home(self._world)
+
+    def __enter__(self) -> Auditor:
+        """Return the auditor itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Let go of Bullet."""
+        self._world.close()
+
+    def audit(
+        self, recording: Recording, progress: Progress | None = None
+    ) -> AuditReport:
+        """Audit an execution.
+
+        The robots are moved along their straight joint-space lines in steps of at most 2 mm of
+        any point, and a stretch of time in which nothing moves is looked at once.
+
+        Args:
+            recording: what was executed.
+            progress: told how far the audit has come.
+        """
+        rule = ContactRule(self.scene, recording)
+        watch = _Watch(self._world, rule, self._exempt)
+        for stretch in stretches(self._world, recording):
+            watch.look(stretch)
+            if progress is not None:
+                progress(float(stretch.t[-1]), recording.end)
+        return watch.report()
+
+
+@dataclass
+class _Overlap:
+    """A violation that may go on."""
+
+    t_start: float
+    t_end: float
+    last: int
+    depth: float
+    detail: str
+
+
+class _Watch:
+    """Collects what is seen stretch by stretch."""
+
+    def __init__(
+        self,
+        world: AuditWorld,
+        rule: ContactRule,
+        exempt: frozenset[tuple[int, int]],
+    ) -> None:
+        self._world, self._rule, self._exempt = world, rule, exempt
+        self._least = math.inf
+        self._configurations = 0
+        self._samples = 0
+        self._open: dict[tuple[str, str], _Overlap] = {}
+        self._done: list[Violation] = []
+        self._before: Stretch | None = None
+
+    def look(self, stretch: Stretch) -> None:
+        """Check one stretch."""
+        self._jumps(stretch)
+        moved = {
+            tuple(int(r.distinct[k]) for r in stretch.robots)
+            for k in range(len(stretch.t))
+        }
+        self._configurations += len(moved) - (self._before is not None)
+        holders = {name: p.holder for name, p in stretch.placements.items()}
+        bad: dict[tuple[str, str], dict[int, tuple[float, str]]] = {}
+        for gap in gaps(self._world, stretch, self._exempt, lambda: self._least):
+            a, b = gap.first, gap.second
+            robots = a.robot is not None and b.robot is not None and a.robot != b.robot
+            if robots:
+                self._least = min(self._least, gap.distance)
+            if gap.distance > 0.0:
+                continue
+            for sample in range(gap.sample, min(gap.until, len(stretch.t))):
+                limit = 0.0
+                if not robots:
+                    t = float(stretch.t[sample])
+                    limit = self._rule.depth(a.entity, b.entity, holders, t)
+                if -gap.distance > limit or robots:
+                    seen = bad.setdefault((a.entity, b.entity), {})
+                    if sample not in seen or seen[sample][0] < -gap.distance:
+                        seen[sample] = (-gap.distance, f"{a.detail} - {b.detail}")
+        for pair, samples in bad.items():
+            for sample in sorted(samples):
+                self._note(pair, float(stretch.t[sample]), sample, *samples[sample])
+        self._samples += len(stretch.t)
+        self._before = stretch
+
+    def _note(
+        self, pair: tuple[str, str], t: float, sample: int, depth: float, detail: str
+    ) -> None:
+        number = self._samples + sample
+        overlap = self._open.get(pair)
+        if overlap is not None and number - overlap.last <= 1:
+            overlap.t_end, overlap.last = t, number
+            if depth > overlap.depth:
+                overlap.depth, overlap.detail = depth, detail
+            return
+        if overlap is not None:
+            self._close(pair, overlap)
+        self._open[pair] = _Overlap(t, t, number, depth, detail)
+
+    def _close(self, pair: tuple[str, str], seen: _Overlap) -> None:
+        self._done.append(
+            Violation(seen.t_start, seen.t_end, *pair, seen.depth, seen.detail)
+        )
+
+    def _jumps(self, stretch: Stretch) -> None:
+        """Check that objects that change hands stay where they are.
+
+        What comes up must do so where the plan says.
+        """
+        if self._before is None:
+            return
+        t = float(stretch.t[0])
+        for box in self._world.scene.objects:
+            name, size = box.name, box.size
+            before = self._before.placements.get(name)
+            if before is stretch.placements.get(name):
+                continue
+            old = box.pose if before is None else self._pose(self._before, name, -1)
+            new = self._pose(stretch, name, 0)
+            turned = math.sqrt(float(((old[:3, :3] - new[:3, :3]) ** 2).sum()) / 2.0)
+            moved = math.dist(old[:3, 3], new[:3, 3])
+            jump = moved + turned * 0.5 * math.hypot(*size)
+            if jump > JUMP:
+                self._done.append(Violation(t, t, name, "jump", jump))
+
+    def _pose(self, stretch: Stretch, name: str, sample: int) -> Transform:
+        placement = stretch.placements[name]
+        if placement.holder is None:
+            return placement.pose
+        names = [robot.name for robot in self._world.scene.robots]
+        index = names.index(placement.holder)
+        samples = stretch.robots[index]
+        hand = homogeneous(samples.rotation[sample, -1], samples.position[sample, -1])
+        return hand @ self._world.scene.robots[index].flange @ placement.pose
+
+    def report(self) -> AuditReport:
+        """Return everything seen so far."""
+        for pair, overlap in self._open.items():
+            self._close(pair, overlap)
+        self._open.clear()
+        ordered = sorted(self._done, key=lambda v: (v.t_start, v.first, v.second))
+        return AuditReport(self._configurations, self._least, tuple(ordered))

@@ -1,0 +1,1 @@
+"""The engine for many replications at once: longest paths through the graph."""

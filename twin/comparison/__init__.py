@@ -1,0 +1,1 @@
+"""Ways of coordinating, compared on the same paths and draws."""

@@ -1,0 +1,210 @@
+"""Bar charts of comparisons, in the manner of APEX-MR Figs. 7 and 8."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from twin.atomic import replacing
+from twin.comparison.comparison import ASYNCHRONOUS, COMPARED, SEQUENTIAL
+from twin.comparison.figures import STAGES, TOTAL
+
+Figures = Mapping[str, Mapping[str, Any]]
+"""The figures of one scenario, as in ``compare.json``."""
+
+_INK = "#2b2f36"
+_GRID = "#e4e7eb"
+_COLOURS = ("#9aa3ad", "#f2b56b", "#d97b29", "#9c4a12", "#6fa8dc", "#1f5f9e")
+_STAGE_STYLE = {
+    "sequence": ("#5b4a8a", "assembly sequence"),
+    "assignment": ("#a99bd0", "who does what"),
+    "motion": ("#8ecdb8", "motions in turn"),
+    "synchronous": ("#e3c64e", "slots"),
+    "tpg": ("#2f7f66", "what waits for what"),
+    "shortcut": ("#c4566f", "shortcuts"),
+}
+_BOUNDS: dict[str, tuple[Literal["-", ":"], str]] = {
+    "critical_path_s": ("-", "critical path of the tasks"),
+    "straight_line_s": (":", "busiest robot, straight lines"),
+}
+_STEP = 0.86 / len(COMPARED)
+_BAR = 0.92 * _STEP
+
+
+def draw_comparison(path: Path, scenarios: Mapping[str, Figures], title: str) -> None:
+    """Draw makespan, wait and planning time of every policy as a PNG picture.
+
+    One scenario is drawn in seconds. Several are drawn as shares: makespan and wait of the
+    sequential makespan, planning of what the asynchronous plan without shortcuts takes; the
+    seconds are written at the bars. Whiskers are standard deviations over the seeds.
+
+    Args:
+        path: of the picture, replaced when it exists.
+        scenarios: for each name the figures of ``compare.json``.
+        title: first line of the heading.
+
+    Raises:
+        OutputError: the picture cannot be written.
+    """
+    alone = len(scenarios) == 1
+    width, height = (14.0, 5.6) if alone else (max(9.0, 1.2 + 1.9 * len(scenarios)), 11)
+    picture = Figure(figsize=(width, height), dpi=120, facecolor="white")
+    FigureCanvasAgg(picture)
+    panels = picture.subplots(*((1, 3) if alone else (3, 1)))
+    edges = {"left": 0.7 / width, "right": 1 - 0.2 / width, "wspace": 0.2}
+    picture.subplots_adjust(**edges, top=1 - 1.5 / height, hspace=0.38)
+    picture.subplots_adjust(bottom=(1.15 if alone else 0.75) / height)
+    at, font = (0.7 / width, 1 - 0.38 / height), {"size": 13, "weight": "bold"}
+    picture.text(*at, title, fontdict=font, color=_INK)
+    for axis, key, label in (
+        (panels[0], "makespan_s", "makespan"),
+        (panels[1], "wait_s", "wait, all robots together"),
+    ):
+        scale = [
+            1.0 if alone else _mean(f[SEQUENTIAL]["makespan_s"]) for f in _of(scenarios)
+        ]
+        _draw_bars(axis, scenarios, key, scale)
+        _style(axis, scenarios, label, "s" if alone else "% of the sequential makespan")
+    stages = _draw_stages(panels[2], scenarios, alone=alone)
+    unit = "s" if alone else "% of asynchronous"
+    _style(panels[2], scenarios, "planning, wall-clock time", unit)
+    bars = [Patch(color=c, label=n) for n, c in zip(COMPARED, _COLOURS, strict=True)]
+    rows = (1 - 0.8 / height, 1 - 1.06 / height)
+    if alone:
+        _legend(picture, [*bars, *_bound_marks()], y=rows[0])
+        _legend(picture, stages, y=rows[1])
+    else:
+        _legend(picture, bars, y=rows[0])
+        _legend(picture, _bound_marks(), y=rows[1])
+        _legend(picture, stages, y=0.12 / height)
+    with replacing(path) as temporary:
+        picture.savefig(temporary, format="png")
+
+
+def _draw_bars(
+    axis: Axes, scenarios: Mapping[str, Figures], key: str, scale: Sequence[float]
+) -> None:
+    """Draw one figure of every policy and scenario, with its spread and its bounds."""
+    for group, (figures, unit) in enumerate(zip(_of(scenarios), scale, strict=True)):
+        factor = 1.0 if len(scenarios) == 1 else 100.0
+        for k, name in enumerate(COMPARED):
+            x, own = _place(group, k), figures[name]
+            mean, std = _mean(own[key]), own[key]["std"] or 0.0
+            axis.bar(x, factor * mean / unit, _BAR, color=_COLOURS[k])
+            if std:
+                at, by = factor * mean / unit, factor * std / unit
+                axis.errorbar(
+                    x, at, by, fmt="none", ecolor=_INK, elinewidth=0.9, capsize=2
+                )
+            _write(axis, x, factor * (mean + std) / unit, f"{mean:.0f}")
+            if key == "makespan_s":
+                for bound, (style, _) in _BOUNDS.items():
+                    level = factor * _mean(own[bound]) / unit
+                    ends = (x - 0.42 * _STEP, x + 0.42 * _STEP)
+                    axis.plot(ends, (level, level), color="white", lw=2.6)
+                    axis.plot(ends, (level, level), style, color=_INK, lw=1.3)
+
+
+def _draw_stages(
+    axis: Axes, scenarios: Mapping[str, Figures], *, alone: bool
+) -> list[Artist]:
+    """Draw stacked planning times; return what to show in the legend."""
+    used: dict[str, Artist] = {}
+    for group, figures in enumerate(_of(scenarios)):
+        unit = 1.0 if alone else _mean(figures[ASYNCHRONOUS]["planning_s"][TOTAL]) / 100
+        for k, name in enumerate(COMPARED):
+            x, bottom = _place(group, k), 0.0
+            spent = figures[name]["planning_s"]
+            for stage in STAGES:
+                if stage not in spent:
+                    continue
+                share = _mean(spent[stage]) / unit
+                colour, label = _STAGE_STYLE[stage]
+                axis.bar(x, share, _BAR, bottom=bottom, color=colour)
+                used.setdefault(stage, Patch(color=colour, label=label))
+                bottom += share
+            _write(axis, x, bottom, _short(_mean(spent[TOTAL])))
+    return [used[stage] for stage in STAGES if stage in used]
+
+
+def _style(axis: Axes, scenarios: Mapping[str, Figures], title: str, unit: str) -> None:
+    axis.set_title(title, loc="left", fontsize=10, color=_INK, pad=8)
+    axis.set_ylabel(unit, fontsize=8.5, color=_INK)
+    axis.set_xlim(-0.55, len(scenarios) - 0.45)
+    if len(scenarios) == 1:
+        places = [_place(0, k) for k in range(len(COMPARED))]
+        axis.set_xticks(places, COMPARED, fontsize=7.5, color=_INK)
+        for text in axis.get_xticklabels():
+            text.set(rotation=28, ha="right", rotation_mode="anchor")
+    else:
+        axis.set_xticks(range(len(scenarios)), scenarios, fontsize=9, color=_INK)
+    axis.tick_params(axis="y", labelsize=8, colors=_INK, length=0)
+    axis.tick_params(axis="x", length=0)
+    axis.margins(y=0.14)
+    axis.set_ylim(bottom=0)
+    axis.grid(axis="y", color=_GRID, lw=0.7)
+    axis.set_axisbelow(True)
+    for side in ("top", "right", "left"):
+        axis.spines[side].set_visible(False)
+    axis.spines["bottom"].set_color("#b8bec6")
+
+
+def _write(axis: Axes, x: float, y: float, text: str) -> None:
+    axis.annotate(
+        text,
+        (x, y),
+        xytext=(0, 3),
+        textcoords="offset points",
+        ha="center",
+        va="bottom",
+        fontsize=7,
+        color=_INK,
+    )
+
+
+def _legend(picture: Figure, entries: Sequence[Artist], y: float) -> None:
+    picture.legend(
+        handles=list(entries),
+        loc="lower left",
+        bbox_to_anchor=(0.7 / picture.get_figwidth(), y),
+        ncols=len(entries),
+        frameon=False,
+        fontsize=8,
+        labelcolor=_INK,
+        handlelength=1.1,
+        handletextpad=0.5,
+        columnspacing=1.3,
+        borderaxespad=0,
+        borderpad=0,
+    )
+
+
+def _bound_marks() -> list[Artist]:
+    return [
+        Line2D([], [], color=_INK, linestyle=style, linewidth=1.3, label=label)
+        for style, label in _BOUNDS.values()
+    ]
+
+
+def _of(scenarios: Mapping[str, Figures]) -> list[Figures]:
+    return list(scenarios.values())
+
+
+def _place(group: int, k: int) -> float:
+    return group + (k - (len(COMPARED) - 1) / 2) * _STEP
+
+
+def _short(seconds: float) -> str:
+    return f"{seconds:.2g}" if seconds < 10 else f"{seconds:.0f}"
+
+
+def _mean(value: Mapping[str, Any]) -> float:
+    return float(value["mean"])

@@ -1,0 +1,1 @@
+"""The event engine: robots and dispatcher as processes (APEX-MR IV-D)."""

@@ -1,0 +1,172 @@
+"""A followed run on a terminal: a line a robot, the forecast, what should not have happened."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+from rich.console import Console, Group
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from twin.durations import NANOSECONDS
+from twin.follow.forecast import Forecast
+from twin.follow.lines import end_sentence
+from twin.follow.state import FollowedRun, RobotProgress, Violation
+from twin.run.event_log import EventLogError
+from twin.run.events import Event
+
+_MOST_VIOLATIONS = 5
+_SILENT_S = 5.0
+_PAUSE_S = 0.1
+
+
+class TerminalDisplay:
+    """Draws the state of a run again whenever it has changed, ten times a second at most."""
+
+    def __init__(self, run: FollowedRun, title: str, console: Console) -> None:
+        """Begin to draw."""
+        self._run = run
+        self._title = title
+        self._console = console
+        self._forecast: Forecast | None = None
+        self._unreadable: list[str] = []
+        self._silent_s = 0.0
+        self._drawn = 0.0
+        self._live = Live(console=console, auto_refresh=False)
+        self._live.start()
+
+    def event(self, event: Event, run: FollowedRun) -> None:
+        """Show what has changed."""
+        self._silent_s = 0.0
+        self._draw()
+
+    def violation(self, violation: Violation) -> None:
+        """Show what should not have happened."""
+        self._draw()
+
+    def unreadable(self, number: int, error: EventLogError) -> None:
+        """Show which line is no event."""
+        self._unreadable.append(f"line {number} is no event: {error}")
+        self._draw()
+
+    def forecast(self, forecast: Forecast, run: FollowedRun) -> None:
+        """Show how the run will end."""
+        self._forecast = forecast
+        self._draw()
+
+    def waiting(self, run: FollowedRun, silent_s: float) -> None:
+        """Show for how long there has been no event."""
+        self._silent_s = silent_s
+        self._draw()
+
+    def close(self, run: FollowedRun) -> None:
+        """Leave the last picture and a sentence on the terminal."""
+        self._draw(at_once=True)
+        self._live.stop()
+        self._console.print(end_sentence(run), highlight=False)
+
+    def _draw(self, *, at_once: bool = False) -> None:
+        now = time.monotonic()
+        if at_once or now - self._drawn >= _PAUSE_S:
+            self._drawn = now
+            self._live.update(
+                run_picture(
+                    self._run,
+                    self._title,
+                    self._forecast,
+                    silent_s=self._silent_s,
+                    unreadable=self._unreadable,
+                ),
+                refresh=True,
+            )
+
+
+def run_picture(
+    run: FollowedRun,
+    title: str,
+    forecast: Forecast | None,
+    *,
+    silent_s: float = 0.0,
+    unreadable: list[str] | None = None,
+) -> Group:
+    """Return the picture of a run in progress."""
+    now = run.now_ns + int(silent_s * NANOSECONDS)
+    table = Table(title=title, title_justify="left", expand=False)
+    for column in ("robot", "does", "for", "nodes", ""):
+        right = column in ("for", "nodes")
+        table.add_column(column, justify="right" if right else "left", no_wrap=right)
+    for k, robot in enumerate(run.robots):
+        text, since = _state(run, k, robot)
+        total = len(robot.start_ns)
+        table.add_row(
+            robot.name,
+            text,
+            "" if since < 0 else f"{(now - since) / NANOSECONDS:.1f} s",
+            f"{robot.completed}/{total}",
+            ProgressBar(total=max(total, 1), completed=robot.completed, width=24),
+        )
+    parts: list[Table | Text] = [table, _forecast_line(run, forecast, now)]
+    if silent_s >= _SILENT_S:
+        parts.append(Text(f"no event for {silent_s:.0f} s", style="yellow"))
+    hidden = len(run.violations) - _MOST_VIOLATIONS
+    if hidden > 0:
+        parts.append(Text(f"{hidden} more forbidden events before", style="red"))
+    for violation in run.violations[-_MOST_VIOLATIONS:]:
+        parts.append(Text(f"forbidden: {violation.text}", style="bold red"))
+    for line in (unreadable or [])[-_MOST_VIOLATIONS:]:
+        parts.append(Text(line, style="yellow"))
+    return Group(*parts)
+
+
+def _state(run: FollowedRun, k: int, robot: RobotProgress) -> tuple[Text, int]:
+    """Return what a robot does, and since when [ns], -1 where that does not matter."""
+    node = robot.under_way
+    if robot.failed:
+        return Text(f"failed: {_label(run, k, robot.completed)}", style="bold red"), -1
+    if robot.standing:
+        text = robot.standing
+        if node >= 0:
+            text += f" in {_label(run, k, node)}"
+        return Text(text, style="bold yellow"), robot.since_ns
+    if node >= 0:
+        text = _label(run, k, node)
+        if robot.attempts:
+            text += f", attempt {robot.attempts + 1}"
+        return Text(text, style="green"), _task_begun(run, k, robot, node)
+    if robot.finished:
+        return Text("done", style="dim"), -1
+    since = int(robot.end_ns[robot.completed - 1]) if robot.completed else 0
+    return Text(run.waits_for(k) or "waits for its release", style="dim"), since
+
+
+def _task_begun(run: FollowedRun, k: int, robot: RobotProgress, node: int) -> int:
+    """Return when the task of a node began [ns]."""
+    tasks = run.tpg.chains[k].task
+    return int(robot.start_ns[int(np.searchsorted(tasks, tasks[node]))])
+
+
+def _label(run: FollowedRun, k: int, node: int) -> str:
+    task = run.tpg.tasks[int(run.tpg.chains[k].task[node])]
+    return f"{task.label} (step {task.step})" if task.step > 0 else task.label
+
+
+def _forecast_line(run: FollowedRun, forecast: Forecast | None, now: int) -> Text:
+    at = f"{now / NANOSECONDS:.1f} s"
+    if run.outcome:
+        return Text(f"{run.outcome} at {run.now_ns / NANOSECONDS:.3f} s", style="bold")
+    if forecast is None:
+        return Text(at)
+    p50, p90 = forecast.quantile(0.5), forecast.quantile(0.9)
+    text = Text(f"{at}  ")
+    if not math.isnan(p50):
+        text.append(f"ends at {p50:.1f} s (P50), {p90:.1f} s (P90)", style="bold")
+        left = [max(p - now / NANOSECONDS, 0.0) for p in (p50, p90)]
+        text.append(f"  {left[0]:.0f} to {left[1]:.0f} s to go")
+    if forecast.failing > 0:
+        share = 100 * forecast.failing
+        text.append(f"  a task fails in {share:.1f} % of futures", style="red")
+    return text

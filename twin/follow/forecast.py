@@ -1,0 +1,286 @@
+"""Forecasts how a run in progress will end, by drawing what is not done again and again.
+
+What is done is known. What is under way is drawn on condition that it takes longer than it has
+taken already. The rest is drawn as for any run. Everything then follows from the graph.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planning.transforms import Array
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from twin.bulk.message_times import Past, end_times
+from twin.bulk.policy_graph import policy_graph
+from twin.durations import (
+    NANOSECONDS,
+    DurationModel,
+    Empirical,
+    Exponential,
+    Fixed,
+    Nanoseconds,
+    SkillDurations,
+    Uniform,
+    to_nanoseconds,
+)
+from twin.engine.messages import Messages
+from twin.follow.conditional import longer_than
+from twin.follow.state import FollowedRun, RobotProgress
+from twin.run.run import Policy
+from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.draws import stable_hash, uniforms_bulk
+from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, Standstill
+
+SAMPLES = 200
+"""Futures that are drawn; fewer where a plan is so large that they would not fit."""
+
+_FEWEST = 50
+_MOST_VALUES = 8_000_000
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """How a run in progress will end.
+
+    Attributes:
+        t_ns: time of the run at which this was foreseen [ns].
+        makespan_s: end of the run in every future that was drawn and in which no task fails
+            for good, rising, shape (n,) [s].
+        failing: share of futures in which a task fails for good.
+        nodes_done, nodes: how far the run had come.
+    """
+
+    t_ns: int
+    makespan_s: Array
+    failing: float
+    nodes_done: int
+    nodes: int
+
+    @property
+    def t_s(self) -> float:
+        """Time of the run at which this was foreseen [s]."""
+        return self.t_ns / NANOSECONDS
+
+    def quantile(self, p: float) -> float:
+        """Return the makespan that is kept with a probability [s]; NaN when none is."""
+        if len(self.makespan_s) == 0:
+            return float("nan")
+        return float(np.quantile(self.makespan_s, p))
+
+
+class Forecaster:
+    """Forecasts one run again and again.
+
+    The same futures are drawn every time, so that a forecast changes for what happens and not
+    by chance. Stops at times of the run's clock that have not begun are not foreseen.
+    """
+
+    def __init__(
+        self,
+        tpg: TemporalPlanGraph,
+        durations: SkillDurations,
+        *,
+        policy: Policy = "asynchronous",
+        messages: Messages | None = None,
+        disturbances: Disturbances | None = None,
+        samples: int = SAMPLES,
+        seed: int | None = None,
+    ) -> None:
+        """Draw the futures.
+
+        Args:
+            tpg: what is executed.
+            durations: gives skills their durations.
+            policy: how nodes are released.
+            messages: between robots and dispatcher.
+            disturbances: what may go wrong.
+            samples: futures to draw.
+            seed: names the draws; by default one that no run has by accident.
+        """
+        self._tpg = tpg
+        self._graph = policy_graph(tpg, policy)
+        messages = messages or Messages()
+        if policy == "open-loop":
+            messages = Messages()
+        elif policy == "sequential":
+            messages = Messages(1, messages.report_ns, messages.release_ns)
+        self._messages = messages
+        self._durations = durations
+        self._disturbances = disturbances or Disturbances()
+        self._seed = stable_hash("forecast") >> 2 if seed is None else seed
+        nodes = len(self._graph.order)
+        fits = max(_FEWEST, _MOST_VALUES // max(nodes, 1))
+        self._samples = max(1, min(samples, fits))
+        sampler = NodeTimeSampler(tpg, durations, disturbances)
+        self._futures = [
+            sampler.sample(seed=self._seed, replication=r) for r in range(self._samples)
+        ]
+        self._motion = np.stack([_joined(f.motion) for f in self._futures], axis=1)
+        self._stall = np.stack([_joined(f.stall) for f in self._futures], axis=1)
+        kinds = {item.name: item.kind for item in tpg.cell.objects}
+        self._kind_of = [kinds.get(t.object) if t.object else None for t in tpg.tasks]
+
+    def forecast(self, run: FollowedRun, now_ns: int | None = None) -> Forecast:
+        """Return how a run will end, seen from a time.
+
+        Args:
+            run: its state.
+            now_ns: the time, by default that of its last event [ns].
+        """
+        now = run.now_ns if now_ns is None else max(now_ns, run.now_ns)
+        first = self._graph.chain_first
+        busy = self._motion + self._stall
+        not_before = np.full((len(run.robots), self._samples), now, dtype=np.int64)
+        fails = np.zeros(self._samples, dtype=bool)
+        for k, robot in enumerate(run.robots):
+            node = robot.completed
+            if node < len(robot.start_ns):
+                self._adapt_task(k, robot, busy)
+            if robot.under_way >= 0:
+                busy[first[k] + node] = self._rest(k, robot, now)
+            if robot.standing:
+                not_before[k] += self._standstill(robot, now)
+            fails |= self._fails(k, robot)
+        past = Past(
+            now,
+            _joined(tuple(robot.start_ns for robot in run.robots)),
+            _joined(tuple(robot.end_ns for robot in run.robots)),
+            not_before,
+        )
+        end = end_times(self._graph, busy, self._messages, past)
+        makespan = end.max(axis=0, initial=0) / NANOSECONDS
+        return Forecast(
+            now,
+            np.sort(makespan[~fails]),
+            float(fails.mean()),
+            run.nodes_done,
+            len(self._graph.order),
+        )
+
+    def _adapt_task(self, k: int, robot: RobotProgress, busy: Nanoseconds) -> None:
+        """Let a motion go on at the pace that its task has shown so far."""
+        pace = self._pace(k, robot)
+        if pace is None:
+            return
+        chain, node = self._tpg.chains[k], robot.completed
+        high = int(np.searchsorted(chain.task, chain.task[node], side="right"))
+        rest = np.arange(node, high)[~chain.skill[node:high]]
+        moving = to_nanoseconds(chain.duration[rest] * pace)
+        rows = self._graph.chain_first[k] + rest
+        busy[rows] = moving[:, None] + self._stall[rows]
+
+    def _rest(self, k: int, robot: RobotProgress, now: int) -> Nanoseconds:
+        """Return how much longer the node under way takes in every future [ns]."""
+        chain, node = self._tpg.chains[k], robot.under_way
+        worked = robot.worked_ns(now)
+        row = int(self._graph.chain_first[k]) + node
+        rest = np.maximum(self._motion[row] - worked, 0)
+        if chain.skill[node]:
+            total = self._skill_total(k, node, worked)
+            if total is not None:
+                rest = np.maximum(total - worked, 0)
+        else:
+            pace = self._pace(k, robot)
+            if pace is not None:
+                planned = int(to_nanoseconds(chain.duration[node] * pace))
+                rest = np.full(self._samples, max(planned - worked, 0))
+        return np.asarray(rest + self._retries(k, robot, node), dtype=np.int64)
+
+    def _pace(self, k: int, robot: RobotProgress) -> float | None:
+        """Return observed over planned time of the motions done in a task, None for none."""
+        chain, node = self._tpg.chains[k], robot.completed
+        low = int(np.searchsorted(chain.task, chain.task[node]))
+        done = np.arange(low, node)[~chain.skill[low:node]]
+        planned = float(chain.duration[done].sum())
+        if planned <= 0:
+            return None
+        took = robot.end_ns[done] - robot.start_ns[done] - robot.stood_ns[done]
+        return float(took.sum()) / NANOSECONDS / planned
+
+    def _skill_total(self, k: int, node: int, worked: int) -> Nanoseconds | None:
+        """Draw the duration of a skill node that has taken some time already [ns]."""
+        chain = self._tpg.chains[k]
+        task = self._tpg.tasks[int(chain.task[node])]
+        model = self._durations.model_of(
+            task.kind, chain.robot, self._kind_of[task.index]
+        )
+        if model is None:
+            return None
+        own = (chain.task == task.index) & chain.skill
+        total = float(chain.duration[own].sum())
+        share = float(chain.duration[node]) / total if total > 0 else 0.0
+        if share <= 0:
+            return None
+        u = uniforms_bulk(
+            self._seed,
+            np.arange(self._samples),
+            [chain.robot],
+            [task.index],
+            [task.kind],
+            "duration",
+        )[0]
+        seconds = longer_than(model, worked / NANOSECONDS / share, u)
+        return to_nanoseconds(seconds * share)
+
+    def _retries(self, k: int, robot: RobotProgress, node: int) -> Nanoseconds:
+        """Return what further attempts at the skill under way will cost [ns]."""
+        task = self._tpg.tasks[int(self._tpg.chains[k].task[node])]
+        if task.kind not in self._disturbances.failures:
+            return np.zeros(self._samples, dtype=np.int64)
+        return np.array(
+            [
+                sum(
+                    entry.duration_ns
+                    for entry in _attempts(future, k, node)[robot.attempts :]
+                )
+                for future in self._futures
+            ],
+            dtype=np.int64,
+        )
+
+    def _standstill(self, robot: RobotProgress, now: int) -> Nanoseconds:
+        """Draw for how much longer a robot stands [ns]."""
+        stood_s = max(now - robot.since_ns, 0) / NANOSECONDS
+        u = uniforms_bulk(
+            self._seed,
+            np.arange(self._samples),
+            [robot.name],
+            [-1],
+            [robot.standing],
+            "standstill",
+        )[0]
+        model = self._standing_model(robot.standing)
+        return to_nanoseconds(np.maximum(longer_than(model, stood_s, u) - stood_s, 0))
+
+    def _standing_model(self, why: str) -> DurationModel:
+        found = self._disturbances
+        if why == "stalled":
+            if found.stall_rate is not None:
+                return found.stall_rate.duration
+            if found.stalls is not None:
+                return found.stalls.model or Uniform(*found.stalls.duration_s)
+        elif found.breakdowns is not None:
+            return Exponential(found.breakdowns.mttr_s)
+        elif found.emergency_stops:
+            return Empirical([stop.duration_s for stop in found.emergency_stops])
+        return Fixed(0.0)
+
+    def _fails(self, k: int, robot: RobotProgress) -> Array:
+        """Return in which futures a task of a robot that is not done yet fails for good."""
+        if robot.failed:
+            return np.ones(self._samples, dtype=bool)
+        return np.array([f.failed[k] >= robot.completed for f in self._futures])
+
+
+def _attempts(future: NodeTimes, k: int, node: int) -> list[Standstill]:
+    return [
+        entry
+        for entry in future.standstills[k]
+        if entry.node == node and entry.cause == "retry"
+    ]
+
+
+def _joined(rows: tuple[Nanoseconds, ...]) -> Nanoseconds:
+    return np.concatenate([*rows, np.empty(0, dtype=np.int64)]).astype(np.int64)

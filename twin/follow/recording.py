@@ -1,0 +1,247 @@
+"""A followed run as a Rerun recording, written while the run goes on."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import rerun as rr
+
+from planning.errors import OutputError
+from scheduling.temporal_plan_graph import NodeHandling, TemporalPlanGraph
+from twin.follow.forecast import Forecast
+from twin.follow.state import FollowedRun, Violation
+from twin.recorders import rerun_layout as layout
+from twin.recorders.rerun_objects import draw_fixtures, draw_object, place_object
+from twin.recorders.rerun_recording import draw_lane, log_events
+from twin.recorders.rerun_robots import (
+    TIMELINE,
+    draw_robot,
+    entity_path,
+    move_robot,
+)
+from twin.run.event_log import EventLogError
+from twin.run.events import Event
+from twin.run.lanes import FAILED, IDLE, RETRYING, STALLED, STOPPED, WAITING
+from twin.run.trajectory import Placement, Trajectory
+from twin.run.viewer import live_viewer
+
+_STATES = {
+    "waiting": WAITING,
+    "stalled": STALLED,
+    "stopped": STOPPED,
+    "retried": RETRYING,
+    "failed": FAILED,
+    "finished": IDLE,
+}
+_QUANTILES = {"P50": (0.5, (47, 111, 178)), "P90": (0.9, (206, 54, 48))}
+
+
+class LiveRecording:
+    """Keeps a followed run: motion, objects, events, forecasts, what should not have happened.
+
+    A robot is shown to have moved once it has completed a node.
+    """
+
+    def __init__(
+        self,
+        tpg: TemporalPlanGraph,
+        path: Path | None,
+        *,
+        name: str = "run",
+        view: bool = False,
+    ) -> None:
+        """Begin a recording.
+
+        Args:
+            tpg: what is executed.
+            path: of the ``.rrd`` file; None keeps none.
+            name: of the recording.
+            view: show it in a viewer while it grows.
+
+        Raises:
+            OutputError: the file cannot be written.
+            ViewerError: there is no viewer, or no display for it.
+        """
+        self._tpg = tpg
+        self._chain = {chain.robot: k for k, chain in enumerate(tpg.chains)}
+        self._handlings: dict[tuple[str, int, int], NodeHandling] = {
+            (item.object, item.robot, item.node): item for item in tpg.handlings
+        }
+        self._objects = {item.name: item for item in tpg.cell.objects}
+        self._rec = rr.RecordingStream(
+            "assembly-twin", recording_id=f"follow-{name}", make_default=False
+        )
+        self._rec.set_log_time_enabled(False)
+        self._connect(path, view=view)
+        self._begin()
+
+    def __enter__(self) -> LiveRecording:
+        """Go on."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Finish the file."""
+        self._flush()
+        self._rec.flush()
+        self._rec.disconnect()
+
+    def event(self, event: Event, run: FollowedRun) -> None:
+        """Keep an event and what it says about motion and objects."""
+        self._events.append(event)
+        chain = self._chain.get(event.robot)
+        if chain is None:
+            return
+        if event.kind == "completed":
+            self._moved(chain, run)
+        elif event.kind in ("attached", "detached"):
+            self._handled(chain, event)
+        state = self._state(event)
+        if state and self._lane_state.get(event.robot) != state:
+            self._lane_state[event.robot] = state
+            self._rec.set_time(TIMELINE, duration=np.timedelta64(event.t_ns, "ns"))
+            self._rec.log(self._lanes[event.robot], rr.StateChange(state=state))
+
+    def violation(self, violation: Violation) -> None:
+        """Keep what should not have happened, as an error among the events."""
+        self._rec.set_time(TIMELINE, duration=np.timedelta64(violation.t_ns, "ns"))
+        self._rec.log(
+            f"{layout.EVENTS}/forbidden",
+            rr.TextLog(f"forbidden: {violation.text}", level="ERROR"),
+        )
+
+    def unreadable(self, number: int, error: EventLogError) -> None:
+        """Keep which line is no event, as a warning among the events."""
+        self._rec.log(
+            f"{layout.EVENTS}/unreadable",
+            rr.TextLog(f"line {number} is no event: {error}", level="WARN"),
+        )
+
+    def forecast(self, forecast: Forecast, run: FollowedRun) -> None:
+        """Keep a forecast."""
+        self._rec.set_time(TIMELINE, duration=np.timedelta64(forecast.t_ns, "ns"))
+        for name, (p, _) in _QUANTILES.items():
+            value = forecast.quantile(p)
+            if not math.isnan(value):
+                self._rec.log(entity_path(layout.FORECAST, name), rr.Scalars(value))
+        self._flush()
+
+    def waiting(self, run: FollowedRun, silent_s: float) -> None:
+        """Show all there is so far."""
+        self._flush()
+
+    def close(self, run: FollowedRun) -> None:
+        """Show all there is; the file is finished on exit."""
+        self._flush()
+
+    def _connect(self, path: Path | None, *, view: bool) -> None:
+        sinks: list[rr.FileSink | rr.GrpcSink] = []
+        try:
+            if path is not None:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(b"")
+                sinks.append(rr.FileSink(path))
+            if view:
+                sinks.append(rr.GrpcSink(live_viewer()))
+            self._rec.set_sinks(
+                *sinks, default_blueprint=layout.follow_layout(self._tpg.cell)
+            )
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {error}") from error
+
+    def _begin(self) -> None:
+        """Draw the cell as it is before the run."""
+        tpg, rec = self._tpg, self._rec
+        draw_fixtures(rec, tpg.cell)
+        self._events: list[Event] = []
+        self._lane_state: dict[str, str] = {}
+        self._lanes = {c.robot: draw_lane(rec, c.robot) for c in tpg.chains}
+        self._trees = {}
+        self._rows: dict[str, list[Trajectory]] = {}
+        for robot in tpg.cell.robots:
+            home = Trajectory(
+                robot.name,
+                np.zeros(1, dtype=np.int64),
+                robot.home[None],
+                np.full(1, -1, dtype=np.int64),
+            )
+            if robot.name in self._chain:
+                start = tpg.chains[self._chain[robot.name]].start
+                home = Trajectory(robot.name, home.t_ns, start[None], home.node)
+            self._trees[robot.name] = draw_robot(rec, robot)
+            self._rows[robot.name] = [home]
+        self._drawn: set[str] = set()
+        self._shown = {chain.robot: 0 for chain in tpg.chains}
+        for item in tpg.cell.objects:
+            if not item.later:
+                draw_object(rec, item, 0)
+                place_object(
+                    rec, item.name, [Placement(0, item.name, None, item.start)]
+                )
+        for name, (_, colour) in _QUANTILES.items():
+            rec.log(
+                entity_path(layout.FORECAST, name),
+                rr.SeriesLines(names=[name], colors=[colour]),
+                static=True,
+            )
+        self._flush()
+
+    def _state(self, event: Event) -> str:
+        """Return the state of a robot's lane from an event on, empty for no change."""
+        if event.kind in ("started", "resumed") and event.task >= 0:
+            return self._tpg.tasks[event.task].kind
+        return _STATES.get(event.kind, "")
+
+    def _moved(self, k: int, run: FollowedRun) -> None:
+        """Keep the motion of the nodes that a robot has completed."""
+        chain, robot = self._tpg.chains[k], run.robots[k]
+        rows = self._rows[chain.robot]
+        for node in range(self._shown[chain.robot], robot.completed):
+            end = int(robot.end_ns[node])
+            # The clock of a whole node: where in it the robot stood is not told apart.
+            start = min(int(robot.start_ns[node] + robot.stood_ns[node]), end)
+            own = slice(int(chain.first[node]), int(chain.first[node + 1]))
+            passed = np.rint(chain.fraction[own] * (end - start)).astype(np.int64)
+            q = np.vstack([rows[-1].q[-1:], chain.waypoints[own]])
+            t = np.concatenate([[start], start + passed])
+            rows.append(Trajectory(chain.robot, t, q, np.full(len(t), node)))
+        self._shown[chain.robot] = robot.completed
+
+    def _handled(self, k: int, event: Event) -> None:
+        """Hang an object on what holds it now."""
+        item = self._handlings.get((event.object, k, event.node))
+        if item is None:
+            return
+        thing = self._objects[event.object]
+        if thing.later and item.holder is None and event.object not in self._drawn:
+            draw_object(self._rec, thing, event.t_ns)
+        self._drawn.add(event.object)
+        placement = Placement(event.t_ns, item.object, item.holder, item.pose)
+        place_object(self._rec, item.object, [placement])
+
+    def _flush(self) -> None:
+        """Send what has been collected."""
+        log_events(self._rec, self._tpg, self._events)
+        self._events.clear()
+        for robot in self._tpg.cell.robots:
+            rows = self._rows[robot.name]
+            if len(rows) == 1 and rows[0].t_ns[-1] > 0:
+                continue
+            motion = Trajectory(
+                robot.name,
+                np.maximum.accumulate(np.concatenate([r.t_ns for r in rows])),
+                np.vstack([r.q for r in rows]),
+                np.concatenate([r.node for r in rows]),
+            )
+            move_robot(self._rec, self._trees[robot.name], robot, motion)
+            last = Trajectory(
+                robot.name, motion.t_ns[-1:], motion.q[-1:], motion.node[-1:]
+            )
+            self._rows[robot.name] = [last]

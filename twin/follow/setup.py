@@ -1,0 +1,107 @@
+"""What a followed run is expected to do: policy, messages, durations, disturbances."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from planning.errors import OutputError, ScenarioError
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from twin.durations import SkillDurations, packaged_timings
+from twin.engine.messages import Messages
+from twin.engine.simulation import scenario_messages
+from twin.follow.forecast import Forecaster
+from twin.run.folder import MANIFEST
+from twin.run.run import Policy
+from twin.scenario.file import load_scenario
+from twin.scenario.scenario import Scenario
+from twin.uncertainty.disturbance_models import scenario_disturbances
+from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.duration_models import skill_durations
+
+
+@dataclass(frozen=True)
+class FollowedSettings:
+    """How a run in progress was meant to go.
+
+    Attributes:
+        name: of the scenario.
+        tpg: what is executed.
+        policy: how nodes are released.
+        messages: between robots and dispatcher.
+        durations: of skills.
+        disturbances: what may go wrong.
+    """
+
+    name: str
+    tpg: TemporalPlanGraph
+    policy: Policy
+    messages: Messages
+    durations: SkillDurations
+    disturbances: Disturbances
+
+    def forecaster(self, samples: int) -> Forecaster:
+        """Return what forecasts such a run, with a number of futures."""
+        return Forecaster(
+            self.tpg,
+            self.durations,
+            policy=self.policy,
+            messages=self.messages,
+            disturbances=self.disturbances,
+            samples=samples,
+        )
+
+
+def followed_settings(
+    folder: Path, tpg: TemporalPlanGraph, scenario: Path | None = None
+) -> FollowedSettings:
+    """Return how a run of a plan was meant to go.
+
+    Args:
+        folder: of the plan; its manifest says, where there is one.
+        tpg: the plan.
+        scenario: scenario file that says it instead.
+
+    Raises:
+        InvalidScenarioError: the scenario file is not valid.
+        ScenarioError: it is for other robots.
+        OutputError: the manifest is damaged.
+    """
+    if scenario is not None:
+        found, base = load_scenario(scenario), scenario.parent
+    elif (folder / MANIFEST).exists():
+        found, base = _of_manifest(folder / MANIFEST)
+    else:
+        durations = SkillDurations(packaged_timings())
+        return FollowedSettings(
+            folder.name, tpg, "asynchronous", Messages(), durations, Disturbances()
+        )
+    names = tuple(robot.name for robot in found.cell.robots)
+    planned = tuple(robot.name for robot in tpg.cell.robots)
+    if names != planned:
+        raise ScenarioError(
+            f"the plan in {folder} is for robots {', '.join(planned)}, scenario"
+            f" {found.name!r} for {', '.join(names)}"
+        )
+    return FollowedSettings(
+        found.name,
+        tpg,
+        found.execution.policy,
+        scenario_messages(found.execution),
+        skill_durations(found, base),
+        scenario_disturbances(found.execution, names, base),
+    )
+
+
+def _of_manifest(path: Path) -> tuple[Scenario, Path]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        base = Path(content.get("run", {}).get("base", "."))
+        return Scenario.model_validate_json(json.dumps(content["scenario"])), base
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError, KeyError) as error:
+        raise OutputError(f"{path}: damaged: {error!r}") from error
+    except ValidationError as error:
+        raise OutputError(f"{path}: the scenario is no longer valid: {error}") from None

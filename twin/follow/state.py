@@ -1,0 +1,293 @@
+"""The state of a run in progress, kept equal to its events; what the TPG forbids is flagged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from scheduling.barriers import with_barriers
+from scheduling.dispatcher import Dispatcher
+from scheduling.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
+from twin.durations import NANOSECONDS, Nanoseconds
+from twin.run.events import Event
+from twin.run.run import Policy
+
+
+@dataclass(frozen=True)
+class Violation:
+    """An event that should not have happened.
+
+    Attributes:
+        t_ns: when [ns].
+        robot: whose event, empty for the whole cell.
+        node: index of the robot's node, -1 where there is none.
+        task: index of its task, -1 where there is none.
+        edges: nodes that should have been complete before, as (robot, node).
+        text: all of it, for people.
+    """
+
+    t_ns: int
+    robot: str
+    node: int
+    task: int
+    edges: tuple[tuple[str, int], ...]
+    text: str
+
+
+@dataclass
+class RobotProgress:
+    """How far a robot has come.
+
+    Attributes:
+        name: of the robot.
+        start_ns, end_ns: of its nodes, -1 for what has not happened, shape (nodes,) [ns].
+        stood_ns: standstills within each node so far, shape (nodes,) [ns].
+        released: nodes sent to it.
+        completed: nodes that it has completed.
+        standing: ``stalled`` or ``stopped`` while it is, else empty.
+        since_ns: when it began to stand, or to make its last attempt at a skill [ns].
+        attempts: attempts at the node under way that have failed.
+        failed: whether its task has failed for good.
+    """
+
+    name: str
+    start_ns: Nanoseconds
+    end_ns: Nanoseconds
+    stood_ns: Nanoseconds
+    released: int = 0
+    completed: int = 0
+    standing: str = ""
+    since_ns: int = 0
+    attempt_ns: int = 0
+    attempts: int = 0
+    failed: bool = False
+
+    @property
+    def under_way(self) -> int:
+        """The node that has started and is not complete, -1 for none."""
+        node = self.completed
+        begun = node < len(self.start_ns) and self.start_ns[node] >= 0
+        return node if begun else -1
+
+    @property
+    def finished(self) -> bool:
+        """Whether all its nodes are complete."""
+        return self.completed == len(self.start_ns)
+
+    def worked_ns(self, now_ns: int) -> int:
+        """Return for how long it has worked on the node under way, without standstills [ns].
+
+        Attempts that failed do not count.
+        """
+        node = self.under_way
+        if node < 0:
+            return 0
+        begun = max(int(self.start_ns[node]), self.attempt_ns)
+        stood = int(self.stood_ns[node])
+        if self.standing:
+            stood += max(now_ns - max(self.since_ns, begun), 0)
+        return max(now_ns - begun - stood, 0)
+
+
+@dataclass
+class FollowedRun:
+    """A run in progress.
+
+    Attributes:
+        tpg: what is executed.
+        policy: how nodes are released; ``synchronous`` adds the barriers of its slots.
+        robots: progress of each chain.
+        now_ns: time of the last event [ns].
+        events: how many there were.
+        violations: what should not have happened, in order.
+        holder: who holds what.
+        outcome: how the run ended, empty while it goes on.
+    """
+
+    tpg: TemporalPlanGraph
+    policy: Policy = "asynchronous"
+    robots: list[RobotProgress] = field(init=False)
+    now_ns: int = 0
+    events: int = 0
+    violations: list[Violation] = field(default_factory=list)
+    holder: dict[str, str] = field(default_factory=dict)
+    outcome: str = ""
+
+    def __post_init__(self) -> None:
+        graph = with_barriers(self.tpg) if self.policy == "synchronous" else self.tpg
+        self._graph = graph
+        self._dispatcher = Dispatcher(graph)
+        self._chain = {chain.robot: k for k, chain in enumerate(graph.chains)}
+        self._cause = {
+            tuple(edge): cause
+            for edge, cause in zip(
+                graph.edges.tolist(), graph.cause.tolist(), strict=True
+            )
+        }
+        self._handled = {(h.object, h.robot, h.node) for h in graph.handlings}
+        self.robots = [
+            RobotProgress(
+                chain.robot,
+                np.full(len(chain), -1, dtype=np.int64),
+                np.full(len(chain), -1, dtype=np.int64),
+                np.zeros(len(chain), dtype=np.int64),
+            )
+            for chain in graph.chains
+        ]
+
+    @property
+    def nodes_done(self) -> int:
+        """Nodes that are complete."""
+        return sum(robot.completed for robot in self.robots)
+
+    def waits_for(self, chain: int) -> str:
+        """Return which nodes of others a robot's next node waits for in words, or nothing."""
+        node = self.robots[chain].completed
+        chains, tasks = self._graph.chains, self._graph.tasks
+        names = [
+            f"node {u} of {chains[r].robot} ({tasks[int(chains[r].task[u])].label})"
+            for r, u in self._dispatcher.waits_for(chain, node)
+        ]
+        return "waits for " + " and ".join(names) if names else ""
+
+    def apply(self, event: Event) -> Sequence[Violation]:
+        """Take note of an event; return what it should not have been."""
+        before = len(self.violations)
+        if event.t_ns < self.now_ns:
+            self._flag(event, f"comes after an event of {_seconds(self.now_ns)}")
+        self.now_ns = max(self.now_ns, event.t_ns)
+        self.events += 1
+        if not event.robot:
+            if event.kind == "finished":
+                self.outcome = event.detail or "finished"
+        elif event.robot not in self._chain:
+            names = ", ".join(self._chain)
+            self._flag(event, f"no robot of the plan (robots: {names})")
+        else:
+            self._apply_to(self._chain[event.robot], event)
+        return self.violations[before:]
+
+    def _apply_to(self, k: int, event: Event) -> None:
+        robot, chain = self.robots[k], self._graph.chains[k]
+        node = event.node
+        if not -1 <= node < len(chain):
+            self._flag(event, f"it has nodes 0 to {len(chain) - 1}")
+            return
+        if node >= 0 and event.task not in (-1, int(chain.task[node])):
+            self._flag(event, f"node {node} is of task {int(chain.task[node])}")
+        if event.kind in ("released", "started", "completed") and node < 0:
+            self._flag(event, "it names no node")
+        elif event.kind == "released":
+            self._check_edges(k, event)
+            robot.released = max(robot.released, node + 1)
+        elif event.kind == "started":
+            self._start(k, event)
+        elif event.kind == "completed":
+            self._complete(k, event)
+        elif event.kind in ("stalled", "stopped"):
+            if not robot.standing:
+                robot.since_ns = event.t_ns
+            robot.standing = event.kind
+        elif event.kind == "resumed":
+            self._resume(robot, event.t_ns)
+        elif event.kind == "retried":
+            robot.attempts += 1
+            self._new_attempt(robot, event.t_ns)
+        elif event.kind == "failed":
+            robot.failed = True
+        elif event.kind in ("attached", "detached"):
+            self._handle(k, event)
+
+    def _start(self, k: int, event: Event) -> None:
+        robot, node = self.robots[k], event.node
+        if robot.start_ns[node] >= 0:
+            self._flag(event, f"node {node} has started before")
+            return
+        if node != robot.completed:
+            self._flag(event, f"node {robot.completed} comes next")
+        if robot.standing:
+            self._flag(event, f"the robot is {robot.standing}")
+        self._check_edges(k, event)
+        robot.start_ns[node] = event.t_ns
+        robot.attempts = 0
+        robot.attempt_ns = event.t_ns
+
+    def _complete(self, k: int, event: Event) -> None:
+        robot, node = self.robots[k], event.node
+        if robot.end_ns[node] >= 0:
+            self._flag(event, f"node {node} is complete already")
+            return
+        if robot.start_ns[node] < 0:
+            self._flag(event, f"node {node} has not started")
+        # What was left out counts as done at once, so that state and run are equal again.
+        for left in range(robot.completed, node + 1):
+            if robot.start_ns[left] < 0:
+                robot.start_ns[left] = event.t_ns
+            robot.end_ns[left] = event.t_ns
+        robot.completed = max(robot.completed, node + 1)
+        self._dispatcher.observe(k, node)
+
+    def _resume(self, robot: RobotProgress, t_ns: int) -> None:
+        node = robot.under_way
+        if robot.standing and node >= 0:
+            begun = max(robot.since_ns, robot.attempt_ns)
+            robot.stood_ns[node] += max(t_ns - begun, 0)
+        robot.standing = ""
+
+    def _new_attempt(self, robot: RobotProgress, t_ns: int) -> None:
+        """Count work and standstills of the node under way afresh."""
+        robot.attempt_ns = t_ns
+        if robot.under_way >= 0:
+            robot.stood_ns[robot.under_way] = 0
+
+    def _handle(self, k: int, event: Event) -> None:
+        if (event.object, k, event.node) not in self._handled:
+            self._flag(
+                event, f"the plan does not handle {event.object!r} in node {event.node}"
+            )
+        if event.kind == "attached":
+            self.holder[event.object] = event.robot
+        else:
+            self.holder.pop(event.object, None)
+
+    def _check_edges(self, k: int, event: Event) -> None:
+        """Flag an event of a node that still waits for other robots."""
+        waits = self._dispatcher.waits_for(k, event.node)
+        if not waits:
+            return
+        chains, tasks = self._graph.chains, self._graph.tasks
+        reasons = []
+        for r, u in waits:
+            label = tasks[int(chains[r].task[u])].label
+            conflict = self._cause[(r, u, k, event.node)] == MOTION_CONFLICT
+            reason = "motion conflict" if conflict else "task dependency"
+            reasons.append(f"node {u} of {chains[r].robot} ({label}; {reason})")
+        self._flag(
+            event,
+            "the plan lets it wait for " + " and ".join(reasons),
+            tuple((chains[r].robot, u) for r, u in waits),
+        )
+
+    def _flag(
+        self, event: Event, reason: str, edges: tuple[tuple[str, int], ...] = ()
+    ) -> None:
+        task = event.task
+        label = (
+            f" ({self.tpg.tasks[task].label})"
+            if 0 <= task < len(self.tpg.tasks)
+            else ""
+        )
+        node = f" node {event.node}{label}" if event.node >= 0 else ""
+        text = (
+            f"{_seconds(event.t_ns)}: {event.robot or 'the run'} {event.kind}{node},"
+            f" but {reason}"
+        )
+        self.violations.append(
+            Violation(event.t_ns, event.robot, event.node, task, edges, text)
+        )
+
+
+def _seconds(t_ns: int) -> str:
+    return f"{t_ns / NANOSECONDS:.3f} s"

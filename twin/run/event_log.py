@@ -1,0 +1,96 @@
+"""Reads the event log ``events.jsonl`` back; the last line may be torn."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from typing import get_args
+
+from planning.errors import OutputError, TwinError
+from twin.durations import NANOSECONDS
+from twin.run.events import Event, EventKind
+
+_KINDS = frozenset(get_args(EventKind))
+
+
+class EventLogError(TwinError):
+    """A line of an event log is no event."""
+
+
+@dataclass(frozen=True)
+class LogLines:
+    """What an event log holds.
+
+    Attributes:
+        lines: whole lines, each with its newline.
+        size: bytes that they take.
+        torn: what comes after them: a line that was not written to its end.
+    """
+
+    lines: tuple[str, ...]
+    size: int
+    torn: bytes
+
+
+def read_log(path: Path) -> LogLines:
+    """Read an event log as lines.
+
+    Raises:
+        OutputError: it cannot be read.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise OutputError(f"{path}: cannot read the event log: {error}") from error
+    size = content.rfind(b"\n") + 1
+    try:
+        text = content[:size].decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise OutputError(f"{path}: not UTF-8 (byte {error.start})") from error
+    return LogLines(
+        tuple(line + "\n" for line in text.split("\n")[:-1]), size, content[size:]
+    )
+
+
+def parse_event(line: str) -> Event:
+    """Return the event of one line; its time is exact.
+
+    Raises:
+        EventLogError: the line is no event.
+    """
+    try:
+        row = json.loads(line, parse_float=Decimal)
+    except json.JSONDecodeError as error:
+        raise EventLogError(f"not JSON: {error.msg}: {_excerpt(line)}") from error
+    if not isinstance(row, dict):
+        raise EventLogError(f"not an object: {_excerpt(line)}")
+    try:
+        seconds = row["t_s"]
+        robot, kind = row["robot"], row["kind"]
+    except KeyError as error:
+        raise EventLogError(f"no {error.args[0]!r}: {_excerpt(line)}") from error
+    if kind not in _KINDS:
+        raise EventLogError(f"unknown kind {kind!r}", choices=get_args(EventKind))
+    if not isinstance(seconds, int | Decimal) or isinstance(seconds, bool):
+        raise EventLogError(f"t_s is no number: {_excerpt(line)}")
+    if not Decimal(seconds).is_finite() or seconds < 0:
+        raise EventLogError(f"t_s must be at least 0: {_excerpt(line)}")
+    task, node = row.get("task", -1), row.get("node", -1)
+    if not all(isinstance(value, int) for value in (task, node)):
+        raise EventLogError(f"task and node must be whole numbers: {_excerpt(line)}")
+    return Event(
+        t_ns=round(Decimal(seconds) * NANOSECONDS),
+        robot=str(robot),
+        kind=kind,
+        task=task,
+        node=node,
+        object=str(row.get("object", "")),
+        detail=str(row.get("detail", "")),
+    )
+
+
+def _excerpt(line: str) -> str:
+    line = line.strip()
+    return repr(line if len(line) <= 60 else f"{line[:57]}...")

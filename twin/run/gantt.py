@@ -1,0 +1,228 @@
+"""The Gantt chart of a run: one lane a robot, wrapped into rows like lines of text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from twin.atomic import replacing
+from twin.durations import NANOSECONDS
+from twin.run.lanes import (
+    IDLE,
+    LANE_COLOURS,
+    OTHER_COLOUR,
+    WAITING,
+    Lane,
+    Span,
+    robot_lanes,
+)
+from twin.run.run import Run
+
+_TASKS_A_ROW = 36
+_WIDTH_IN = 15.0
+_LANE_IN = 0.42
+_INK = "#2b2f36"
+_LANE_HEIGHT = 0.72
+
+
+def draw_gantt(
+    path: Path,
+    tpg: TemporalPlanGraph,
+    run: Run,
+    *,
+    title: str = "",
+    arrows: bool = True,
+) -> None:
+    """Draw what every robot did when, as a PNG picture.
+
+    Bars are coloured by kind of task and carry the assembly step they serve; waits are hatched.
+    Long runs wrap into several rows.
+
+    Args:
+        path: of the picture, replaced when it exists.
+        tpg: what was executed.
+        run: how.
+        title: first line of the heading.
+        arrows: draw the type-2 edges that ended a wait.
+
+    Raises:
+        OutputError: the picture cannot be written.
+    """
+    lanes = robot_lanes(tpg, run)
+    total_s = max(run.makespan_s, 1e-9)
+    most = max((len({s.task for s in lane.spans}) for lane in lanes), default=0)
+    rows = max(1, -(-most // _TASKS_A_ROW))
+    row_s = total_s * 1.012 / rows
+    height = rows * (len(lanes) * _LANE_IN + 0.42) + 1.25
+    figure = Figure(figsize=(_WIDTH_IN, height), dpi=130, facecolor="white")
+    FigureCanvasAgg(figure)
+    top, bottom = 1 - 0.62 / height, 0.62 / height
+    axes = figure.subplots(
+        rows,
+        1,
+        squeeze=False,
+        gridspec_kw={
+            "left": 0.075,
+            "right": 0.985,
+            "top": top,
+            "bottom": bottom + 0.32 / height,
+            "hspace": 0.42 / (len(lanes) * _LANE_IN),
+        },
+    )[:, 0]
+    links = _binding_edges(tpg, run, lanes) if arrows else []
+    for row, axis in enumerate(axes):
+        window = (row * row_s, (row + 1) * row_s)
+        _style(axis, lanes, window)
+        for k, lane in enumerate(lanes):
+            _draw_lane(axis, tpg, k, lane, window)
+        for start, end in links:
+            if window[0] <= end[0] < window[1] and start[0] >= window[0]:
+                _draw_arrow(axis, start, end)
+        if window[0] <= total_s <= window[1]:
+            axis.axvline(total_s, color=_INK, lw=1.2)
+    axes[-1].set_xlabel("time [s]", color=_INK, fontsize=9)
+    heading = f"{title}   " if title else ""
+    figure.text(
+        0.075,
+        1 - 0.36 / height,
+        f"{heading}{run.policy}, "
+        + ("makespan" if run.outcome == "completed" else f"{run.outcome} after")
+        + f" {run.makespan_s:.2f} s",
+        color=_INK,
+        fontsize=12,
+        fontweight="bold",
+    )
+    _legend(figure, lanes)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format="png")
+
+
+def _style(axis: Axes, lanes: Sequence[Lane], window: tuple[float, float]) -> None:
+    axis.set_xlim(*window)
+    axis.set_ylim(len(lanes) - 0.5, -0.5)
+    axis.set_yticks(range(len(lanes)), [lane.robot for lane in lanes], fontsize=9)
+    axis.tick_params(axis="x", labelsize=8, colors=_INK, length=3)
+    axis.tick_params(axis="y", length=0, labelcolor=_INK)
+    axis.grid(axis="x", color="#e4e7eb", lw=0.7)
+    axis.set_axisbelow(True)
+    for side in ("top", "right", "left"):
+        axis.spines[side].set_visible(False)
+    axis.spines["bottom"].set_color("#b8bec6")
+
+
+def _draw_lane(
+    axis: Axes,
+    tpg: TemporalPlanGraph,
+    k: int,
+    lane: Lane,
+    window: tuple[float, float],
+) -> None:
+    point_s = (window[1] - window[0]) / (_WIDTH_IN * 0.91 * 72)
+    for span in lane.spans:
+        start, end = span.start_ns / NANOSECONDS, span.end_ns / NANOSECONDS
+        low, high = max(start, window[0]), min(end, window[1])
+        if high <= low or span.state == IDLE:
+            continue
+        waits = span.state == WAITING
+        axis.broken_barh(
+            [(low, high - low)],
+            (k - _LANE_HEIGHT / 2, _LANE_HEIGHT),
+            facecolor="white" if waits else _colour(span.state),
+            edgecolor="#9aa3ad" if waits else "white",
+            hatch="//////" if waits else None,
+            lw=0.0 if waits else 0.4,
+        )
+        label = _label(tpg, span)
+        size_pt = 7.5 if len(label) < 3 else 6.3
+        if label and (high - low) / point_s > 0.62 * size_pt * len(label) + 1.5:
+            axis.text(
+                0.5 * (low + high),
+                k,
+                label,
+                ha="center",
+                va="center",
+                fontsize=size_pt,
+                color="white" if _dark(span.state) else _INK,
+            )
+
+
+def _label(tpg: TemporalPlanGraph, span: Span) -> str:
+    """Return the step that a skill serves; motions and waits carry none."""
+    if span.task < 0 or span.state == "transit":
+        return ""
+    task = tpg.tasks[span.task]
+    return str(task.step) if span.state == task.kind else ""
+
+
+def _colour(state: str) -> tuple[float, float, float]:
+    red, green, blue = LANE_COLOURS.get(state, OTHER_COLOUR)
+    return red / 255, green / 255, blue / 255
+
+
+def _dark(state: str) -> bool:
+    return float(np.dot(_colour(state), (0.299, 0.587, 0.114))) < 0.55
+
+
+def _binding_edges(
+    tpg: TemporalPlanGraph, run: Run, lanes: Sequence[Lane]
+) -> list[tuple[tuple[float, int], tuple[float, int]]]:
+    """Return the (time, lane) ends of the type-2 edges whose source ended a wait."""
+    lane_of = {lane.robot: k for k, lane in enumerate(lanes)}
+    waited = {(w.chain, w.node): w.end_ns for w in run.waits()}
+    links = []
+    for a, m, b, n in tpg.edges.tolist():
+        end = int(run.end_ns[a][m])
+        if waited.get((b, n)) == end:
+            links.append(
+                (
+                    (end / NANOSECONDS, lane_of[tpg.chains[a].robot]),
+                    (end / NANOSECONDS, lane_of[tpg.chains[b].robot]),
+                )
+            )
+    return links
+
+
+def _draw_arrow(axis: Axes, start: tuple[float, int], end: tuple[float, int]) -> None:
+    down = 1 if end[1] > start[1] else -1
+    reach = _LANE_HEIGHT / 2
+    axis.annotate(
+        "",
+        xy=(end[0], end[1] - down * reach),
+        xytext=(start[0], start[1] + down * reach),
+        arrowprops={
+            "arrowstyle": "-|>",
+            "lw": 0.7,
+            "color": "#5c6570",
+            "mutation_scale": 6,
+            "shrinkA": 0,
+            "shrinkB": 0,
+        },
+    )
+
+
+def _legend(figure: Figure, lanes: Sequence[Lane]) -> None:
+    seen = {span.state for lane in lanes for span in lane.spans} - {IDLE}
+    states = [s for s in LANE_COLOURS if s in seen]
+    states += sorted(seen - set(states))
+    handles = [
+        Patch(facecolor="white", edgecolor="#9aa3ad", hatch="//////", label=s)
+        if s == WAITING
+        else Patch(facecolor=_colour(s), label=s)
+        for s in states
+    ]
+    figure.legend(
+        handles=handles,
+        loc="lower center",
+        ncols=max(len(handles), 1),
+        frameon=False,
+        fontsize=8.5,
+        handlelength=1.4,
+        labelcolor=_INK,
+    )

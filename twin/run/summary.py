@@ -1,0 +1,83 @@
+"""The figures of a run: ``summary.json``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scheduling.construction import dependency_edges
+from scheduling.rollout import earliest_times
+from scheduling.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
+from twin.atomic import write_json
+from twin.durations import NANOSECONDS, total_duration_s
+from twin.run.run import Run
+
+
+def summarise(
+    tpg: TemporalPlanGraph,
+    run: Run,
+    *,
+    scenario: str,
+    planning_s: Mapping[str, float] | None = None,
+    audit: Mapping[str, Any] | None = None,
+    makespan_sequential_s: float | None = None,
+) -> dict[str, Any]:
+    """Return the figures of a run, with the keys of ``summary.json``.
+
+    Args:
+        tpg: what was executed.
+        run: how.
+        scenario: its name.
+        planning_s: wall-clock seconds of the planning stages.
+        audit: configurations, min_distance_m and violations, None when there was no audit.
+        makespan_sequential_s: makespan of the plan before it became a TPG; by default that of
+            the same nodes with the same durations, one robot at a time.
+    """
+    if makespan_sequential_s is None:
+        makespan_sequential_s = total_duration_s((*run.duration_ns, *run.stall_ns))
+    robots = [chain.robot for chain in tpg.chains]
+    return {
+        "scenario": scenario,
+        "seed": run.seed,
+        "policy": run.policy,
+        "outcome": run.outcome,
+        "makespan_s": run.makespan_s,
+        "makespan_sequential_s": makespan_sequential_s,
+        "lower_bound_s": lower_bound_s(tpg, run),
+        "wait_s": {name: run.wait_ns(k) / NANOSECONDS for k, name in enumerate(robots)},
+        "stall_s": {
+            name: run.stalled_ns(k) / NANOSECONDS for k, name in enumerate(robots)
+        },
+        "stopped_s": {
+            name: run.halted_ns(k, run.makespan_ns) / NANOSECONDS
+            for k, name in enumerate(robots)
+        },
+        "failure": run.failure or None,
+        "nodes": sum(len(chain) for chain in tpg.chains),
+        "type2_edges": len(tpg.edges),
+        "planning_s": dict(planning_s or {}),
+        "audit": None if audit is None else dict(audit),
+    }
+
+
+def lower_bound_s(tpg: TemporalPlanGraph, run: Run) -> float:
+    """Return a makespan that no coordination of these paths can beat [s].
+
+    It is the longest path through the robots' own nodes and the task dependencies, as if no two
+    robots were ever in each other's way.
+    """
+    edges = dependency_edges(tpg.tasks, tpg.dependencies, tpg.chains)
+    cause = np.full(len(edges), TASK_DEPENDENCY, dtype=np.uint8)
+    free = replace(tpg, edges=edges, cause=cause)
+    busy = [d + s for d, s in zip(run.duration_ns, run.stall_ns, strict=True)]
+    ends = [e[-1] for e in earliest_times(free, busy).end if len(e)]
+    return float(np.max(ends, initial=0)) / NANOSECONDS
+
+
+def write_summary(path: Path, summary: Mapping[str, Any]) -> None:
+    """Write the figures of a run as JSON."""
+    write_json(path, dict(summary))

@@ -1,0 +1,195 @@
+"""Where everything was, and when: the motion of a run, from its node times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from planning.transforms import Array, Transform
+from scheduling.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
+from twin.durations import Nanoseconds
+from twin.engine.pace import Pace
+from twin.run.run import Run, waypoint_offsets_ns
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The motion of one robot; linear interpolation between its rows is the motion.
+
+    Attributes:
+        robot: its name.
+        t_ns: shape (rows,), never falling, from 0 to the makespan [ns].
+        q: configurations, shape (rows, n).
+        node: node of the robot that each row belongs to, shape (rows,); -1 before the first.
+    """
+
+    robot: str
+    t_ns: Nanoseconds
+    q: Array
+    node: Indices
+
+    def at(self, t_ns: Nanoseconds) -> Array:
+        """Return the configurations at some times, shape (times, n)."""
+        t = t_ns.astype(float)
+        return np.stack(
+            [np.interp(t, self.t_ns.astype(float), column) for column in self.q.T],
+            axis=1,
+        )
+
+
+@dataclass(frozen=True)
+class Placement:
+    """From a time on, an object is somewhere.
+
+    Attributes:
+        t_ns: when [ns].
+        object: its name.
+        holder: robot that holds it, None at rest.
+        pose: of its centre in the holder's flange frame, or in the world.
+    """
+
+    t_ns: int
+    object: str
+    holder: str | None
+    pose: Transform
+
+
+def robot_trajectories(tpg: TemporalPlanGraph, run: Run) -> tuple[Trajectory, ...]:
+    """Return the motion of every robot of the cell, in the cell's order.
+
+    There is a row for every waypoint passed and at both ends of every wait and stall. A run
+    that was broken off ends in the middle of its motions.
+    """
+    chains = {chain.robot: k for k, chain in enumerate(tpg.chains)}
+    found = []
+    for robot in tpg.cell.robots:
+        if robot.name in chains:
+            k = chains[robot.name]
+            found.append(_chain_trajectory(tpg.chains[k], run, k))
+        else:
+            ends = np.array([0, run.makespan_ns], dtype=np.int64)
+            home = np.stack([robot.home, robot.home])
+            found.append(Trajectory(robot.name, ends, home, np.full(2, -1)))
+    return tuple(found)
+
+
+def _chain_trajectory(chain: NodeChain, run: Run, k: int) -> Trajectory:
+    """Return the motion of a robot with work; first as if its own clock were the run's."""
+    pace = run.pace(k)
+    own = replace(
+        run,
+        start_ns=_own_times(pace, run.start_ns),
+        end_ns=_own_times(pace, run.end_ns),
+        makespan_ns=int(pace.own(np.array([run.makespan_ns]))[0]),
+    )
+    return _with_stops(_unstopped_trajectory(chain, own, k), run, k)
+
+
+def _own_times(pace: Pace, times: tuple[Nanoseconds, ...]) -> tuple[Nanoseconds, ...]:
+    return tuple(np.where(t >= 0, pace.own(t), -1) for t in times)
+
+
+def _unstopped_trajectory(chain: NodeChain, run: Run, k: int) -> Trajectory:
+    count = int(np.count_nonzero(run.start_ns[k] >= 0))
+    # A node whose task failed never moves.
+    moves = count - (count > 0 and run.failed_node(k) == count - 1)
+    nodes = np.arange(count)
+    start, stall = run.start_ns[k][:count], run.stall_ns[k][:count]
+    passed = int(chain.first[moves])
+    path = np.vstack([chain.start[None], chain.waypoints[:passed]])
+    of_waypoint = np.repeat(nodes[:moves], np.diff(chain.first[: moves + 1]))
+    offset = waypoint_offsets_ns(chain, run.duration_ns[k])[:passed]
+    arrival = (start + stall)[of_waypoint] + offset
+    # The robot stands where the node before ended, until it starts and then until it moves.
+    stands = path[chain.first[:count]]
+    before = np.concatenate([[0], run.end_ns[k][:count][:-1]]) if count else start
+    waited, stalled = start > before, stall > 0
+    t = np.concatenate([[0], start[waited], (start + stall)[stalled], arrival])
+    q = np.vstack([path[:1], stands[waited], stands[stalled], path[1:]])
+    node = np.concatenate([[-1], nodes[waited], nodes[stalled], of_waypoint])
+    counts = [1, int(np.sum(waited)), int(np.sum(stalled)), passed]
+    slot = np.repeat(np.array([0, 0, 1, 2]), counts)
+    order = np.lexsort((t, slot, node))
+    return _until(
+        Trajectory(chain.robot, t[order], q[order], node[order]), run.makespan_ns
+    )
+
+
+def _with_stops(motion: Trajectory, run: Run, k: int) -> Trajectory:
+    """Return a motion in the run's time, with a row at both ends of every stop."""
+    halts = run.halts_ns[k] if run.halts_ns else ()
+    if not halts:
+        return motion
+    pace = run.pace(k)
+    stops_at = pace.stops_at
+    row = np.searchsorted(motion.t_ns, stops_at, side="left")
+    # What comes at the instant of a stop, nodes of no length too, comes after it.
+    there = motion.t_ns[np.minimum(row, len(motion.t_ns) - 1)] == stops_at
+    stands = np.where(
+        there[:, None],
+        motion.q[np.minimum(row, len(motion.q) - 1)],
+        motion.at(stops_at),
+    )
+    node = motion.node[np.minimum(row, len(motion.node) - 1)]
+    edges = np.array(halts, dtype=np.int64)
+    t = np.concatenate(
+        [
+            np.minimum(pace.real(motion.t_ns), run.makespan_ns),
+            edges[:, 0],
+            np.minimum(edges[:, 1], run.makespan_ns),
+        ]
+    )
+    q = np.vstack([motion.q, stands, stands])
+    nodes = np.concatenate([motion.node, node, node])
+    own = np.concatenate([motion.t_ns, stops_at, stops_at])
+    # At the own time of a stop: first it begins, then it ends, then come the rows there are.
+    slot = np.repeat([2, 0, 1], [len(motion.t_ns), len(halts), len(halts)])
+    order = np.lexsort((slot, own))
+    order = order[np.argsort(t[order], kind="stable")]
+    return Trajectory(motion.robot, t[order], q[order], nodes[order])
+
+
+def _until(motion: Trajectory, end_ns: int) -> Trajectory:
+    """Cut a trajectory off, or let the robot stand, so that it ends at a time."""
+    keep = motion.t_ns <= end_ns
+    last = Trajectory(
+        motion.robot, motion.t_ns[keep], motion.q[keep], motion.node[keep]
+    )
+    if last.t_ns[-1] == end_ns:
+        return last
+    cut = int(np.count_nonzero(keep))
+    node = motion.node[min(cut, len(motion.node) - 1)]
+    return Trajectory(
+        motion.robot,
+        np.append(last.t_ns, end_ns),
+        np.vstack([last.q, motion.at(np.array([end_ns]))]),
+        np.append(last.node, node),
+    )
+
+
+def object_placements(tpg: TemporalPlanGraph, run: Run) -> tuple[Placement, ...]:
+    """Return where every object was: at the start, and from every change on, by time.
+
+    An object that comes up later has no row before it does.
+    """
+    placements = [
+        Placement(0, o.name, None, o.start) for o in tpg.cell.objects if not o.later
+    ]
+    offsets = [
+        waypoint_offsets_ns(chain, duration)
+        for chain, duration in zip(tpg.chains, run.duration_ns, strict=True)
+    ]
+    for item in tpg.handlings:
+        start = int(run.start_ns[item.robot][item.node])
+        if start < 0 or run.failed_node(item.robot) == item.node:
+            continue
+        passed = int(run.stall_ns[item.robot][item.node])
+        if item.waypoint > 0:
+            first = int(tpg.chains[item.robot].first[item.node])
+            passed += int(offsets[item.robot][first + item.waypoint - 1])
+        pace = run.pace(item.robot)
+        t_ns = int(pace.real(pace.own(np.array([start])) + passed)[0])
+        if t_ns <= run.makespan_ns:
+            placements.append(Placement(t_ns, item.object, item.holder, item.pose))
+    return tuple(sorted(placements, key=lambda placement: placement.t_ns))

@@ -1,0 +1,119 @@
+"""Checks that need the whole scenario: do the parts fit together?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from planning.errors import RobotModelError, ScenarioError
+from twin.assemblies.kinds import assembly_kind
+from twin.scenario.cell import CellSection
+from twin.scenario.duration_checks import Found, check_durations
+from twin.scenario.problems import Problem, mark_problems, unknown_name
+from twin.scenario.scenario import Scenario
+from twin.scenario.yaml_text import KeyPath, YamlDocument
+
+
+def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
+    """Return everything in the scenario that cannot be as it is written.
+
+    Args:
+        scenario: passed the checks of its single values.
+        document: where it was read from, for places and relative paths.
+    """
+    folder = document.path.parent
+    found: list[tuple[KeyPath, str]] = []
+    found += _check_robots(scenario.cell, folder)
+    found += _check_names(scenario)
+    found += check_durations(scenario, folder)
+    found += _check_robot_names(scenario)
+    assembly = assembly_kind(scenario.assembly)
+    return mark_problems(document, found) + assembly.problems(document)
+
+
+def _check_names(scenario: Scenario) -> Found:
+    """Robots have names of their own; so have fixtures and objects together."""
+    robots = [
+        (_place(scenario.cell, i, "name"), r.name)
+        for i, r in enumerate(scenario.cell.robots)
+    ]
+    things: list[tuple[KeyPath, str]] = [
+        (("cell", "fixtures", i, "name"), f.name)
+        for i, f in enumerate(scenario.cell.fixtures)
+    ]
+    assembly = assembly_kind(scenario.assembly)
+    things += assembly.names()
+    for group in (robots, things):
+        seen: set[str] = set()
+        for path, name in group:
+            if name in seen:
+                yield path, f"the name {name!r} is already taken"
+            seen.add(name)
+    names = {name for _, name in robots}
+    for path, name in things:
+        owner = "a robot" if name in names else assembly.reserved(name)
+        if owner is not None:
+            yield path, f"the name {name!r} is that of {owner}"
+
+
+def _place(cell: CellSection, robot: int, key: str) -> KeyPath:
+    """Return where a key of a robot stands in the file; a team stands for all of its robots."""
+    if robot < len(cell.listed):
+        return ("cell", "robots", robot, key)
+    return ("cell", "team", key)
+
+
+def _check_robots(cell: CellSection, folder: Path) -> Found:
+    from planning.robots.mobile import is_mobile
+    from planning.robots.registry import robot_model
+
+    # The robots of a team are alike: what is wrong with one is said once.
+    for i, robot in enumerate(cell.robots[: len(cell.listed) + 1]):
+        at = _place(cell, i, "model")
+        try:
+            model = robot_model(robot.model, folder)
+        except (RobotModelError, ScenarioError) as error:
+            if error.choices:
+                yield at, unknown_name("robot model", robot.model, error.choices)
+            else:
+                yield at, str(error)
+            continue
+        if robot.parked is not None and not is_mobile(model):
+            in_team = i >= len(cell.listed)
+            place = _place(cell, i, "ring" if in_team else "parked")
+            yield place, f"{robot.model} cannot park: its first joints do not drive it"
+        home = robot.home_deg or robot.home_rad_or_m
+        key = "home_deg" if robot.home_deg else "home_rad_or_m"
+        if home is not None and len(home) != model.dof:
+            joints = ", ".join(model.joint_names)
+            yield (
+                _place(cell, i, key),
+                f"{len(home)} values for the {model.dof} joints of {robot.model} ({joints})",
+            )
+        if robot.home_deg and model.chain.prismatic.any():
+            yield (
+                _place(cell, i, key),
+                f"{robot.model} has sliding joints: use home_rad_or_m",
+            )
+
+
+def _check_robot_names(scenario: Scenario) -> Found:
+    """Disturbances happen to robots of the cell."""
+    names = [robot.name for robot in scenario.cell.robots]
+    execution = scenario.execution
+    used: list[tuple[KeyPath, str]] = [
+        (("execution", "speed", "robots", name), name)
+        for name in execution.speed.robots
+    ]
+    if execution.breakdowns is not None:
+        used += [
+            (("execution", "breakdowns", "robots", i), name)
+            for i, name in enumerate(execution.breakdowns.robots or ())
+        ]
+    used += [
+        (("execution", "emergency_stops", i, "robot"), stop.robot)
+        for i, stop in enumerate(execution.emergency_stops)
+        if stop.robot is not None
+    ]
+    for path, name in used:
+        if name not in names:
+            yield path, unknown_name("robot", name, names)

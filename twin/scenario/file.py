@@ -1,0 +1,71 @@
+"""Reading a scenario file: text -> YAML -> sections -> checked scenario, or all problems at once."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from twin.scenario.checks import find_problems
+from twin.scenario.problems import InvalidScenarioError, Problem, schema_problems
+from twin.scenario.scenario import Scenario
+from twin.scenario.structure_file import check_structure_file, include_structure
+from twin.scenario.yaml_text import Mark, read_yaml
+
+
+def load_scenario(path: Path) -> Scenario:
+    """Read and check a scenario file.
+
+    Args:
+        path: the YAML file; paths inside it are relative to its folder.
+
+    Raises:
+        InvalidScenarioError: with every problem found, each at its line and column.
+    """
+    document = read_yaml(path, _read_text(path))
+    problems = [Problem(p.mark, p.message) for p in document.problems]
+    if document.data is None:
+        problems = problems or [Problem(Mark(1, 1), "the file is empty")]
+        raise InvalidScenarioError(path, problems, document.lines)
+    document, included = include_structure(document)
+    try:
+        # Validating JSON text, not Python objects: strict mode then takes lists for tuples.
+        scenario = Scenario.model_validate_json(json.dumps(document.data))
+    except ValidationError as error:
+        problems += schema_problems(document, scenario_schema(), error.errors())
+        raise InvalidScenarioError(path, problems, document.lines) from None
+    if included is not None:
+        check_structure_file(scenario, included)
+    problems += find_problems(scenario, document)
+    if problems:
+        raise InvalidScenarioError(path, problems, document.lines)
+    return scenario
+
+
+@cache
+def scenario_schema() -> dict[str, Any]:
+    """Return the JSON schema of scenario files, for editors."""
+    schema = Scenario.model_json_schema(by_alias=True)
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **schema,
+        "title": "Scenario of assembly-twin",
+    }
+
+
+def _read_text(path: Path) -> str:
+    try:
+        if path.is_dir():
+            reason = "this is a folder, a scenario file is expected"
+        else:
+            return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        reason = "no such file"
+    except UnicodeDecodeError as error:
+        reason = f"not a UTF-8 text file (byte {error.start})"
+    except OSError as error:
+        reason = f"cannot be read: {error.strerror or error}"
+    raise InvalidScenarioError(path, [Problem(Mark(1, 1), reason)])

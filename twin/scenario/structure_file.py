@@ -1,0 +1,97 @@
+"""A structure in a file of its own, beside the scenario."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+from pydantic import ValidationError
+
+from twin.scenario.lego import LegoSection
+from twin.scenario.problems import InvalidScenarioError, Problem, schema_problems
+from twin.scenario.scenario import Scenario
+from twin.scenario.structure import StructureSection
+from twin.scenario.yaml_text import KeyPath, Mark, YamlDocument, read_yaml
+
+_AT: KeyPath = ("assembly", "structure")
+
+
+def include_structure(
+    document: YamlDocument,
+) -> tuple[YamlDocument, YamlDocument | None]:
+    """Return a scenario with the structure of the file it names in place of the name.
+
+    Args:
+        document: a scenario; ``assembly.structure`` may be ``{file: NAME}``, relative to it.
+
+    Returns:
+        The scenario, and the file of the structure if it names one.
+
+    Raises:
+        InvalidScenarioError: the file cannot be read, or is no structure.
+    """
+    name = _file_name(document.data)
+    if name is None:
+        return document, None
+    path = document.path.parent / name
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not a UTF-8 text file"
+        problem = Problem(
+            document.mark_of((*_AT, "file")), f"{path}: cannot be read: {reason}"
+        )
+        raise InvalidScenarioError(document.path, [problem], document.lines) from None
+    included = read_yaml(path, text)
+    problems = [Problem(p.mark, p.message) for p in included.problems]
+    if included.data is not None:
+        problems += _section_problems(included)
+    elif not problems:
+        problems.append(Problem(Mark(1, 1), "the file is empty"))
+    if problems:
+        raise InvalidScenarioError(path, problems, included.lines)
+    data = dict(document.data)
+    data["assembly"] = {**data["assembly"], "structure": included.data}
+    return replace(document, data=data), included
+
+
+def check_structure_file(scenario: Scenario, included: YamlDocument) -> None:
+    """Raise an error when the bricks in the file of a structure cannot be as they are drawn.
+
+    Args:
+        scenario: a checked scenario that names the file.
+        included: the file.
+
+    Raises:
+        InvalidScenarioError: with the places in that file.
+    """
+    from twin.assemblies.lego import brick_types
+    from twin.scenario.structure_checks import find_structure_problems
+
+    lego = scenario.assembly
+    assert isinstance(lego, LegoSection)
+    types = brick_types(lego)
+    if any(item.brick not in types for item in lego.stock):
+        return
+    problems = find_structure_problems(lego, types, included, ())
+    if problems:
+        raise InvalidScenarioError(included.path, problems, included.lines)
+
+
+def _file_name(data: Any) -> str | None:
+    assembly = data.get("assembly") if isinstance(data, dict) else None
+    structure = assembly.get("structure") if isinstance(assembly, dict) else None
+    if not isinstance(structure, dict) or set(structure) != {"file"}:
+        return None
+    name = structure["file"]
+    return name if isinstance(name, str) else None
+
+
+def _section_problems(included: YamlDocument) -> list[Problem]:
+    try:
+        StructureSection.model_validate_json(json.dumps(included.data))
+    except ValidationError as error:
+        schema = StructureSection.model_json_schema()
+        return schema_problems(included, schema, error.errors())
+    return []

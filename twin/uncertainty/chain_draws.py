@@ -1,0 +1,311 @@
+"""Draws of one robot's nodes in many replications at once: motion, standstills, failures.
+
+Everything is named by the robot's tasks, so a task meets the same luck whatever else happens. What
+comes seldom is kept as single entries of (node, replication), not as arrays of zeros.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from planning.transforms import Array
+from scheduling.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
+from twin.durations import (
+    NANOSECONDS,
+    DurationModel,
+    Exponential,
+    Nanoseconds,
+    Uniform,
+    to_nanoseconds,
+)
+from twin.uncertainty.disturbances import Disturbances, RandomStalls, SkillFailure
+from twin.uncertainty.draws import uniforms_bulk
+
+Cause = Literal["stall", "breakdown", "retry"]
+
+_HOUR_NS = 3600 * NANOSECONDS
+
+
+@dataclass(frozen=True)
+class Standstills:
+    """Standstills of one cause in some replications.
+
+    Attributes:
+        cause: why.
+        node, column: node of the robot and column of the replication, shape (n,).
+        duration_ns: shape (n,) [ns].
+    """
+
+    cause: Cause
+    node: Indices
+    column: Indices
+    duration_ns: Nanoseconds
+
+
+class ChainDraws:
+    """Draws of one robot.
+
+    Attributes:
+        chain: the robot's nodes.
+        tasks: its tasks in order, shape (tasks,).
+        kinds: kind of each task.
+        first: first node of each task and the number of nodes, shape (tasks + 1,).
+        of_node: place in ``tasks`` of every node's task, shape (nodes,).
+    """
+
+    def __init__(self, tpg: TemporalPlanGraph, chain: NodeChain) -> None:
+        """Look up which nodes belong to which task."""
+        self.chain = chain
+        opens = np.flatnonzero(np.diff(chain.task, prepend=-1) != 0)
+        self.tasks: Indices = chain.task[opens]
+        self.kinds = [tpg.tasks[task].kind for task in self.tasks.tolist()]
+        self.first: Indices = np.append(opens, len(chain)).astype(np.int64)
+        self.of_node: Indices = np.repeat(
+            np.arange(len(self.tasks)), np.diff(self.first)
+        )
+
+    def in_replications(self, seed: int, numbers: Indices) -> ReplicatedDraws:
+        """Return the draws of some replications."""
+        return ReplicatedDraws(self, seed, numbers)
+
+    def skill_node(self, place: int) -> int:
+        """Return the first node of a task that belongs to its skill."""
+        low, high = self.first[place], self.first[place + 1]
+        return int(low + np.argmax(self.chain.skill[low:high]))
+
+
+@dataclass(frozen=True)
+class ReplicatedDraws:
+    """Draws of one robot in some replications, one column each.
+
+    Attributes:
+        own: the robot's.
+        seed: names the draws.
+        numbers: of the replications, shape (r,).
+    """
+
+    own: ChainDraws
+    seed: int
+    numbers: Indices
+
+    def draw(self, which: Indices, purpose: str, index: npt.ArrayLike = 0) -> Array:
+        """Return one uniform for each of some tasks, by place, shape (n, r)."""
+        return uniforms_bulk(
+            self.seed,
+            self.numbers,
+            [self.own.chain.robot] * len(which),
+            self.own.tasks[which],
+            [self.own.kinds[k] for k in which.tolist()],
+            purpose,
+            np.broadcast_to(np.asarray(index, dtype=np.int64), len(which)),
+        )
+
+    def of_robot(self, count: int, purpose: str) -> Array:
+        """Return uniforms that belong to no task, shape (count, r)."""
+        return uniforms_bulk(
+            self.seed,
+            self.numbers,
+            [self.own.chain.robot] * count,
+            [-1] * count,
+            [""] * count,
+            purpose,
+            range(count),
+        )
+
+    def motion(self, planned: Nanoseconds, disturbances: Disturbances) -> Nanoseconds:
+        """Return the durations of nodes with speed factor and jitter.
+
+        Args:
+            planned: without, shape (nodes, r) [ns].
+            disturbances: what may go wrong.
+        """
+        own, chain = self.own, self.own.chain
+        out = planned
+        speed = disturbances.speed.get(chain.robot)
+        if speed is not None:
+            factor = speed.ppf(self.draw(np.arange(len(own.tasks)), "speed"))
+            slowed = to_nanoseconds(chain.duration[:, None] / factor[own.of_node])
+            out = np.where(chain.skill[:, None], out, slowed)
+        if disturbances.jitter is not None:
+            index = np.arange(len(chain)) - own.first[own.of_node]
+            u = self.draw(own.of_node, "jitter", index)
+            out = out + to_nanoseconds(disturbances.jitter.ppf(u))
+        return out
+
+    def standstills(
+        self, motion: Nanoseconds, disturbances: Disturbances
+    ) -> list[Standstills]:
+        """Return stalls and breakdowns by busy time.
+
+        Args:
+            motion: durations of nodes, shape (nodes, r) [ns].
+            disturbances: what may go wrong.
+        """
+        found = []
+        if disturbances.stalls is not None and disturbances.stalls.count_per_robot:
+            found.append(self._counted(disturbances.stalls))
+        rate = disturbances.stall_rate
+        if rate is not None and rate.rate_per_h > 0:
+            mean_ns = _HOUR_NS / rate.rate_per_h
+            found += self._arrivals(motion, mean_ns, rate.duration, "stall")
+        breaks = disturbances.breakdowns
+        robot = self.own.chain.robot
+        if breaks is not None and breaks.clock == "busy" and breaks.affects(robot):
+            repair = Exponential(breaks.mttr_s)
+            mean_ns = breaks.mtbf_s * NANOSECONDS
+            found += self._arrivals(motion, mean_ns, repair, "breakdown")
+        return found
+
+    def failures(
+        self, motion: Nanoseconds, disturbances: Disturbances
+    ) -> tuple[list[Standstills], Indices]:
+        """Return attempts that failed, and the first node that fails for good.
+
+        Args:
+            motion: durations of nodes, shape (nodes, r) [ns].
+            disturbances: what may go wrong.
+
+        Returns:
+            The attempts, and shape (r,) with -1 where nothing fails for good.
+        """
+        found: list[Standstills] = []
+        never = len(self.own.chain)
+        failed = np.full(len(self.numbers), never, dtype=np.int64)
+        for skill, failure in disturbances.failures.items():
+            places = [k for k, kind in enumerate(self.own.kinds) if kind == skill]
+            if places and failure.probability > 0:
+                which = np.array(places, dtype=np.int64)
+                found += self._attempts(which, motion, failure, failed)
+        return found, np.where(failed == never, -1, failed)
+
+    def _counted(self, stalls: RandomStalls) -> Standstills:
+        """Return a given number of stalls at nodes that are equally likely."""
+        count = min(stalls.count_per_robot, len(self.own.chain))
+        place = self.of_robot(count, "stall-node")
+        model = stalls.model or Uniform(*stalls.duration_s)
+        duration = to_nanoseconds(model.ppf(self.of_robot(count, "stall")))
+        column = np.broadcast_to(np.arange(len(self.numbers)), duration.shape)
+        node = choose(len(self.own.chain), place)
+        return Standstills("stall", node.ravel(), column.ravel(), duration.ravel())
+
+    def _arrivals(
+        self,
+        motion: Nanoseconds,
+        mean_ns: float,
+        duration: DurationModel,
+        cause: Cause,
+    ) -> list[Standstills]:
+        """Return the events of a Poisson process of the robot's busy time.
+
+        The process has no memory, so it starts afresh with every task.
+        """
+        own = self.own
+        found = []
+        passed = np.zeros((motion.shape[0] + 1, motion.shape[1]), dtype=np.int64)
+        np.cumsum(motion, axis=0, out=passed[1:])
+        length = passed[own.first[1:]] - passed[own.first[:-1]]
+        clock = np.zeros(length.shape)
+        active = np.ones(length.shape, dtype=bool)
+        rows = np.arange(len(own.tasks))
+        index = 0
+        while len(rows):
+            clock[rows] -= mean_ns * np.log(self.draw(rows, f"{cause}-gap", index))
+            active[rows] &= clock[rows] < length[rows]
+            rows = rows[active[rows].any(axis=1)]
+            if len(rows):
+                u = self.draw(rows, f"{cause}-duration", index)
+                row, column = np.nonzero(active[rows])
+                task = rows[row]
+                node = np.empty(len(task), dtype=np.int64)
+                low, high = own.first[task], own.first[task + 1]
+                _locate(passed, low, high, column, clock[task, column], node)
+                seconds = duration.ppf(u[row, column])
+                found.append(Standstills(cause, node, column, to_nanoseconds(seconds)))
+            index += 1
+        return found
+
+    def _attempts(
+        self,
+        which: Indices,
+        motion: Nanoseconds,
+        failure: SkillFailure,
+        failed: Indices,
+    ) -> list[Standstills]:
+        """Return failed attempts at some tasks; lower ``failed`` to those that fail for good."""
+        own = self.own
+        nodes = np.array([own.skill_node(k) for k in which.tolist()], dtype=np.int64)
+        fails = np.ones((len(which), len(self.numbers)), dtype=bool)
+        found = []
+        for attempt in range(failure.retries + 1):
+            fails &= self.draw(which, "failure", attempt) < failure.probability
+            row, column = np.nonzero(fails)
+            if len(row) == 0:
+                break
+            if failure.retry is None:
+                cost = self._skill_time(which, motion)[row, column]
+            else:
+                u = self.draw(which, "retry", attempt)
+                cost = to_nanoseconds(failure.retry.ppf(u[row, column]))
+            found.append(Standstills("retry", nodes[row], column, cost))
+            if attempt == failure.retries:
+                np.minimum.at(failed, column, nodes[row])
+        return found
+
+    def _skill_time(self, which: Indices, motion: Nanoseconds) -> Nanoseconds:
+        """Return how long the skills of some tasks take, shape (n, r) [ns]."""
+        chain, first = self.own.chain, self.own.first
+        return np.stack(
+            [
+                motion[low:high][chain.skill[low:high]].sum(axis=0)
+                for low, high in zip(first[which], first[which + 1], strict=True)
+            ]
+        )
+
+
+def choose(n: int, u: Array) -> Indices:
+    """Return distinct numbers below n, every choice equally likely.
+
+    Floyd's algorithm: one uniform a number, none redrawn.
+
+    Args:
+        n: at least the number of rows.
+        u: in (0, 1), shape (count, r).
+
+    Returns:
+        Shape (count, r); the numbers in a column are distinct.
+    """
+    chosen = np.empty(u.shape, dtype=np.int64)
+    for k, row in enumerate(u):
+        last = n - len(u) + k
+        pick = np.minimum((row * (last + 1)).astype(np.int64), last)
+        taken = (chosen[:k] == pick).any(axis=0)
+        chosen[k] = np.where(taken, last, pick)
+    return chosen
+
+
+@njit(cache=True, nogil=True)
+def _locate(
+    passed: Nanoseconds,
+    low: Indices,
+    high: Indices,
+    column: Indices,
+    clock: Array,
+    node: Indices,
+) -> None:
+    """Write which node of its task is under way at some time since the task began."""
+    for k in range(len(node)):
+        a, b, r = low[k], high[k], column[k]
+        start = passed[a, r]
+        # The last node that begins no later.
+        while b - a > 1:
+            middle = (a + b) // 2
+            if passed[middle, r] - start <= clock[k]:
+                a = middle
+            else:
+                b = middle
+        node[k] = a

@@ -1,0 +1,190 @@
+"""How long every node takes and stands still in a replication, drawn before the run begins.
+
+Of the disturbances these are the ones that depend on nothing that happens in the run: speed of
+motions, jitter, stalls, breakdowns by busy time, failed attempts at skills. The event engine and
+the engine that computes many replications side by side take the same draws. What happens at
+times of the run's clock is in ``twin.engine.halts``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
+from twin.durations import Nanoseconds, NodeDurations, SkillDurations
+from twin.engine.contraction import Contraction
+from twin.uncertainty.chain_draws import Cause, ChainDraws, Standstills
+from twin.uncertainty.disturbances import Disturbances
+
+_MOST_VALUES = 4_000_000
+
+
+@dataclass(frozen=True)
+class Standstill:
+    """A robot has started a node and stands before it moves.
+
+    Where in a node it stands makes no difference to the others: they wait for whole nodes.
+
+    Attributes:
+        node: index of the robot's node.
+        cause: ``stall``, ``breakdown``, or ``retry`` for an attempt that failed.
+        duration_ns: for how long [ns].
+    """
+
+    node: int
+    cause: Cause
+    duration_ns: int
+
+
+@dataclass(frozen=True)
+class NodeTimes:
+    """What one replication gives every node, one entry a chain.
+
+    Attributes:
+        motion: duration of each node without standstills, shape (nodes,) [ns].
+        stall: all standstills of each node together, shape (nodes,) [ns].
+        standstills: what ``stall`` is made of, by node and in the order in which they happen.
+        failed: the first node whose task fails for good, -1 for none. It never moves and is
+            never complete: it has failed when its standstills are over.
+    """
+
+    motion: tuple[Nanoseconds, ...]
+    stall: tuple[Nanoseconds, ...]
+    standstills: tuple[tuple[Standstill, ...], ...]
+    failed: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class SegmentTimes:
+    """What replications give the segments of a contracted graph.
+
+    Attributes:
+        busy_ns: standstills and durations of each segment together, chain by chain, shape
+            (segments, r) [ns].
+        fails: True where a task fails for good: what comes of it takes the event engine,
+            shape (r,).
+    """
+
+    busy_ns: Nanoseconds
+    fails: npt.NDArray[np.bool_]
+
+
+def sample_node_times(
+    tpg: TemporalPlanGraph,
+    durations: NodeDurations,
+    disturbances: Disturbances | None = None,
+    *,
+    seed: int,
+    replication: int = 0,
+) -> NodeTimes:
+    """Draw what every node of a graph takes in one replication.
+
+    Args:
+        tpg: the graph, not contracted.
+        durations: gives the nodes their undisturbed durations.
+        disturbances: what may go wrong; those at times of the run's clock play no part here.
+        seed, replication: name the draws.
+    """
+    sampler = NodeTimeSampler(tpg, durations, disturbances)
+    return sampler.sample(seed=seed, replication=replication)
+
+
+class NodeTimeSampler:
+    """Draws what the nodes of one graph take, as often as asked; see sample_node_times."""
+
+    def __init__(
+        self,
+        tpg: TemporalPlanGraph,
+        durations: NodeDurations,
+        disturbances: Disturbances | None = None,
+    ) -> None:
+        """Keep what all replications share."""
+        self._tpg = tpg
+        self._durations = durations
+        self._bound = (
+            durations.bind(tpg) if isinstance(durations, SkillDurations) else None
+        )
+        self._disturbances = disturbances or Disturbances()
+        self._draws = [ChainDraws(tpg, chain) for chain in tpg.chains]
+
+    def sample(self, *, seed: int, replication: int = 0) -> NodeTimes:
+        """Draw one replication."""
+        numbers = np.array([replication], dtype=np.int64)
+        moves, stalls, stands, fails = [], [], [], []
+        for k, planned in enumerate(self._planned(seed, numbers)):
+            motion, found, failed = self._chain(k, seed, numbers, planned)
+            stall = np.zeros(len(motion), dtype=np.int64)
+            entries = []
+            for group in found:
+                np.add.at(stall, group.node, group.duration_ns)
+                entries += [
+                    Standstill(node, group.cause, duration)
+                    for node, duration in zip(
+                        group.node.tolist(), group.duration_ns.tolist(), strict=True
+                    )
+                    if duration > 0 or group.cause == "retry"
+                ]
+            moves.append(np.ascontiguousarray(motion[:, 0]))
+            stalls.append(stall)
+            stands.append(tuple(sorted(entries, key=lambda entry: entry.node)))
+            fails.append(int(failed[0]))
+        return NodeTimes(tuple(moves), tuple(stalls), tuple(stands), tuple(fails))
+
+    def sample_segments(
+        self, contraction: Contraction, *, seed: int, replications: npt.ArrayLike
+    ) -> SegmentTimes:
+        """Draw many replications, as sums over the segments of the contracted graph.
+
+        Args:
+            contraction: of the graph.
+            seed: names the draws.
+            replications: numbers of the replications.
+        """
+        numbers = np.asarray(replications, dtype=np.int64)
+        segments = sum(len(first) - 1 for first in contraction.first)
+        busy = np.empty((segments, len(numbers)), dtype=np.int64)
+        fails = np.zeros(len(numbers), dtype=np.bool_)
+        nodes = max((len(chain) for chain in self._tpg.chains), default=1)
+        step = max(_MOST_VALUES // max(nodes, 1), 1)
+        for low in range(0, len(numbers), step):
+            part = slice(low, low + step)
+            row = 0
+            for k, planned in enumerate(self._planned(seed, numbers[part])):
+                first = contraction.first[k]
+                motion, found, failed = self._chain(k, seed, numbers[part], planned)
+                rows = busy[row : row + len(first) - 1, part]
+                if len(rows):
+                    np.add.reduceat(motion, first[:-1], axis=0, out=rows)
+                for group in found:
+                    segment = np.searchsorted(first, group.node, side="right") - 1
+                    np.add.at(rows, (segment, group.column), group.duration_ns)
+                fails[part] |= failed >= 0
+                row += len(first) - 1
+        return SegmentTimes(busy, fails)
+
+    def _chain(
+        self, k: int, seed: int, numbers: Indices, planned: Nanoseconds
+    ) -> tuple[Nanoseconds, list[Standstills], Indices]:
+        """Return motion, standstills, and the nodes that fail for good, of one robot."""
+        draws = self._draws[k].in_replications(seed, numbers)
+        motion = draws.motion(planned, self._disturbances)
+        found = draws.standstills(motion, self._disturbances)
+        attempts, failed = draws.failures(motion, self._disturbances)
+        return motion, found + attempts, failed
+
+    def _planned(self, seed: int, numbers: Indices) -> tuple[Nanoseconds, ...]:
+        """Return the undisturbed durations per chain, each of shape (nodes, r) [ns]."""
+        if self._bound is not None:
+            rows = self._bound.durations(seed=seed, replications=numbers)
+            return tuple(own.T for own in rows)
+        each = [
+            self._durations.sample(self._tpg, seed=seed, replication=number)
+            for number in numbers.tolist()
+        ]
+        return tuple(
+            np.stack([own[k] for own in each], axis=1)
+            for k in range(len(self._tpg.chains))
+        )
