@@ -11,6 +11,7 @@ from benchmarks.construction_gantt import Chart, draw_schedules
 from benchmarks.construction_paper import SEEDS
 from benchmarks.construction_rows import best_baseline, cases, methods
 from benchmarks.construction_store import Row
+from benchmarks.construction_summary import summary
 from twin.atomic import replacing, write_json
 
 NAME = "construction"
@@ -35,6 +36,7 @@ def write_report(folder: Path, rows: Sequence[Row]) -> Path:
     if any(row["what"] == "method" and row["ok"] for row in rows):
         draw_speed_ups(folder / f"{NAME}-speed-up.png", rows)
         draw_times(folder / f"{NAME}-time.png", rows)
+        parts.append(summary(rows))
         parts += [
             [*tables.speed_ups(rows), "", _picture("speed-up", "Speed-up against m")],
             [*tables.computation(rows), "", _picture("time", "Computation time")],

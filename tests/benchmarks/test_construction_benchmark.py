@@ -177,6 +177,8 @@ def test_the_report_says_what_is_missing_and_compares_equal_seeds(
     assert "pavilion, 5 robots, seed 0: no way was found to place c1 (77 s" in text
     assert "| tower | 10 | 3 |" in text  # a row says how many seeds it has
     assert "5.8 %" in text  # 6.5 s of the paper's 112.9 s
+    assert "Tower with 10 robots: 4.0 times as quick" in text
+    assert "**Not planned**: 1" in text
     kept = json.loads((tmp_path / "construction.json").read_text())["cases"]
     assert len(kept) == len(rows)
     for name in ("speed-up", "time", "tower"):
