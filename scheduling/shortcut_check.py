@@ -15,7 +15,7 @@ import numpy as np
 
 from scheduling.conflicts import HullChecker, search_conflicts
 from scheduling.contacts import ContactTable, EntityNumbers
-from scheduling.object_spans import ObjectSpan
+from scheduling.object_spans import ObjectSpan, Rest
 from scheduling.occupancy import Occupancy, hold_occupancy
 from scheduling.reduction import NodeOrder
 from scheduling.shortcut_pieces import Pieces
@@ -31,6 +31,7 @@ class Surroundings:
         ranks: place of every node in the total order.
         order: what precedes what.
         objects: what every robot carries when.
+        rests: where objects are at rest between nodes.
         pieces: occupancies of the chains.
         entities: numbers of the entities.
         table: allowed contacts and clearances.
@@ -40,6 +41,7 @@ class Surroundings:
     ranks: Sequence[Indices]
     order: NodeOrder
     objects: Sequence[ObjectSpan]
+    rests: Sequence[Rest]
     pieces: Pieces
     entities: EntityNumbers
     table: ContactTable

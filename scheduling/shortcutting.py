@@ -15,16 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planning.errors import PlanInvariantError
-from planning.geometry.scene import SceneChecker
-from planning.sequential import MARGIN
-from planning.speed import SpeedModel, path_duration, sample_path
+from planning.speed import SpeedModel, path_duration
 from planning.transforms import Array
-from planning.workcell import Attachment, Workcell, WorldState
 from scheduling.contacts import EntityNumbers, contact_table
 from scheduling.invariant import check_invariant
 from scheduling.object_spans import (
     ObjectHistory,
-    Rest,
     shift_history,
     trace_objects,
 )
@@ -38,7 +34,17 @@ from scheduling.shortcut_check import (
     order_against,
 )
 from scheduling.shortcut_edges import splice_edges, splice_index
+from scheduling.shortcut_paths import (
+    CORNER,
+    LINE,
+    SHAPES,
+    candidate_path,
+    new_nodes,
+    planned_after,
+    splice_chain,
+)
 from scheduling.shortcut_pieces import Pieces, occupancy_of
+from scheduling.shortcut_scenery import Scenery
 from scheduling.shortcut_spans import Span, find_spans
 from scheduling.temporal_plan_graph import (
     MOTION_CONFLICT,
@@ -52,9 +58,6 @@ _LATER = 1e-9
 
 _GAIN = 1e-6
 """Least time that a shortcut has to save its robot [s]."""
-
-_SHAPES = ("line", "line", "corner", "corner", "joint")
-"""Shapes of candidates, each as likely as it stands here."""
 
 _SLACK = 1e-3
 """The makespan hangs on nodes that could end less than this later [s]."""
@@ -131,7 +134,7 @@ class _Board:
         handled = dict.fromkeys(handling.object for handling in tpg.handlings)
         self._entities = EntityNumbers((r.name for r in tpg.cell.robots), handled)
         self._table = contact_table(self._entities, tpg.allowed, tpg.cell.clearances)
-        self._checkers: dict[object, SceneChecker] = {}
+        self._scenery = Scenery()
         self._ranks = planned_ranks(tpg.chains)
         self._order: NodeOrder = order_and_reduce(self._ranks, tpg.edges)[0]
         self._history: ObjectHistory = trace_objects(tpg, self._ranks)
@@ -163,14 +166,14 @@ class _Board:
             return None
         whole = next((k for k in self._critical if k in self._whole), None)
         if whole is not None:
-            which, shape = whole, "line"
+            which, shape = whole, LINE
             self._whole.remove(which)
         else:
             which = self._critical[int(rng.integers(len(self._critical)))]
-            shape = _SHAPES[int(rng.integers(len(_SHAPES)))]
+            shape = SHAPES[int(rng.integers(len(SHAPES)))]
         span = self._spans[which]
         first, last = span.first, span.last
-        if whole is None and (shape != "corner" or rng.random() < 0.5):
+        if whole is None and (shape != CORNER or rng.random() < 0.5):
             first, last = np.sort(
                 rng.integers(span.first, span.last + 1, size=2)
             ).tolist()
@@ -178,12 +181,7 @@ class _Board:
             return None
         chain = self.tpg.chains[span.chain]
         old = chain.waypoints[chain.first[first] - 1 : chain.first[last + 1]]
-        if shape == "line":
-            path = old[[0, -1]]
-        elif shape == "corner":
-            path = _with_corner(old, rng)
-        else:
-            path = _straighten(old, int(rng.integers(old.shape[1])))
+        path = candidate_path(old, shape, rng)
         seconds = path_duration(path, self._speeds[chain.robot])
         saved = float(chain.duration[first : last + 1].sum()) - seconds
         if saved < _GAIN or seconds < _GAIN:
@@ -194,9 +192,10 @@ class _Board:
         """Take a candidate if it is free, fits, and the plan does not end later."""
         index = self._spans[which].chain
         chain = self.tpg.chains[index]
-        if not self._free_of_scenery(index, first, last, path):
+        around = self._surroundings(self.tpg, self._ranks, self._order, self._history)
+        if not self._scenery.free(around, index, first, last, path):
             return False
-        new = self._new_nodes(chain, first, last, path)
+        new = new_nodes(chain, first, last, path, self._speeds[chain.robot], self._step)
         occupancy = occupancy_of(
             self.tpg,
             index,
@@ -206,7 +205,6 @@ class _Board:
             self._history.spans,
             self._entities,
         )
-        around = self._surroundings(self.tpg, self._ranks, self._order, self._history)
         edges = order_against(around, index, first, last, occupancy, len(new))
         return self._replace(which, first, last, new, occupancy, edges)
 
@@ -222,107 +220,11 @@ class _Board:
             ranks,
             order,
             history.spans,
+            history.rests,
             self._pieces,
             self._entities,
             self._table,
         )
-
-    def _new_nodes(
-        self, chain: NodeChain, first: int, last: int, path: Array
-    ) -> NodeChain:
-        waypoints, times = sample_path(path, self._speeds[chain.robot], self._step)
-        duration = np.diff(times)
-        share = times[1:] / times[-1]
-        old_end = np.cumsum(chain.duration[first : last + 1])
-        at = first + np.searchsorted(
-            old_end / old_end[-1], np.minimum(share, 1.0) - 1e-12
-        )
-        at = np.minimum(at, last)
-        task = np.maximum.accumulate(chain.task[at])
-        count = len(duration)
-        return NodeChain(
-            chain.robot,
-            waypoints[0],
-            waypoints[1:],
-            np.ones(count),
-            np.arange(count + 1),
-            task,
-            np.zeros(count, dtype=np.bool_),
-            duration,
-            np.maximum.accumulate(chain.planned_start[at]),
-        )
-
-    def _free_of_scenery(self, index: int, first: int, last: int, path: Array) -> bool:
-        chain = self.tpg.chains[index]
-        present = tuple(
-            rest
-            for rest in self._history.rests
-            if rest.holder is None and self._may_lie_there(rest, index, first, last)
-        )
-        tasks = frozenset(chain.task[first : last + 1].tolist())
-        # Rests are told apart by object and by the node that began them.
-        key = (index, tasks, frozenset((r.object, r.pose.tobytes()) for r in present))
-        checker = self._checkers.get(key)
-        if checker is None:
-            checker = self._checker(index, first, tasks, present)
-            self._checkers[key] = checker
-        return all(
-            checker.motion_free(a, b) for a, b in zip(path, path[1:], strict=False)
-        )
-
-    def _may_lie_there(self, rest: Rest, index: int, first: int, last: int) -> bool:
-        """Tell whether an object may be at rest while nodes are under way."""
-        order = self._order
-        if rest.after is not None:
-            robot, node = rest.after
-            if robot == index:
-                if node > last:
-                    return False
-            elif order.precedes(index, last, robot, node):
-                return False
-        if rest.before is not None:
-            robot, node = rest.before
-            if robot == index:
-                if node < first:
-                    return False
-            elif node <= order.of(index)[first - 1, robot]:
-                return False
-        return True
-
-    def _checker(
-        self,
-        index: int,
-        first: int,
-        tasks: frozenset[int],
-        present: tuple[Rest, ...],
-    ) -> SceneChecker:
-        """Return a checker against all that does not move: no robot that has nodes."""
-        tpg = self.tpg
-        robot = tpg.chains[index].robot
-        busy = {chain.robot for chain in tpg.chains}
-        handled = {handling.object for handling in tpg.handlings}
-        attachments = {
-            item.name: Attachment(None, item.start)
-            for item in tpg.cell.objects
-            if item.name not in handled and item.start is not None
-        }
-        for rest in present:
-            attachments[rest.object] = Attachment(None, rest.pose)
-        for span in self._history.spans:
-            there = span.start <= (first, 0) < span.end
-            if span.robot == index and span.carried and there:
-                attachments[span.object] = Attachment(robot, span.pose)
-        robots = tuple(
-            r for r in tpg.cell.robots if r.name == robot or r.name not in busy
-        )
-        cell = Workcell(
-            robots, tpg.cell.fixtures, tpg.cell.objects, tpg.cell.clearances
-        )
-        state = WorldState({r.name: r.home for r in robots}, attachments)
-        allowed = frozenset(
-            frozenset((c.first, c.second)) for c in tpg.allowed if tasks <= c.tasks
-        )
-        return SceneChecker(cell, robot, state, allowed, margin=MARGIN)
 
     def _replace(
         self,
@@ -340,7 +242,10 @@ class _Board:
             tpg.chains[index],
             first,
             last,
-            replace(new, planned_start=self._planned(index, last, new, edges, first)),
+            replace(
+                new,
+                planned_start=planned_after(tpg.chains, index, first, last, new, edges),
+            ),
         )
         chains = (*tpg.chains[:index], chain, *tpg.chains[index + 1 :])
         handlings = tuple(
@@ -390,73 +295,3 @@ class _Board:
         ]
         self._weigh(rollout)
         return True
-
-    def _planned(
-        self,
-        index: int,
-        last: int,
-        new: NodeChain,
-        edges: list[tuple[int, int, int, int]],
-        first: int,
-    ) -> Array:
-        """Return planned starts that put every new node after what it waits for."""
-        chains = self.tpg.chains
-        planned = new.planned_start.copy()
-        for robot, node, target, at in edges:
-            if target == index:
-                after = np.nextafter(chains[robot].planned_start[node], np.inf)
-                planned[at - first] = max(planned[at - first], after)
-        planned[-1] = max(planned[-1], chains[index].planned_start[last])
-        latest = float(chains[index].planned_start[last])
-        return np.asarray(np.minimum(np.maximum.accumulate(planned), latest))
-
-
-def splice_chain(chain: NodeChain, first: int, last: int, new: NodeChain) -> NodeChain:
-    """Return a chain with nodes ``first`` to ``last`` replaced by others."""
-    lo, hi = int(chain.first[first]), int(chain.first[last + 1])
-    shift = len(new.waypoints) - (hi - lo)
-
-    def join(name: str, a: int, b: int) -> Array:
-        old = getattr(chain, name)
-        out: Array = np.concatenate([old[:a], getattr(new, name), old[b:]])
-        return out
-
-    firsts: Indices = np.concatenate(
-        [chain.first[:first], lo + new.first[:-1], chain.first[last + 1 :] + shift]
-    )
-    return NodeChain(
-        chain.robot,
-        chain.start,
-        join("waypoints", lo, hi),
-        join("fraction", lo, hi),
-        firsts,
-        join("task", first, last + 1).astype(np.int64),
-        join("skill", first, last + 1).astype(np.bool_),
-        join("duration", first, last + 1),
-        join("planned_start", first, last + 1),
-    )
-
-
-def _with_corner(path: Array, rng: np.random.Generator) -> Array:
-    """Return a polyline of the same ends over a corner somewhere between both.
-
-    No joint goes further than on the straight line, so under the L1 speed model it takes no
-    longer; but it passes elsewhere.
-    """
-    share = rng.random(path.shape[1])
-    if rng.random() < 0.5:
-        share = np.round(share)
-    corner = path[0] + share * (path[-1] - path[0])
-    return np.array([path[0], corner, path[-1]])
-
-
-def _straighten(path: Array, joint: int) -> Array:
-    """Return a polyline in which one joint goes straight from its first to its last value."""
-    out = path.copy()
-    travel = np.abs(np.diff(path, axis=0)).sum(axis=1)
-    share = np.concatenate([[0.0], np.cumsum(travel)])
-    if share[-1] > 0.0:
-        out[:, joint] = path[0, joint] + share / share[-1] * (
-            path[-1, joint] - path[0, joint]
-        )
-    return out

@@ -19,8 +19,9 @@ from scheduling.order import planned_ranks
 from scheduling.plan_files import load_plan, save_plan
 from scheduling.rollout import earliest_times, latest_ends
 from scheduling.shortcut_edges import splice_edges, splice_index
+from scheduling.shortcut_paths import splice_chain
 from scheduling.shortcut_spans import find_spans
-from scheduling.shortcutting import ShortcutReport, shorten_tpg, splice_chain
+from scheduling.shortcutting import ShortcutReport, shorten_tpg
 from scheduling.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.verification import verify_plan
 from tests.scheduling.algorithm_one import PlainGraph
