@@ -23,10 +23,9 @@ from planning.skill_paths import (
     Obstruction,
     SkillContacts,
     SkillPath,
-    SkillScene,
-    find_obstruction,
     resolve_skill,
 )
+from planning.skill_scene import SkillScene, find_obstruction
 from planning.transforms import Array, Transform
 from planning.workcell import Attachment, PlacedRobot, Workcell
 

@@ -41,12 +41,11 @@ from planning.skill_paths import (
     Obstruction,
     SkillContacts,
     SkillPath,
-    SkillScene,
-    SkillTrial,
     nearer_reason,
     skill_postures,
     unreachable,
 )
+from planning.skill_scene import SkillScene, SkillTrial
 from planning.skill_targets import SkillTargets, Subgoal
 from planning.transforms import Array, translation
 from planning.workcell import Attachment, PlacedRobot

@@ -16,10 +16,8 @@ from planning.skill_paths import (
     Obstruction,
     SkillContacts,
     SkillPath,
-    SkillScene,
-    SkillTrial,
-    find_obstruction,
 )
+from planning.skill_scene import SkillScene, SkillTrial, find_obstruction
 from planning.transforms import readonly, translation
 from planning.workcell import (
     Attachment,
