@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -162,6 +163,78 @@ def test_what_cannot_be_built_is_said_with_names(case: str, tmp_path: Path) -> N
     old, new, words = IMPOSSIBLE[case]
     with pytest.raises(ConstructionError, match=words):
         problem_of(edited(tmp_path, old, new))
+
+
+HANDOVER = (FOLDER / "handover.yaml").read_text()
+CRANE = "".join(HANDOVER.partition("  robots:\n")[1:]).partition("  team:\n")[0]
+
+# What is changed in a shipped or in the own file, and what `twin run` says in the end.
+BAD_INPUT = {
+    "unreachable part": (
+        OWN,
+        [("[2, 1, 0.15]", "[20, 1, 0.15]")],
+        "high cannot be picked: none of mover1, mover2 reaches it where it lies",
+    ),
+    "unreachable place": (
+        OWN,
+        [("[0, 0, 0.1]}", "[0, 0, 0.1]}, faces: [-z]")],
+        "low cannot be placed: none of mover1, mover2 reaches its place",
+    ),
+    "not connected to the ground": (
+        OWN,
+        [("[0.1, 0, 0.3]", "[0.1, 0, 0.5]")],
+        "nothing connects high to the ground",
+    ),
+    "overlapping goal poses": (
+        OWN,
+        [("[0, 0, 0.1]", "[0, 0, 0.15]")],
+        "low and high would overlap by 50 mm where they belong",
+    ),
+    "supply poses in collision": (
+        OWN,
+        [("[2, 1, 0.15]", "[2.5, -0.4, 0.15]")],
+        "high and low overlap by",
+    ),
+    "robot in the supply": (
+        OWN,
+        [("[2, 1, 0.15]", "[0, 4, 0.15]")],
+        "mover1 cannot stand at HOME at the start: mover1/arm",
+    ),
+    "team without its crane": (
+        HANDOVER,
+        [(CRANE, "")],
+        "beam13 cannot be placed: none of arm1, arm2, arm3 reaches its place",
+    ),
+    "no handover chain": (
+        HANDOVER,
+        [("[0.0, 0.25, -0.25]", "[0.0]")],
+        "the team cannot build beam13, beam14, beam15: arm1, arm2, arm3 can pick beam13,"
+        " only crane can place it, and no handover between them was found",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def compiled() -> None:
+    """What the checks need is compiled: nobody waits for that twice."""
+    problem_of(FOLDER / "handover.yaml")
+
+
+@pytest.mark.parametrize("case", BAD_INPUT)
+@pytest.mark.usefixtures("compiled")
+def test_bad_input_ends_a_run_with_names_within_seconds(
+    case: str, tmp_path: Path
+) -> None:
+    text, changes, words = BAD_INPUT[case]
+    for old, new in changes:
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    begin = time.process_time()
+    result = CliRunner().invoke(app, ["run", str(written(tmp_path, text))])
+    assert time.process_time() - begin < 10.0
+    assert result.exit_code != 0
+    assert words in " ".join(result.output.split())
+    assert "Traceback" not in result.output
 
 
 def test_more_robots_than_there_are_is_refused() -> None:
