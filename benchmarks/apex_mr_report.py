@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -130,7 +130,7 @@ def _head(
         "",
         f"Measured {when or 'never'} on {machine}; written by `make paper`.",
         f"Seeds {_list(', '.join(map(str, s)) for s in seeds)};"
-        f" {_list(map(str, budgets))} shortcut candidates a plan.",
+        f" {_span(budgets)} shortcut candidates a plan, by the size of the structure.",
         "Figures are mean ± sample standard deviation over the seeds.",
         "",
         "**Not the paper's cell, and not its structures.** The paper's models, calibration and LEGO",
@@ -142,8 +142,9 @@ def _head(
         *skills.about,
         "",
         "Planning times here are wall-clock seconds in one process, one plan after another: no plan is",
-        "made while another one is measured. Whatever else the machine did counts too. Kernels were",
-        "compiled and loaded before. Within a plan, stages may use all cores.",
+        "made while another one is measured. Kernels were compiled and loaded before; within a plan, stages",
+        "may use all cores. Whatever else the machine did in these hours counts too:",
+        "[planning-times.md](planning-times.md) has them from a machine with nothing else to do.",
         "",
         f"![Makespan, wait and planning time of every policy]({skills.file}.png)",
     ]
@@ -154,6 +155,11 @@ def _failed(failures: Mapping[str, str]) -> list[str]:
         return []
     rows = [f"- {what}: {why}" for what, why in failures.items()]
     return ["## Not planned", "", "Left out of all tables and averages:", "", *rows]
+
+
+def _span(numbers: Sequence[int]) -> str:
+    """Return sorted numbers in words: the least to the greatest."""
+    return " to ".join(dict.fromkeys(f"{n}" for n in (*numbers[:1], *numbers[-1:])))
 
 
 def _list(texts: Iterable[str]) -> str:
