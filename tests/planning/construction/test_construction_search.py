@@ -21,10 +21,11 @@ from planning.construction.search import robot_groups
 from planning.construction.site import build_problem, ground_fixture, part_objects
 from planning.construction.skeletons import HANDOVER, in_words, skeletons
 from planning.construction.supply import Spiral
+from planning.geometry.cover import box_body
 from planning.kinematics import frame_pose
 from planning.robots.registry import robot_model
 from planning.transforms import identity, readonly, translation
-from planning.workcell import PlacedRobot, Workcell
+from planning.workcell import Fixture, PlacedRobot, Workcell
 
 
 def _problem(
@@ -189,6 +190,48 @@ def small_tower() -> ConstructionPlan:
 def test_plans_keep_speeds_order_and_poses(small_tower: ConstructionPlan) -> None:
     _check(small_tower)
     assert small_tower.rewound == 0
+
+
+def test_a_handover_is_found_where_nobody_can_do_it_alone() -> None:
+    arm, crane = robot_model("mobile-iiwa14"), robot_model("tower-crane")
+    at = np.array(arm.home)
+    at[:3] = 3.5, 0.0, np.pi
+    # What an arm can reach is below this, what the crane reaches is above the floor.
+    height = 1.152
+    size = readonly((0.7, 0.2, height))
+    plinth = Fixture(
+        "plinth",
+        size,
+        readonly(translation(0.0, 0.0, 0.5 * height)),
+        box_body("plinth", size),
+    )
+    beam = _box("beam", (0.7, 0.2, 0.096), (0.0, 0.0, height + 0.048))
+    cell = Workcell(
+        (
+            PlacedRobot(
+                "crane",
+                crane,
+                readonly(translation(-1.9, 0.0, 0.0)),
+                readonly((1.57, 2.2, 0.0, 0.0)),
+            ),
+            PlacedRobot("arm", arm, identity(), readonly(at)),
+        ),
+        (ground_fixture(), plinth),
+        part_objects((beam,), Spiral(2.4, turn=0.5)),
+    )
+    problem = build_problem(
+        cell, (beam,), offsets=(0.0, 0.25, -0.25), approach=0.05, seed=1
+    )
+    plan = plan_construction(problem)
+    work = sorted(plan.building.work, key=lambda w: w.start)
+    assert [(w.kind, w.robot, w.holder) for w in work] == [
+        ("pick", "arm", "arm"),
+        ("handover", "arm", "crane"),
+        ("place-down", "crane", None),
+    ]
+    _check(plan)
+    # One alone was never tried: the bounds say that it is no use.
+    assert all(len({a.robot for a in f.skeleton}) == 2 for f in plan.failures)
 
 
 def test_a_seed_means_one_plan(small_tower: ConstructionPlan) -> None:
