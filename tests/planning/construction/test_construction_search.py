@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import permutations
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,6 +30,8 @@ from planning.kinematics import frame_pose
 from planning.robots.registry import robot_model
 from planning.transforms import identity, readonly, translation
 from planning.workcell import Fixture, PlacedRobot, Workcell
+
+ROOT = Path(__file__).parents[3]
 
 
 def _problem(
@@ -239,6 +245,36 @@ def test_a_seed_means_one_plan(small_tower: ConstructionPlan) -> None:
     for name, line in small_tower.building.world.robots.items():
         assert np.array_equal(line.time, again.building.world.robots[name].time)
         assert np.array_equal(line.path, again.building.world.robots[name].path)
+
+
+_DIGEST = """
+import hashlib, sys
+from planning.construction.planner import plan_construction
+from tests.planning.construction.test_construction_search import CHEST, _problem
+plan = plan_construction(_problem(CHEST[:2] + CHEST[3:], 2))
+digest = hashlib.sha256()
+for name, line in sorted(plan.building.world.robots.items()):
+    digest.update(line.time.tobytes() + line.path.tobytes())
+for work in plan.building.work:
+    digest.update(repr((work.robot, work.kind, work.part, work.grip)).encode())
+print(digest.hexdigest())
+"""
+
+
+def test_two_processes_make_the_same_plan() -> None:
+    found = []
+    for seed in ("1", "2"):
+        # Sets of names are gone through in another order in each process.
+        done = subprocess.run(
+            [sys.executable, "-c", _DIGEST],
+            env={**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": str(ROOT)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        found.append(done.stdout)
+    assert len(found[0]) == 65
+    assert found[0] == found[1]
 
 
 def test_actions_of_a_fixed_duration_begin_at_its_multiples() -> None:
