@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import combinations, permutations
 
 import numpy as np
@@ -147,3 +148,24 @@ def test_a_leaning_block_rests_on_what_is_below_it() -> None:
     graph = graph_of((block("low", 0.0, 0.0, 0.1), leaning), touch=0.05)
     assert graph.carriers["leaning"] == {"low"}
     assert graph.carriers["low"] == frozenset()
+
+
+@pytest.mark.parametrize("model", [tower, wall, well, pavilion])
+def test_models_can_be_built_in_any_order_that_the_graph_allows(
+    model: Callable[[], tuple[ModelPart, ...]],
+) -> None:
+    parts = model()
+    graph = graph_of(parts)
+    rng = np.random.default_rng(5)
+    where = {part.name: part.goal[2, 3] for part in parts}
+    for _ in range(4):
+        placed: list[str] = []
+        while possible := graph.placeable(placed):
+            part = possible[int(rng.integers(len(possible)))]
+            # It stands on the ground, or is joined to something that does, and what it rests
+            # on is there and reaches below its middle.
+            assert part in graph.ground or graph.placed_neighbours(part, placed)
+            assert all(below in placed for below in graph.carriers[part])
+            assert all(where[below] < where[part] for below in graph.carriers[part])
+            placed.append(part)
+        assert sorted(placed) == sorted(where)
