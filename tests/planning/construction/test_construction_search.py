@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.construction.building import nothing_built
+from planning.construction.fine_check import check_construction
 from planning.construction.fixed_time import plan_fixed_time
 from planning.construction.models import ModelPart, tower
 from planning.construction.object_order import rank_parts, ready_at
@@ -186,6 +187,7 @@ def test_placements_are_taken_back_for_a_part_that_was_built_in() -> None:
     assert {f.part for f in plan.failures} == {"chest"}
     assert order.index("chest") < order.index("slab")
     _check(plan)
+    assert check_construction(plan).faults == ()
 
 
 @pytest.fixture(scope="module")
@@ -236,6 +238,7 @@ def test_a_handover_is_found_where_nobody_can_do_it_alone() -> None:
         ("place-down", "crane", None),
     ]
     _check(plan)
+    assert check_construction(plan).faults == ()
     # One alone was never tried: the bounds say that it is no use.
     assert all(len({a.robot for a in f.skeleton}) == 2 for f in plan.failures)
 
