@@ -20,7 +20,7 @@ from planning.transforms import Array
 _NEAR = 0.05
 """Pairs whose bounds are nearer than this are measured [m]."""
 
-_BLOCK = 256
+_BLOCK = 64
 """Samples that are looked at together."""
 
 Limit = Callable[[Part, Part], float]
@@ -83,8 +83,7 @@ class Measurer:
         above = min(part.joint for part in a.parts) if a is b else -1
         at = np.asarray(times)
         way_a, way_b = a.travelled(at, above), b.travelled(at, above)
-        for first in range(0, len(at), _BLOCK):
-            block = slice(first, first + _BLOCK)
+        for block in _near_blocks(a, b, at, (way_a, way_b), _NEAR + least):
             frames = a.frames(at[block]), b.frames(at[block])
             near = _bounds(a, frames[0], b, frames[1]) < _NEAR + least
             for i, j in np.argwhere(np.any(near, axis=0)).tolist():
@@ -95,8 +94,9 @@ class Measurer:
                     s = int(samples[k])
                     pair = a.parts[i], b.parts[j]
                     gap = measure(pair[0], frames[0][s, i], pair[1], frames[1][s, j])
-                    if self._too_close(times[first + s], pair, gap, least[i, j]):
-                        break  # once said is enough
+                    if self._too_close(times[block.start + s], pair, gap, least[i, j]):
+                        least[i, j] = -math.inf  # once said is enough
+                        break
                     room = max(gap - least[i, j], 0.0)
                     k = max(k + 1, int(np.searchsorted(way, way[k] + room)))
 
@@ -114,6 +114,23 @@ class Measurer:
         much = f"{gap * 1e3:.1f} mm" if gap > 0 else f"overlap by {-gap * 1e3:.1f} mm"
         self.found.append((t, f"{first} and {second}: {much}"))
         return True
+
+
+def _near_blocks(
+    a: Group, b: Group, at: Array, ways: tuple[Array, Array], near: Array
+) -> list[slice]:
+    """Return the blocks of samples in which some pair may be near: its middle and the ways tell."""
+    first = np.arange(0, len(at), _BLOCK)
+    last = np.minimum(first + _BLOCK, len(at)) - 1
+    middle = (first + last) // 2
+    gap = _bounds(a, a.frames(at[middle]), b, b.frames(at[middle]))
+    strays = [
+        np.maximum(way[:, last] - way[:, middle], way[:, middle] - way[:, first]).T
+        for way in ways
+    ]
+    gap -= strays[0][:, :, None] + strays[1][:, None, :]
+    found = np.flatnonzero(np.any(gap < near, axis=(1, 2)))
+    return [slice(int(first[k]), int(last[k]) + 1) for k in found]
 
 
 def _bounds(a: Group, frames_a: Array, b: Group, frames_b: Array) -> Array:
