@@ -7,9 +7,16 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from planning.construction.problem import ConstructionProblem
+from planning.transforms import Array
 
 ROOM = 1.0
 """Robots that place parts nearer to each other than this are in each other's way [m]."""
+
+_PACE = 0.8
+"""How fast a part is fetched and brought, by and large [m/s]."""
+
+_ALIKE = 1.0
+"""Parts that can be in place within this time of each other are equally good [s]."""
 
 
 def ready_at(
@@ -35,13 +42,16 @@ def rank_parts(
     closed: Mapping[str, Collection[frozenset[str]]],
     rng: np.random.Generator,
     free: float = np.inf,
+    tool: Array | None = None,
 ) -> list[str]:
     """Return the parts that may be placed next, the best first.
 
-    Those with most placed neighbours come first (eq. 6), of these the ones that may be placed
-    earliest; ties are drawn. But before all that come parts beside which nobody is still at
-    work when the next robot becomes free: robots that build side by side wait for each other.
-    One robot alone keeps to eq. (6).
+    Those with most placed neighbours come first (eq. 6), of these the ones that can be in place
+    soonest: what rests on a part that is placed late has to wait, and what lies far away takes
+    its time to be fetched. Ties are drawn. Where others are still at work when the next robot
+    becomes free, the soonest come before those with most neighbours, and before all that parts
+    beside which nobody works: robots that build side by side wait for each other. One robot
+    alone keeps to eq. (6).
 
     Args:
         problem: with the part graph.
@@ -50,6 +60,7 @@ def rank_parts(
             would complete such a set before the other one is placed is left out.
         rng: what ties are drawn from.
         free: when the next robot becomes free [s].
+        tool: where its tool is then, shape (3,); all parts lie as near where not given [m].
     """
     graph, there = problem.graph, frozenset(placed)
     candidates = [
@@ -73,6 +84,15 @@ def rank_parts(
         near = graph.placed_neighbours(part, there)
         away = (float(np.linalg.norm((where[part] - at)[:2])) for at in busy)
         crowd = sum(distance < ROOM for distance in away)
-        return (crowd, -near, ready_at(problem, part, placed), drawn[part])
+        ready = ready_at(problem, part, placed)
+        soon = ready
+        if tool is not None:
+            start = problem.object(problem.part(part)).start[:3, 3]
+            way = np.linalg.norm((start - tool)[:2])
+            way += np.linalg.norm((where[part] - start)[:2])
+            soon = max(ready, free + float(way) / _PACE)
+        soon = np.floor(soon / _ALIKE)
+        first = (soon, -near) if busy else (-near, soon)
+        return (crowd, *first, ready, drawn[part])
 
     return sorted(candidates, key=rank)

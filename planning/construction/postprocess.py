@@ -80,24 +80,34 @@ def hasten(
         query: speeds, when joints are free to move, and when one may arrive.
         later: how much more than no time the arrival may be later [s].
     """
-    places = dense(_corners(found.path), query.velocity, _SPACING)
+    out = retimed(checker, found, query, found.arrival + later)
+    return found if out is None else out
+
+
+def retimed(
+    checker: SpaceTimeChecker, way: SpaceTimePath, query: Query, latest: float
+) -> SpaceTimePath | None:
+    """Return the earliest arrival along a way, whenever one must wait; None where there is none.
+
+    Args:
+        checker: who moves, and among what.
+        way: a path whose times do not matter.
+        query: speeds, when joints are free to move, and when one may arrive.
+        latest: only an arrival before this is of use [s].
+    """
+    places = dense(_corners(way.path), query.velocity, _SPACING)
     if len(places) < 2:
-        return found
+        return None
     come, leave = earliest_along(
-        checker.scene,
-        query,
-        places,
-        found.goal,
-        checker.step,
-        found.arrival + later,
+        checker.scene, query, places, way.goal, checker.step, latest
     )
     if len(come) == 0:
-        return found
+        return None
     time = np.stack([come, leave], axis=1).ravel()
     path = np.repeat(places, 2, axis=0)
     keep = np.concatenate([[True], np.diff(time) > 1e-9])
     time, path = _without_waypoints(time[keep], path[keep])
-    return replace(found, time=time, path=path)
+    return replace(way, time=time, path=path)
 
 
 def _corners(path: Array) -> Array:

@@ -31,6 +31,9 @@ class Query(NamedTuple):
         goals: configurations any of which will do, shape (g, n).
         window_first: windows of goal k are ``range(window_first[k], window_first[k + 1])``.
         windows: spans of time in which one may arrive, in order, shape (w, 2) [s].
+        rest: posture of HOME, shape (n,).
+        leans: True for joints that keep to that posture where they have time for it, False for
+            those that drive, shape (n,).
     """
 
     start: Array
@@ -41,6 +44,8 @@ class Query(NamedTuple):
     goals: Array
     window_first: Integers
     windows: Array
+    rest: Array
+    leans: npt.NDArray[np.bool_]
 
 
 class Limits(NamedTuple):
@@ -252,6 +257,8 @@ def sample_between(
     for j in range(len(out)):
         first = min(first, query.begin[j])
     t = first + random_share(state) * (arrival - first)
+    # Joints that need not go anywhere in particular had better keep out of the way.
+    leaning = random_share(state) < 0.5
     for j in range(len(out)):
         v = query.velocity[j]
         ahead = v * max(t - query.begin[j], 0.0)
@@ -262,56 +269,11 @@ def sample_between(
         high = min(high, query.goals[goal, j] + left)
         share = random_share(state)
         out[j] = 0.5 * (low + high) if high <= low else low + share * (high - low)
+        if leaning and query.leans[j] and high > low:
+            out[j] = min(max(query.rest[j], low), high)
         if ahead == 0.0:
             out[j] = query.start[j]
     return t
-
-
-@njit(cache=True)
-def try_direct(
-    scene: Arena, query: Query, step: float, latest: float, tries: int
-) -> tuple[float, int, int]:
-    """Look for the earliest arrival on a straight line, with one wait before, after or none.
-
-    Args:
-        scene: what must be kept clear of.
-        query: what is asked for.
-        step: arrival times are tried at this distance [s].
-        latest: no later arrival is looked at [s].
-        tries: arrival times tried for each goal.
-
-    Returns:
-        The arrival time, inf for none; the goal; and how: 0 slowly all the way, 1 waiting
-        first, 2 waiting at the goal.
-    """
-    best, best_goal, how = np.inf, -1, 0
-    start = np.min(query.begin)
-    for goal in range(len(query.goals)):
-        soonest = least_time(query, query.start, start, goal)
-        arrival = next_arrival(query, goal, soonest)
-        for _ in range(tries):
-            if arrival > latest or arrival >= best:
-                break
-            found = -1
-            lead = arrival - soonest
-            target = query.goals[goal]
-            if motion_clear(scene, query.start, start, target, arrival):
-                found = 0
-            elif lead > _TINY:
-                late = start + lead
-                if motion_clear(
-                    scene, query.start, late, target, arrival
-                ) and motion_clear(scene, query.start, start, query.start, late):
-                    found = 1
-                elif motion_clear(
-                    scene, query.start, start, target, soonest
-                ) and motion_clear(scene, target, soonest, target, arrival):
-                    found = 2
-            if found >= 0:
-                best, best_goal, how = arrival, goal, found
-                break
-            arrival = next_arrival(query, goal, arrival + step)
-    return best, best_goal, how
 
 
 @njit(cache=True)

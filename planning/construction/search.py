@@ -15,6 +15,7 @@ from planning.construction.problem import ConstructionProblem, Part
 from planning.construction.skeletons import Skeleton, skeletons
 from planning.construction.subproblem import SubproblemSolver
 from planning.errors import ConstructionError
+from planning.kinematics import frame_pose
 
 
 @dataclass(frozen=True)
@@ -119,12 +120,16 @@ class ConstructionSearch:
 
     def _next_part(self, building: Building) -> Part:
         problem = self.problem
-        free = min(building.world.free_from(name) for name in problem.team)
+        world = building.world
+        robot = min(problem.team, key=world.free_from)
+        free = world.free_from(robot)
+        q = world.robots[robot].at(free)
+        tool = frame_pose(problem.cell.robot(robot), q, problem.frame)[:3, 3]
         args = (problem, building.placed)
-        ranked = rank_parts(*args, self._walls, self._rng, free)
+        ranked = rank_parts(*args, self._walls, self._rng, free, tool)
         if not ranked:
             # What has been remembered leaves nothing: go on, and see what can be placed.
-            ranked = rank_parts(*args, {}, self._rng, free)
+            ranked = rank_parts(*args, {}, self._rng, free, tool)
         return problem.part(ranked[0])
 
     def _backtrack(self, done: list[Building], part: Part) -> list[Building]:

@@ -33,6 +33,7 @@ from planning.construction.tracks import build_tracks
 from planning.geometry.exact import resting_solid
 from planning.geometry.hull_table import hull_table
 from planning.geometry.kernel import robot_kernel
+from planning.robots.mobile import is_mobile
 from planning.sequential import MARGIN
 from planning.transforms import Array
 from planning.workcell import Attachment, Workcell
@@ -65,6 +66,8 @@ class SpaceTimeChecker:
     Attributes:
         robots: names of the movers; configurations are theirs, one after another.
         start: the earliest time from which on one of them moves [s].
+        rest: configuration of HOME, shape (n,).
+        leans: False for joints that drive, True for all others, shape (n,).
     """
 
     def __init__(
@@ -90,6 +93,10 @@ class SpaceTimeChecker:
         self.velocity = np.concatenate([m.velocity for m in self.models])
         ends = np.cumsum([0, *(m.dof for m in self.models)]).tolist()
         self.joints = tuple(slice(a, b) for a, b in zip(ends, ends[1:], strict=False))
+        self.rest = np.concatenate([cell.robot(name).home for name in self.robots])
+        self.leans = np.concatenate(
+            [np.arange(m.dof) >= (3 if is_mobile(m) else 0) for m in self.models]
+        )
         self.begin_of_joint = np.repeat(self.begin, [m.dof for m in self.models])
         if held is None:
             held = {

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planning.construction.arrival_windows import arrival_windows
-from planning.construction.postprocess import hasten, shorten
+from planning.construction.leaning_ways import leaning_ways
+from planning.construction.postprocess import hasten, retimed, shorten
 from planning.construction.roadmap_kernel import search_roadmap
 from planning.construction.rrt_kernel import (
     Limits,
@@ -16,7 +17,6 @@ from planning.construction.rrt_kernel import (
     grow,
     least_time,
     next_arrival,
-    try_direct,
 )
 from planning.construction.space_time_checker import SpaceTimeChecker
 from planning.construction.space_time_path import SpaceTimePath
@@ -35,7 +35,7 @@ class RrtSettings:
         growth: factor by which the range of arrival times grows.
         good_enough: an arrival this much after the earliest that speeds allow ends the search
             [s]; so much must an improvement gain.
-        direct: arrival times at which straight lines are tried first.
+        direct: ways that need no search tried first, at most.
         rounds: how often a path is searched for, each time with the bound of the one before.
         vertices: of the roadmap that is searched for an earlier arrival.
         neighbours: of each of its vertices.
@@ -50,7 +50,7 @@ class RrtSettings:
     reach: float = 4.0
     growth: float = 1.15
     good_enough: float = 0.2
-    direct: int = 40
+    direct: int = 3
     rounds: int = 2
     vertices: int = 80
     neighbours: int = 8
@@ -73,7 +73,7 @@ def space_time_rrt(
 ) -> SpaceTimePath | None:
     """Return a path to one of several goals that arrives early, or None.
 
-    Straight lines are tried first. Then two forests are grown until they meet, and on to
+    Ways that need no search are tried first, see ``leaning_ways``. Then two forests are grown until they meet, and on to
     arrive earlier; and places on the path found and around it become a roadmap, over which the
     earliest arrival is searched for.
 
@@ -114,6 +114,8 @@ def space_time_rrt(
         goals,
         first,
         np.ascontiguousarray(np.concatenate([np.empty((0, 2)), *spans])),
+        checker.rest,
+        checker.leans,
     )
     return _search(checker, query, latest, settings, seed)
 
@@ -143,14 +145,9 @@ def _search(
     # Some while after all others have stopped nothing changes any more.
     calm = max(checker.world.end, earliest)
     horizon = min(latest, calm + 4.0 * (earliest - begin) + 20.0)
-    best: SpaceTimePath | None = None
-    arrival, goal, how = try_direct(
-        checker.scene, query, checker.step, horizon, settings.direct
-    )
-    if goal >= 0:
-        best = _straight(query, begin, float(arrival), int(goal), int(how), earliest)
-        if arrival <= earliest + settings.good_enough:
-            return best
+    best = _without_search(checker, query, horizon, earliest, settings)
+    if best is not None and best.arrival <= earliest + settings.good_enough:
+        return best
     samples = 0
     for turn in range(settings.rounds):
         bound = np.inf if best is None else best.arrival
@@ -179,6 +176,34 @@ def _search(
         if best.arrival <= enough:
             break
     return None if best is None else replace(best, samples=samples)
+
+
+def _without_search(
+    checker: SpaceTimeChecker,
+    query: Query,
+    horizon: float,
+    earliest: float,
+    settings: RrtSettings,
+) -> SpaceTimePath | None:
+    """Return the earliest of the ways that need no search, None where they are all blocked."""
+    if settings.direct == 0:
+        return None
+    best: SpaceTimePath | None = None
+    times, ways, counts, goals, clear = leaning_ways(
+        checker.scene, query, horizon, settings.direct
+    )
+    for k, count in reversed(list(enumerate(counts.tolist()))):
+        way = SpaceTimePath(times[k, :count], ways[k, :count], int(goals[k]), earliest)
+        latest = horizon if best is None else best.arrival
+        if way.arrival >= latest:
+            continue
+        if not (clear and k == len(counts) - 1):
+            found = retimed(checker, way, query, latest)
+            if found is None:
+                continue
+            way = found
+        best = way
+    return best
 
 
 def _over_roadmap(
@@ -222,18 +247,3 @@ def _improve(
         if found.arrival > before - settings.good_enough:
             break
     return found
-
-
-def _straight(
-    query: Query, begin: float, arrival: float, goal: int, how: int, earliest: float
-) -> SpaceTimePath:
-    """Return the path that ``try_direct`` found."""
-    start, target = query.start, query.goals[goal]
-    soonest = float(least_time(query, start, begin, goal))
-    if how == 0:
-        time, path = [begin, arrival], [start, target]
-    elif how == 1:
-        time, path = [begin, begin + arrival - soonest, arrival], [start, start, target]
-    else:
-        time, path = [begin, soonest, arrival], [start, target, target]
-    return SpaceTimePath(np.array(time), np.array(path), goal, earliest)
