@@ -23,7 +23,7 @@ from planning.construction.step_scenes import StepScenes
 from planning.construction.stopwatch import Stopwatch
 from planning.transforms import Array
 
-_RRT = RrtSettings(good_enough=1.0, patience=80)
+_RRT = RrtSettings(good_enough=1.0, patience=80, rounds=1)
 """A path that arrives a second late is good enough: better ones cost more than they gain."""
 
 
