@@ -1,12 +1,14 @@
 """The earliest arrival over a roadmap, compiled: which way, and when to wait where.
 
 Vertices are configurations, each with the spans of time in which one may stand there. The
-search goes from span to span in order of earliest arrival (safe-interval path planning). Motions
-are checked only when the search comes to them. It finds ways that a tree in space-time has to be
-lucky to find: any wait at any vertex.
+search goes from span to span in order of earliest arrival (safe-interval path planning), and
+looks at a motion only once nothing else promises an earlier arrival. It finds ways that a tree
+in space-time has to be lucky to find: any wait at any vertex.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +23,7 @@ from planning.construction.rrt_kernel import (
     random_share,
     sample_between,
 )
-from planning.construction.space_time_kernel import motion_clear
+from planning.construction.space_time_kernel import motion_clear, still_clear_until
 from planning.transforms import Array
 
 _TINY = 1e-9
@@ -30,6 +32,12 @@ _SPANS = 12
 
 _TRIES = 6
 """Departures tried from one span to another."""
+
+_QUEUE = 40_000
+"""Motions that may wait to be looked at."""
+
+_GREED = 1.0
+"""Weight of the time that is left against the time that has passed."""
 
 
 @njit(cache=True)
@@ -52,6 +60,49 @@ def _normal(state: npt.NDArray[np.uint64]) -> float:
     return 1.4142 * total
 
 
+class Roadmap(NamedTuple):
+    """Vertices, and how far the search has come at each.
+
+    Attributes:
+        q: shape (v, n).
+        number: spans of each vertex, -1 where they are not known yet, shape (v,).
+        spans: when one may stand there, shape (v, _SPANS, 2) [s].
+        come: when one is there, infinity where that is not known, shape (v, _SPANS) [s].
+        left: when one left the vertex before, likewise [s].
+        parent: which span of which vertex that was, likewise.
+        rest: least time from there to a goal, shape (v,) [s].
+        blocked: motions that are not clear of what lies still, shape (v, v).
+        free: room to work in, shape (cells,).
+    """
+
+    q: Array
+    number: Integers
+    spans: Array
+    come: Array
+    left: Array
+    parent: Integers
+    rest: Array
+    blocked: npt.NDArray[np.bool_]
+    free: npt.NDArray[np.bool_]
+
+
+class Motions(NamedTuple):
+    """Motions that wait to be looked at: a heap.
+
+    Attributes:
+        size: how many there are, shape (1,).
+        key: least arrival at a goal, shape (most,) [s].
+        depart: when one leaves [s].
+        edge: from which span of which vertex, to which, and how often it has been tried, shape
+            (most, 3).
+    """
+
+    size: Integers
+    key: Array
+    depart: Array
+    edge: Integers
+
+
 @njit(cache=True)
 def search_roadmap(
     scene: Arena,
@@ -62,9 +113,10 @@ def search_roadmap(
     checks: int,
     step: float,
     bound: float,
+    wide: float,
     seed: int,
 ) -> tuple[Array, Array, int, int]:
-    """Return the path with the earliest arrival over a random roadmap.
+    """Return a path with an early arrival over a random roadmap.
 
     Args:
         scene: what must be kept clear of.
@@ -75,191 +127,260 @@ def search_roadmap(
         checks: motions checked at most.
         step: departures are tried at this distance, and twice, four times... of it [s].
         bound: only an arrival before this is of use [s].
+        wide: configurations are drawn from which a goal can be reached by then [s].
         seed: of the random configurations.
 
     Returns:
         Times and configurations, shapes (w,) and (w, n), empty where there is no path; its
         goal; and motions checked.
     """
-    n = len(query.start)
-    goals = len(query.goals)
+    n, goals = len(query.start), len(query.goals)
     start = np.min(query.begin)
-    state = np.zeros(1, dtype=np.uint64)
-    state[0] = np.uint64(seed) * np.uint64(7919) + np.uint64(11)
     first = int(np.floor(start / step + 1e-6))
     cells = max(int(np.ceil(bound / step)) - first, 1)
-    free = np.empty(cells, dtype=np.bool_)
+    road = _draw(scene, query, extra, vertices, cells, wide, seed)
+    # It begins where it stands, even where it has to leave at once.
+    _stand(scene, road, 0, first, step)
+    if road.number[0] == 0 or road.spans[0, 0, 0] > start + _TINY:
+        road.spans[0, 0] = start
+        road.number[0] = 1
+    heap = Motions(
+        np.zeros(1, dtype=np.int64),
+        np.empty(_QUEUE),
+        np.empty(_QUEUE),
+        np.empty((_QUEUE, 3), dtype=np.int64),
+    )
+    road.come[0, 0] = start
+    best, last = bound, -1
+    at = next_arrival(query, 0, np.inf)
+    checked = 0
+    state = 0
+    order = np.empty(len(road.q))
+    while True:
+        v, i = state // _SPANS, state % _SPANS
+        if 1 <= v <= goals:
+            at = next_arrival(query, v - 1, road.come[v, i])
+            if at <= road.spans[v, i, 1] + _TINY and at < best - _TINY:
+                best, last = at, state
+        for k in range(len(road.q)):
+            order[k] = (
+                np.inf
+                if road.blocked[v, k]
+                else arrive(query, road.q[v], start, road.q[k])
+            )
+        order[v] = np.inf
+        for turn in range(neighbours + goals):
+            # The goals first, then the nearest vertices.
+            u = turn + 1
+            if turn >= goals:
+                u = int(np.argmin(order))
+            if order[u] == np.inf:
+                continue
+            same = order[u] <= start + _TINY
+            order[u] = np.inf
+            if same:
+                continue
+            if road.number[u] < 0:
+                _stand(scene, road, u, first, step)
+            for j in range(road.number[u]):
+                _offer(
+                    query, road, heap, state, u * _SPANS + j, road.come[v, i], 0, best
+                )
+        state = -1
+        while heap.size[0] > 0 and checked < checks and heap.key[0] < best - _TINY:
+            depart, source, target, tries = (
+                heap.depart[0],
+                heap.edge[0, 0],
+                heap.edge[0, 1],
+                heap.edge[0, 2],
+            )
+            _pop(heap)
+            v, u, j = source // _SPANS, target // _SPANS, target % _SPANS
+            if road.come[u, j] < np.inf or road.blocked[v, u]:
+                continue
+            arrival = arrive(query, road.q[v], depart, road.q[u])
+            checked += 1
+            if motion_clear(scene, road.q[v], depart, road.q[u], arrival):
+                road.come[u, j], road.left[u, j] = arrival, depart
+                road.parent[u, j] = source
+                state = target
+                break
+            if tries == 0:
+                clear, _ = still_clear_until(
+                    scene, road.q[v], depart, road.q[u], arrival, 0.0
+                )
+                if not clear:
+                    road.blocked[v, u] = road.blocked[u, v] = True
+                    continue
+            if tries + 1 < _TRIES:
+                later = (np.floor(depart / step + 1e-6)) * step + step * (1 << tries)
+                _offer(query, road, heap, source, target, later, tries + 1, best)
+        if state < 0:
+            break
+    if last < 0:
+        return np.empty(0), np.empty((0, n)), -1, checked
+    return _trace(road, last, best, checked)
+
+
+@njit(cache=True)
+def _draw(
+    scene: Arena,
+    query: Query,
+    extra: Array,
+    vertices: int,
+    cells: int,
+    wide: float,
+    seed: int,
+) -> Roadmap:
+    """Draw the vertices: start, goals, extra ones, and random ones."""
+    n, goals = len(query.start), len(query.goals)
+    state = np.zeros(1, dtype=np.uint64)
+    state[0] = np.uint64(seed) * np.uint64(7919) + np.uint64(11)
+    start = np.min(query.begin)
     q = np.empty((vertices, n))
-    spans = np.empty((vertices, _SPANS, 2))
-    counts = np.zeros(vertices, dtype=np.int64)
     q[0] = query.start
-    for g in range(goals):
-        q[1 + g] = query.goals[g]
+    q[1 : 1 + goals] = query.goals
     number = 1 + goals
     for e in range(len(extra)):
         if number < vertices:
             q[number] = extra[e]
             number += 1
-    given = number
     tries = 0
     while number < vertices and tries < 3 * vertices:
         tries += 1
         goal = int(random_share(state) * goals)
-        if random_share(state) < 0.5:
-            sample_between(query, goal, bound, state, q[number])
+        kind = random_share(state)
+        if kind < 0.15:
+            # Where it must leave soon, or can only come late, short ways are what is free.
+            near = int(random_share(state) * (1 + goals))
+            far = 0.2 + 2.0 * random_share(state)
+            for j in range(n):
+                at = 2.0 * random_share(state) - 1.0
+                at = q[near, j] + far * query.velocity[j] * at
+                q[number, j] = min(max(at, query.lower[j]), query.upper[j])
+        elif kind < 0.85:
+            sample_between(query, goal, wide, state, q[number])
         else:
             share = random_share(state)
-            wide = 0.25 * random_share(state)
+            spread = 0.25 * random_share(state)
             for j in range(n):
                 middle = query.start[j] + share * (
                     query.goals[goal, j] - query.start[j]
                 )
-                spread = wide * min(
+                far = spread * min(
                     query.upper[j] - query.lower[j],
-                    query.velocity[j] * (bound - query.begin[j]),
+                    query.velocity[j] * max(wide - query.begin[j], 0.0),
                 )
-                at = middle + spread * _normal(state)
+                at = middle + far * _normal(state)
                 q[number, j] = min(max(at, query.lower[j]), query.upper[j])
-        free[:] = True
-        strike_out(scene, q[number], q[number], first, step, free)
-        counts[number] = spans_of(free, first, step, spans[number])
-        if counts[number] > 0:
+        clear, _ = still_clear_until(scene, q[number], start, q[number], start, 0.0)
+        if clear:
             number += 1
-    for k in range(given):
-        free[:] = True
-        strike_out(scene, q[k], q[k], first, step, free)
-        counts[k] = spans_of(free, first, step, spans[k])
-    if counts[0] == 0 or spans[0, 0, 0] > start + _TINY:
-        # It cannot stay where it is, and has to leave at once.
-        spans[0, 0] = start
-        counts[0] = 1
-    come = np.full((number, _SPANS), np.inf)
-    left = np.full((number, _SPANS), np.inf)
-    parent = np.full((number, _SPANS), -1, dtype=np.int64)
-    done = np.zeros((number, _SPANS), dtype=np.bool_)
-    rest = np.empty(number)
-    for k in range(number):
-        rest[k] = np.inf
+    q, vertices = q[:number], number
+    rest = np.full(vertices, np.inf)
+    for k in range(vertices):
         for g in range(goals):
             rest[k] = min(rest[k], least_time(query, q[k], start, g) - start)
-    come[0, 0] = start
-    best, last = bound, -1
-    checked = 0
-    far = np.empty(number)
-    while checked < checks:
-        v, i, soon = -1, -1, best
-        for k in range(number):
-            for s in range(counts[k]):
-                if not done[k, s] and come[k, s] + rest[k] < soon:
-                    v, i, soon = k, s, come[k, s] + rest[k]
-        if v < 0:
-            break
-        done[v, i] = True
-        if 1 <= v <= goals:
-            at = next_arrival(query, v - 1, come[v, i])
-            if at <= spans[v, i, 1] + _TINY and at < best - _TINY:
-                best, last = at, v * _SPANS + i
-        for k in range(number):
-            far[k] = arrive(query, q[v], start, q[k]) - start
-        far[v] = np.inf
-        for turn in range(neighbours + goals):
-            # The goals first, then the nearest vertices.
-            u = turn + 1
-            if turn >= goals:
-                u = int(np.argmin(far))
-            if far[u] == np.inf:
-                continue
-            far[u] = np.inf
-            for j in range(counts[u]):
-                checked += _reach(
-                    scene,
-                    query,
-                    q,
-                    spans,
-                    come,
-                    left,
-                    parent,
-                    v,
-                    i,
-                    u,
-                    j,
-                    step,
-                    best - rest[u],
-                )
-    if last < 0:
-        return np.empty(0), np.empty((0, n)), -1, checked
-    return _trace(q, come, left, parent, last, best, checked)
+    return Roadmap(
+        q,
+        np.full(vertices, -1, dtype=np.int64),
+        np.empty((vertices, _SPANS, 2)),
+        np.full((vertices, _SPANS), np.inf),
+        np.full((vertices, _SPANS), np.inf),
+        np.full((vertices, _SPANS), -1, dtype=np.int64),
+        rest,
+        np.zeros((vertices, vertices), dtype=np.bool_),
+        np.empty(cells, dtype=np.bool_),
+    )
 
 
 @njit(cache=True)
-def _reach(
-    scene: Arena,
+def _stand(scene: Arena, road: Roadmap, v: int, first: int, step: float) -> None:
+    """Work out when one may stand at a vertex."""
+    road.free[:] = True
+    strike_out(scene, road.q[v], road.q[v], first, step, road.free)
+    road.number[v] = spans_of(road.free, first, step, road.spans[v])
+
+
+@njit(cache=True)
+def _offer(
     query: Query,
-    q: Array,
-    spans: Array,
-    come: Array,
-    left: Array,
-    parent: Integers,
-    v: int,
-    i: int,
-    u: int,
-    j: int,
-    step: float,
+    road: Roadmap,
+    heap: Motions,
+    source: int,
+    target: int,
+    depart: float,
+    tries: int,
     bound: float,
-) -> int:
-    """Try to come from a span of a vertex into one of another earlier; return motions checked."""
-    lo, hi = spans[u, j]
-    depart = come[v, i]
-    arrival = arrive(query, q[v], depart, q[u])
+) -> None:
+    """Let a motion wait to be looked at, if it may be of use."""
+    v, i = source // _SPANS, source % _SPANS
+    u, j = target // _SPANS, target % _SPANS
+    lo, hi = road.spans[u, j]
+    arrival = arrive(query, road.q[v], depart, road.q[u])
     if arrival < lo:
         # As late as that it need not even leave.
-        depart = max(depart, depart + lo - arrival)
-        arrival = arrive(query, q[v], depart, q[u])
-    stride = step
-    checked = 0
-    for _ in range(_TRIES):
-        if (
-            depart > spans[v, i, 1] + _TINY
-            or arrival > hi
-            or arrival >= min(come[u, j], bound) - _TINY
-        ):
+        depart = depart + lo - arrival
+        arrival = arrive(query, road.q[v], depart, road.q[u])
+    if (
+        depart > road.spans[v, i, 1] + _TINY
+        or arrival > hi
+        or arrival + road.rest[u] >= bound - _TINY
+        or road.come[u, j] <= arrival
+        or heap.size[0] >= _QUEUE
+    ):
+        return
+    key = arrival + _GREED * road.rest[u]
+    k = heap.size[0]
+    heap.size[0] += 1
+    while k > 0 and heap.key[(k - 1) // 2] > key:
+        up = (k - 1) // 2
+        heap.key[k], heap.depart[k] = heap.key[up], heap.depart[up]
+        heap.edge[k] = heap.edge[up]
+        k = up
+    heap.key[k], heap.depart[k] = key, depart
+    heap.edge[k, 0], heap.edge[k, 1], heap.edge[k, 2] = source, target, tries
+
+
+@njit(cache=True)
+def _pop(heap: Motions) -> None:
+    """Take the first motion away."""
+    heap.size[0] -= 1
+    size = heap.size[0]
+    if size == 0:
+        return
+    k = size * 0
+    key = heap.key[size]
+    while 2 * k + 1 < size:
+        down = 2 * k + 1
+        if down + 1 < size and heap.key[down + 1] < heap.key[down]:
+            down += 1
+        if heap.key[down] >= key:
             break
-        if arrival >= lo - _TINY:
-            checked += 1
-            if motion_clear(scene, q[v], depart, q[u], arrival):
-                come[u, j] = arrival
-                left[u, j] = depart
-                parent[u, j] = v * _SPANS + i
-                break
-        depart = (np.floor(depart / step + 1e-6)) * step + stride
-        stride *= 2.0
-        arrival = arrive(query, q[v], depart, q[u])
-    return checked
+        heap.key[k], heap.depart[k] = heap.key[down], heap.depart[down]
+        heap.edge[k] = heap.edge[down]
+        k = down
+    heap.key[k], heap.depart[k] = key, heap.depart[size]
+    heap.edge[k] = heap.edge[size]
 
 
 @njit(cache=True)
 def _trace(
-    q: Array,
-    come: Array,
-    left: Array,
-    parent: Integers,
-    last: int,
-    best: float,
-    checked: int,
+    road: Roadmap, last: int, best: float, checked: int
 ) -> tuple[Array, Array, int, int]:
     """Return the path that leads to a span of a vertex."""
     count = 1
     k = last
-    while parent[k // _SPANS, k % _SPANS] >= 0:
+    while road.parent[k // _SPANS, k % _SPANS] >= 0:
         count += 1
-        k = parent[k // _SPANS, k % _SPANS]
-    times, path = np.empty(2 * count), np.empty((2 * count, q.shape[1]))
+        k = road.parent[k // _SPANS, k % _SPANS]
+    times, path = np.empty(2 * count), np.empty((2 * count, road.q.shape[1]))
     k = last
     leave = best
     for c in range(count - 1, -1, -1):
         v, i = k // _SPANS, k % _SPANS
-        times[2 * c], times[2 * c + 1] = come[v, i], leave
-        path[2 * c], path[2 * c + 1] = q[v], q[v]
-        leave = left[v, i]
-        k = parent[v, i]
+        times[2 * c], times[2 * c + 1] = road.come[v, i], leave
+        path[2 * c], path[2 * c + 1] = road.q[v], road.q[v]
+        leave = road.left[v, i]
+        k = road.parent[v, i]
     return times, path, last // _SPANS - 1, checked

@@ -257,8 +257,8 @@ def sample_between(
     for j in range(len(out)):
         first = min(first, query.begin[j])
     t = first + random_share(state) * (arrival - first)
-    # Joints that need not go anywhere in particular had better keep out of the way.
-    leaning = random_share(state) < 0.5
+    # While a robot drives its arm had better keep out of the way.
+    leaning = random_share(state) < 0.5 and not np.all(query.leans)
     for j in range(len(out)):
         v = query.velocity[j]
         ahead = v * max(t - query.begin[j], 0.0)

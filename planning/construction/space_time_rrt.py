@@ -22,6 +22,9 @@ from planning.construction.space_time_checker import SpaceTimeChecker
 from planning.construction.space_time_path import SpaceTimePath
 from planning.transforms import Array
 
+_AROUND = 4.0
+"""Ways around are looked for that take at least so much longer [s]."""
+
 
 @dataclass(frozen=True)
 class RrtSettings:
@@ -52,9 +55,9 @@ class RrtSettings:
     good_enough: float = 0.2
     direct: int = 3
     rounds: int = 2
-    vertices: int = 80
+    vertices: int = 200
     neighbours: int = 8
-    checks: int = 600
+    checks: int = 1000
     shortcuts: int = 60
     speed: float = 1.0
 
@@ -149,8 +152,8 @@ def _search(
     if best is not None and best.arrival <= earliest + settings.good_enough:
         return best
     samples = 0
+    enough = earliest + settings.good_enough
     for turn in range(settings.rounds):
-        bound = np.inf if best is None else best.arrival
         limits = Limits(
             settings.iterations if best is None else settings.patience,
             settings.patience,
@@ -161,20 +164,22 @@ def _search(
             horizon,
             seed * 64 + turn,
         )
+        bound = np.inf if best is None else best.arrival
         time, path, goal, drawn, _ = grow(checker.scene, query, limits, bound)
         samples += int(drawn)
         if goal >= 0:
             found = SpaceTimePath(time, path, int(goal), earliest)
             best = _improve(checker, found, query, settings, seed + turn)
-        if best is None:
-            continue
-        enough = earliest + settings.good_enough
-        if settings.checks > 0 and best.arrival > enough:
-            around = _over_roadmap(checker, query, best, settings, seed + turn)
+        if best is not None and best.arrival <= enough:
+            break
+        if settings.checks > 0:
+            around = _over_roadmap(
+                checker, query, best, horizon, earliest, settings, seed + turn
+            )
             if around is not None:
                 best = _improve(checker, around, query, settings, seed + turn)
-        if best.arrival <= enough:
-            break
+            if best is not None and best.arrival <= enough:
+                break
     return None if best is None else replace(best, samples=samples)
 
 
@@ -209,12 +214,21 @@ def _without_search(
 def _over_roadmap(
     checker: SpaceTimeChecker,
     query: Query,
-    best: SpaceTimePath,
+    best: SpaceTimePath | None,
+    horizon: float,
+    earliest: float,
     settings: RrtSettings,
     seed: int,
 ) -> SpaceTimePath | None:
     """Return a path that arrives earlier than the best one so far, over a random roadmap."""
-    extra = np.unique(best.path, axis=0)
+    extra = np.empty((0, len(query.start)))
+    bound = horizon
+    # As wide as that there are ways around.
+    wide = earliest + max(0.5 * (earliest - float(query.begin.min())), _AROUND)
+    if best is not None:
+        extra = np.unique(best.path, axis=0)
+        bound = best.arrival - settings.good_enough
+        wide = bound
     time, path, goal, _ = search_roadmap(
         checker.scene,
         query,
@@ -223,13 +237,14 @@ def _over_roadmap(
         settings.neighbours,
         settings.checks,
         checker.step,
-        best.arrival - settings.good_enough,
+        bound,
+        wide,
         seed,
     )
     if goal < 0:
         return None
     keep = np.concatenate([[True], np.diff(time) > 1e-9])
-    return SpaceTimePath(time[keep], path[keep], int(goal), best.earliest)
+    return SpaceTimePath(time[keep], path[keep], int(goal), earliest)
 
 
 def _improve(
