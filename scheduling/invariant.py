@@ -19,7 +19,7 @@ from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
 from scheduling.conflicts import HullChecker, search_conflicts
 from scheduling.contacts import ContactTable, EntityNumbers, contact_table
-from scheduling.object_spans import Node, Rest, trace_objects
+from scheduling.object_spans import Node, Rest, trace_objects, while_at_rest
 from scheduling.occupancy import (
     Occupancy,
     chain_occupancy,
@@ -162,28 +162,13 @@ class _Check:
         """Return a node that runs into an object at rest, if there is one."""
         occupancy = rest_occupancy(self.tpg, rest, self.entities)
         for i in self.robots:
-            floor, limit = self._while_at_rest(rest, i)
+            floor, limit = while_at_rest(self.order, rest, i, len(self.tpg.chains[i]))
             if floor + 1 >= limit:
                 continue
             found = self._search(occupancy, i, np.full(1, floor), np.full(1, limit))
             for _, v in found:
                 return i, v
         return None
-
-    def _while_at_rest(self, rest: Rest, robot: int) -> tuple[int, int]:
-        """Return the nodes of a robot, ``range(floor + 1, limit)``, that meet an object at rest."""
-        floor, limit = -1, len(self.tpg.chains[robot])
-        if rest.after is not None:
-            k, u = rest.after
-            floor = (
-                u
-                if k == robot
-                else int(np.searchsorted(self.order.of(robot)[:, k], u)) - 1
-            )
-        if rest.before is not None:
-            k, u = rest.before
-            limit = u if k == robot else int(self.order.of(k)[u, robot]) + 1
-        return floor, limit
 
     def _search(
         self, occupancy: Occupancy, robot: int, floor: Indices, limit: Indices

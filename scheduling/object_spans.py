@@ -10,9 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from planning.errors import PlanInvariantError
 from planning.geometry.scene import flange_pose
 from planning.transforms import Transform
+from scheduling.reduction import NodeOrder
 from scheduling.temporal_plan_graph import (
     Indices,
     NodeChain,
@@ -259,3 +262,24 @@ def _hand(tpg: TemporalPlanGraph, robot: int, node: int) -> Transform:
     chain = tpg.chains[robot]
     q = chain.start if node < 0 else chain.waypoints[chain.first[node + 1] - 1]
     return flange_pose(tpg.cell.robot(chain.robot), q)
+
+
+def while_at_rest(
+    order: NodeOrder, rest: Rest, robot: int, count: int
+) -> tuple[int, int]:
+    """Return the nodes of a robot, ``range(floor + 1, limit)``, that meet an object at rest.
+
+    Args:
+        order: what precedes what.
+        rest: where the object is, and between which nodes.
+        robot: index of the robot's chain.
+        count: how many nodes that has.
+    """
+    floor, limit = -1, count
+    if rest.after is not None:
+        k, u = rest.after
+        floor = u if k == robot else int(np.searchsorted(order.of(robot)[:, k], u)) - 1
+    if rest.before is not None:
+        k, u = rest.before
+        limit = u if k == robot else int(order.of(k)[u, robot]) + 1
+    return floor, limit

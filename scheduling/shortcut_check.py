@@ -15,8 +15,8 @@ import numpy as np
 
 from scheduling.conflicts import HullChecker, search_conflicts
 from scheduling.contacts import ContactTable, EntityNumbers
-from scheduling.object_spans import ObjectSpan, Rest
-from scheduling.occupancy import Occupancy, hold_occupancy
+from scheduling.object_spans import ObjectSpan, Rest, while_at_rest
+from scheduling.occupancy import Occupancy, hold_occupancy, rest_occupancy
 from scheduling.reduction import NodeOrder
 from scheduling.shortcut_pieces import Pieces
 from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
@@ -114,8 +114,9 @@ def holds_stay_clear(
 ) -> bool:
     """Tell whether new nodes and robots that stand keep apart, in the graph that has them.
 
-    New nodes may now fall into a stand of another robot, and another robot's nodes into the
-    stand before the first new node. Every other stand is as it was.
+    New nodes may now fall into a stand of another robot, or meet what it has been given while it
+    stands, and another robot's nodes may fall into the stand before the first new node. Every
+    other stand is as it was.
 
     Args:
         around: the graph with the new nodes; pieces of their chain are not looked at.
@@ -159,6 +160,28 @@ def holds_stay_clear(
             floor = np.where(nodes >= hi, 1, -1)
             if _any_conflict(piece, standing, floor, limit, table, checker):
                 return False
+    return _gifts_stay_clear(around, chain, first, new, count)
+
+
+def _gifts_stay_clear(
+    around: Surroundings, chain: int, first: int, new: Occupancy, count: int
+) -> bool:
+    """Tell whether new nodes keep clear of objects handed to robots that stand.
+
+    Such an object is in the robot's hand only from its next node on: its stand does not show it.
+    """
+    tpg, nodes = around.tpg, len(around.tpg.chains[chain])
+    for rest in around.rests:
+        if rest.holder is None:
+            continue
+        floor, limit = while_at_rest(around.order, rest, chain, nodes)
+        floor, limit = max(floor - first, -1), min(limit - first, count)
+        if floor + 1 >= limit:
+            continue
+        there = rest_occupancy(tpg, rest, around.entities)
+        window = np.full(1, floor), np.full(1, limit)
+        if _any_conflict(there, new, *window, around.table, HullChecker(around.table)):
+            return False
     return True
 
 
