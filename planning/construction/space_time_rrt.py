@@ -143,8 +143,8 @@ def _search(
         next_arrival(query, g, least_time(query, query.start, begin, g))
         for g in range(len(query.goals))
     )
-    if not earliest <= latest:
-        return None
+    if not earliest <= latest or np.isinf(earliest):
+        return None  # no goal is ever free when one could be there
     # Some while after all others have stopped nothing changes any more.
     calm = max(checker.world.end, earliest)
     horizon = min(latest, calm + 4.0 * (earliest - begin) + 20.0)

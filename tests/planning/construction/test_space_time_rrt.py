@@ -99,7 +99,8 @@ def test_a_goal_that_is_closed_off_is_not_reached() -> None:
     checker = SpaceTimeChecker(shut, ("me",))
     assert space_time_rrt(checker, np.array([1.0, 0.0])) is None
     inside_the_wall = np.array([0.0, 0.8])
-    assert space_time_rrt(checker, inside_the_wall) is None
+    for how in (RrtSettings(), THOROUGH):
+        assert space_time_rrt(checker, inside_the_wall, settings=how) is None
     assert (
         space_time_rrt(SpaceTimeChecker(world, ("me",)), [[1, 0]], latest=9.0) is None
     )  # type: ignore[arg-type]
