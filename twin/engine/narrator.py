@@ -99,17 +99,23 @@ class Narrator:
     def stopped(self, halts: Sequence[Halts], chain: int, node: int, t_ns: int) -> None:
         """Tell of the stops of a robot by the clock that begin or end at a time.
 
+        Stops that overlap end together, each with a row of its own: so whoever reads the rows can
+        tell them from a breakdown during which they happen.
+
         Args:
             halts: stops of every robot.
             chain: index of the robot's chain.
             node: the node under way, -1 for none.
             t_ns: the time [ns].
         """
-        for stop in halts[chain].stops(t_ns):
+        stops = [s for s in halts[chain].stops(t_ns) if s.end_ns > s.start_ns]
+        for stop in stops:
             if stop.start_ns == t_ns:
                 self._emit_at(t_ns, "stopped", chain, node, "", stop.reason)
-        if any(end == t_ns for _, end in halts[chain].intervals(t_ns + 1)):
-            self._emit_at(t_ns, "resumed", chain, node, "", "")
+        for begin, end in halts[chain].intervals(t_ns + 1):
+            if end == t_ns:
+                for _ in range(sum(begin <= s.start_ns < end for s in stops)):
+                    self._emit_at(t_ns, "resumed", chain, node, "", "")
 
     def _emit_at(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from scheduling.temporal_plan_graph import TemporalPlanGraph
@@ -67,20 +67,14 @@ class _Story:
         self._next = 0
         self._failed = False
         self._stands: list[str] = []
-        self._merged = 0
         self._clock = 0
         self._out: list[Activity] = []
 
     def tell(self, events: Iterable[Event], end_ns: int) -> list[Activity]:
         """Return all stretches of the robot, none of them empty."""
         mine = [event for event in events if event.robot == self._chain.robot]
-        for node in _node_by_node(mine):
-            kinds = [event.kind for event in node]
-            # Stops that overlap begin one by one and end together.
-            begun = sum(kind in _STANDS for kind in kinds)
-            self._merged = begun - kinds.count("resumed")
-            for event in node:
-                self._hear(event)
+        for event in mine:
+            self._hear(event)
         if self._next < len(self._chain):
             self._until(end_ns, FAILED if self._failed else self._state())
         return self._out
@@ -99,11 +93,7 @@ class _Story:
             self._node, self._next = -1, event.node + 1
             self._stands.clear()
         elif event.kind in _STANDS:
-            stand = _STANDS[event.kind]
-            if self._merged > 0 and self._stands[-1:] == [STOPPED] == [stand]:
-                self._merged -= 1
-            else:
-                self._stands.append(stand)
+            self._stands.append(_STANDS[event.kind])
         elif event.kind == "resumed" and self._stands:
             self._stands.pop()
 
@@ -130,17 +120,6 @@ class _Story:
             node = node if there else -1
             self._out.append(Activity(state, self._clock, t_ns, task, node, node))
             self._clock = t_ns
-
-
-def _node_by_node(events: Iterable[Event]) -> Iterator[list[Event]]:
-    """Yield the events of a robot up to each completion, and what is left."""
-    part: list[Event] = []
-    for event in events:
-        part.append(event)
-        if event.kind == "completed":
-            yield part
-            part = []
-    yield part
 
 
 def _joined(stretches: Iterable[Activity], *, nodes: bool) -> list[Activity]:
