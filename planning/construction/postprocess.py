@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.construction.retiming import dense, earliest_along
+from planning.construction.retiming import dense, earliest_along, latest_along
 from planning.construction.rrt_kernel import Query
 from planning.construction.space_time_checker import SpaceTimeChecker
 from planning.construction.space_time_path import SpaceTimePath
@@ -103,6 +103,30 @@ def retimed(
     )
     if len(come) == 0:
         return None
+    return _timed(way, places, come, leave)
+
+
+def delayed(
+    checker: SpaceTimeChecker, found: SpaceTimePath, query: Query
+) -> SpaceTimePath:
+    """Return the path with waits as early on it as possible, and the same arrival, or as it is.
+
+    Args:
+        checker: who moves, one robot, and among what.
+        found: a free path.
+        query: speeds, and when the robot is free to move.
+    """
+    places = dense(_corners(found.path), query.velocity, _SPACING)
+    if len(places) < 2:
+        return found
+    come, leave = latest_along(
+        checker.scene, query, places, checker.step, found.arrival
+    )
+    return found if len(come) == 0 else _timed(found, places, come, leave)
+
+
+def _timed(way: SpaceTimePath, places: Array, come: Array, leave: Array) -> SpaceTimePath:
+    """Return the path through places, each with the time of coming and of leaving."""
     time = np.stack([come, leave], axis=1).ravel()
     path = np.repeat(places, 2, axis=0)
     keep = np.concatenate([[True], np.diff(time) > 1e-9])

@@ -95,6 +95,76 @@ def earliest_along(
 
 
 @njit(cache=True)
+def latest_along(
+    scene: Arena, query: Query, path: Array, step: float, arrival: float
+) -> tuple[Array, Array]:
+    """Return when to come to and to leave each place of a path to leave as late as possible.
+
+    Args:
+        scene: what must be kept clear of.
+        query: speeds, and when the one mover is free to move.
+        path: places, the first where the mover is, the last a goal, shape (w, n).
+        step: departures are tried at this distance [s].
+        arrival: when it arrives [s].
+
+    Returns:
+        Times of coming, and of leaving, shape (w,); empty where there is no way to be there then.
+    """
+    most = 16
+    places = len(path)
+    start = np.min(query.begin)
+    first = int(np.floor(start / step + 1e-6))
+    cells = max(int(np.ceil(arrival / step)) + 1 - first, 1)
+    free = np.empty(cells, dtype=np.bool_)
+    spans = np.empty((places, most, 2))
+    counts = np.zeros(places, dtype=np.int64)
+    # For each span of each place: until when one may stay there and still be in time, and in
+    # which span of the next place one is then.
+    leave = np.full((places, most), -np.inf)
+    after = np.full((places, most), -1, dtype=np.int64)
+    for k in range(places):
+        free[:] = True
+        strike_out(scene, path[k], path[k], first, step, free)
+        counts[k] = spans_of(free, first, step, spans[k])
+    if counts[0] == 0 or spans[0, 0, 0] > start + _TINY:
+        # It cannot stay where it is, and has to leave at once.
+        counts[0] = 1
+        spans[0, 0] = start
+    m = _span_at(spans[places - 1], counts[places - 1], arrival)
+    if m < 0:
+        return np.empty(0), np.empty(0)
+    leave[places - 1, m] = arrival
+    for k in range(places - 2, -1, -1):
+        lasts = arrive(query, path[k], start, path[k + 1]) - start
+        for m in range(counts[k + 1]):
+            depart = leave[k + 1, m] - lasts
+            while depart >= max(start, spans[k + 1, m, 0] - lasts) - _TINY:
+                depart = max(depart, start)
+                i = _span_at(spans[k], counts[k], depart)
+                if i >= 0:
+                    if depart > leave[k, i] + _TINY and motion_clear(
+                        scene, path[k], depart, path[k + 1], depart + lasts
+                    ):
+                        leave[k, i] = depart
+                        after[k, i] = m
+                    if leave[k, i] > -np.inf and i == 0:
+                        break
+                depart = (np.ceil(depart / step - 1e-6) - 1.0) * step
+    if leave[0, 0] == -np.inf:
+        return np.empty(0), np.empty(0)
+    come_at, leave_at = np.empty(places), np.empty(places)
+    come_at[0], i = start, 0
+    for k in range(places):
+        leave_at[k] = leave[k, i]
+        if k + 1 < places:
+            come_at[k + 1] = leave_at[k] + (
+                arrive(query, path[k], start, path[k + 1]) - start
+            )
+            i = after[k, i]
+    return come_at, leave_at
+
+
+@njit(cache=True)
 def _span_at(spans: Array, count: int, t: float) -> int:
     """Return the span that contains a time, -1 for none."""
     for m in range(count):

@@ -156,6 +156,7 @@ def search_roadmap(
     checked = 0
     state = 0
     order = np.empty(len(road.q))
+    known = goals + len(extra)
     while True:
         v, i = state // _SPANS, state % _SPANS
         if 1 <= v <= goals:
@@ -169,10 +170,11 @@ def search_roadmap(
                 else arrive(query, road.q[v], start, road.q[k])
             )
         order[v] = np.inf
-        for turn in range(neighbours + goals):
-            # The goals first, then the nearest vertices.
+        # The goals first, and from ways given to ways given, then the nearest vertices.
+        given = goals if 0 < v <= goals or v > known else known
+        for turn in range(given + neighbours):
             u = turn + 1
-            if turn >= goals:
+            if turn >= given:
                 u = int(np.argmin(order))
             if order[u] == np.inf:
                 continue

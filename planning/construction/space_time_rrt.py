@@ -9,7 +9,7 @@ import numpy as np
 
 from planning.construction.arrival_windows import arrival_windows
 from planning.construction.leaning_ways import leaning_ways
-from planning.construction.postprocess import hasten, retimed, shorten
+from planning.construction.postprocess import delayed, hasten, retimed, shorten
 from planning.construction.roadmap_kernel import search_roadmap
 from planning.construction.rrt_kernel import (
     Limits,
@@ -71,6 +71,8 @@ def space_time_rrt(
     not_before: float = 0.0,
     arrival: float | None = None,
     latest: float = np.inf,
+    hints: Array | None = None,
+    linger: bool = False,
     settings: RrtSettings = RrtSettings(),
     seed: int = 0,
 ) -> SpaceTimePath | None:
@@ -89,6 +91,8 @@ def space_time_rrt(
         not_before: no earlier arrival is wanted [s].
         arrival: the only arrival time that is wanted, such as that of a partner [s].
         latest: no later arrival is wanted [s].
+        hints: configurations that a way may well lead through, shape (h, n).
+        linger: one robot that has to wait does so early on the way, not late.
         settings: how the search goes on.
         seed: of all random numbers.
     """
@@ -120,7 +124,10 @@ def space_time_rrt(
         checker.rest,
         checker.leans,
     )
-    return _search(checker, query, latest, settings, seed)
+    if hints is None:
+        hints = np.empty((0, len(start)))
+    found = _search(checker, query, latest, hints, settings, seed)
+    return delayed(checker, found, query) if linger and found is not None else found
 
 
 def _cut(windows: Array, earliest: float, latest: float) -> Array:
@@ -135,6 +142,7 @@ def _search(
     checker: SpaceTimeChecker,
     query: Query,
     latest: float,
+    hints: Array,
     settings: RrtSettings,
     seed: int,
 ) -> SpaceTimePath | None:
@@ -174,7 +182,7 @@ def _search(
             break
         if settings.checks > 0:
             around = _over_roadmap(
-                checker, query, best, horizon, earliest, settings, seed + turn
+                checker, query, best, horizon, earliest, hints, settings, seed + turn
             )
             if around is not None:
                 best = _improve(checker, around, query, settings, seed + turn)
@@ -217,16 +225,17 @@ def _over_roadmap(
     best: SpaceTimePath | None,
     horizon: float,
     earliest: float,
+    hints: Array,
     settings: RrtSettings,
     seed: int,
 ) -> SpaceTimePath | None:
     """Return a path that arrives earlier than the best one so far, over a random roadmap."""
-    extra = np.empty((0, len(query.start)))
+    extra = hints
     bound = horizon
     # As wide as that there are ways around.
     wide = earliest + max(0.5 * (earliest - float(query.begin.min())), _AROUND)
     if best is not None:
-        extra = np.unique(best.path, axis=0)
+        extra = np.concatenate([hints, np.unique(best.path, axis=0)])
         bound = best.arrival - settings.good_enough
         wide = bound
     time, path, goal, _ = search_roadmap(

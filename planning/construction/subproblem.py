@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from planning.construction.bounds import ReachBounds
 from planning.construction.building import Building
-from planning.construction.fixed_world import drop_tail
+from planning.construction.fixed_world import FixedWorld, drop_tail
 from planning.construction.keyframe_solver import KeyframeSettings, KeyframeSolver
 from planning.construction.keyframes import Keyframe, Keyframes
 from planning.construction.object_order import ready_at
@@ -103,6 +103,7 @@ class SubproblemSolver:
         team = tuple(dict.fromkeys(action.robot for action in skeleton))
         rng = np.random.default_rng(seed)
         world = building.world
+        hints = {robot: _way_out(world, robot) for robot in team}
         for robot in team:
             world = drop_tail(world, robot)
         building = Building(world, building.work, building.placed)
@@ -115,7 +116,7 @@ class SubproblemSolver:
                 found = next(options, None)
             if found is None:
                 return None
-            done = self._go(building, part, team, found, rng, settings)
+            done = self._go(building, part, team, found, hints, rng, settings)
             if done is not None:
                 return done
         return None
@@ -126,13 +127,14 @@ class SubproblemSolver:
         part: Part,
         team: tuple[str, ...],
         keyframes: Keyframes,
+        hints: Mapping[str, Array],
         rng: np.random.Generator,
         settings: SubproblemSettings,
     ) -> Building | None:
         """Return the state after all actions with given keyframes, leg by leg."""
         problem = self.problem
         robot, hold = team[0], keyframes.holds[0]
-        after = self._leg(building, robot, keyframes.picks, frozenset(), rng, settings)
+        after = self._leg(building, robot, keyframes.picks, frozenset(), rng, settings, hints[robot])
         if after is None:
             return None
         building, pick, start = after
@@ -146,7 +148,7 @@ class SubproblemSolver:
                 return None
             building, robot, hold = met, team[-1], keyframes.holds[-1]
         allowed = held_by(robot, part)
-        after = self._leg(building, robot, keyframes.places, allowed, rng, settings)
+        after = self._leg(building, robot, keyframes.places, allowed, rng, settings, linger=True)
         if after is None:
             return None
         building, place, start = after
@@ -205,6 +207,8 @@ class SubproblemSolver:
         allowed: frozenset[frozenset[str]],
         rng: np.random.Generator,
         settings: SubproblemSettings,
+        hints: Array | None = None,
+        linger: bool = False,
     ) -> tuple[Building, Keyframe, float] | None:
         """Return the state at the beginning of a skill, the keyframe that it is, and when."""
         with self.watch.time("path"):
@@ -213,6 +217,8 @@ class SubproblemSolver:
                 checker,
                 np.array([goal.start for goal in goals]),
                 windows=[goal.windows for goal in goals],
+                hints=hints,
+                linger=linger,
                 settings=settings.rrt,
                 seed=_seed(rng),
             )
@@ -242,6 +248,20 @@ class SubproblemSolver:
         if found is None:
             return None
         return building.moved(robot, found.time, found.path, work=False)
+
+
+def _way_out(world: FixedWorld, robot: str) -> Array:
+    """Return places on a robot's way out of others' way, shape (w, n)."""
+    line = world.robots[robot]
+    times = np.unique(
+        np.concatenate(
+            [
+                line.time[line.time > line.busy_until],
+                np.arange(line.busy_until, line.end, 0.75),
+            ]
+        )
+    )
+    return np.array([line.at(float(t)) for t in times]).reshape(len(times), line.path.shape[1])
 
 
 def _standing(robot: str, q: Array) -> SkillMotion:
