@@ -112,6 +112,7 @@ def search_roadmap(
     neighbours: int,
     checks: int,
     step: float,
+    depart: float,
     bound: float,
     wide: float,
     seed: int,
@@ -126,6 +127,7 @@ def search_roadmap(
         neighbours: nearest vertices that motions from one lead to.
         checks: motions checked at most.
         step: departures are tried at this distance, and twice, four times... of it [s].
+        depart: the movers stand until then, or as long as they may [s].
         bound: only an arrival before this is of use [s].
         wide: configurations are drawn from which a goal can be reached by then [s].
         seed: of the random configurations.
@@ -150,7 +152,7 @@ def search_roadmap(
         np.empty(_QUEUE),
         np.empty((_QUEUE, 3), dtype=np.int64),
     )
-    road.come[0, 0] = start
+    road.come[0, 0] = max(start, min(depart, road.spans[0, 0, 1]))
     best, last = bound, -1
     at = next_arrival(query, 0, np.inf)
     checked = 0
@@ -221,7 +223,9 @@ def search_roadmap(
             break
     if last < 0:
         return np.empty(0), np.empty((0, n)), -1, checked
-    return _trace(road, last, best, checked)
+    times, path = _trace(road, last, best)
+    times[0] = start
+    return times, path, last // _SPANS - 1, checked
 
 
 @njit(cache=True)
@@ -252,12 +256,16 @@ def _draw(
         tries += 1
         goal = int(random_share(state) * goals)
         kind = random_share(state)
-        if kind < 0.15:
-            # Where it must leave soon, or can only come late, short ways are what is free.
+        if kind < 0.35:
+            # Where it must leave soon, or can only come late, short ways are what is free; and
+            # an arm that reaches over something leaves by driving away, as it is.
             near = int(random_share(state) * (1 + goals))
             far = 0.2 + 2.0 * random_share(state)
+            drives = random_share(state) < 0.6 and not np.all(query.leans)
             for j in range(n):
                 at = 2.0 * random_share(state) - 1.0
+                if drives and query.leans[j]:
+                    at = 0.0
                 at = q[near, j] + far * query.velocity[j] * at
                 q[number, j] = min(max(at, query.lower[j]), query.upper[j])
         elif kind < 0.85:
@@ -367,9 +375,7 @@ def _pop(heap: Motions) -> None:
 
 
 @njit(cache=True)
-def _trace(
-    road: Roadmap, last: int, best: float, checked: int
-) -> tuple[Array, Array, int, int]:
+def _trace(road: Roadmap, last: int, best: float) -> tuple[Array, Array]:
     """Return the path that leads to a span of a vertex."""
     count = 1
     k = last
@@ -385,4 +391,4 @@ def _trace(
         path[2 * c], path[2 * c + 1] = road.q[v], road.q[v]
         leave = road.left[v, i]
         k = road.parent[v, i]
-    return times, path, last // _SPANS - 1, checked
+    return times, path

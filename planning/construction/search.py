@@ -13,7 +13,7 @@ from planning.construction.building import Building, nothing_built
 from planning.construction.object_order import rank_parts
 from planning.construction.problem import ConstructionProblem, Part
 from planning.construction.skeletons import Skeleton, skeletons
-from planning.construction.subproblem import SubproblemSolver
+from planning.construction.subproblem import Solution, SubproblemSolver
 from planning.errors import ConstructionError
 from planning.kinematics import frame_pose
 
@@ -31,6 +31,8 @@ class SearchSettings:
 
     attempts: int = 2
     group: int = 2
+    asked: int = 3
+    late: float = 2.0
     efforts: int = 3
 
 
@@ -172,16 +174,53 @@ class ConstructionSearch:
         self, building: Building, part: Part, effort: int = 0
     ) -> Building | None:
         """Return the state in which a part is in its place, None where nobody can do it."""
+        if effort == 0:
+            easy = self._place_easily(building, part)
+            if easy is not None:
+                return easy
         for skeleton in self._skeletons(building, part):
             for attempt in range(self.settings.attempts):
                 seed = [self.problem.seed, 2, building.step, self.rewound, attempt]
                 seed += [effort, *(self.problem.team.index(a.robot) for a in skeleton)]
                 after = self.solver.solve(building, part, skeleton, seed, effort)
                 if after is not None:
-                    return after
+                    return after.building
             placed = frozenset(building.placed)
             self.failures.append(Failure(part.name, skeleton, placed, effort))
         return None
+
+    def _place_easily(self, building: Building, part: Part) -> Building | None:
+        """Return the best of a few states in which a part is in its place, None for none.
+
+        The first robot does it, unless others are in its way and it would be late: then others
+        are asked, too, as long as they may be sooner.
+        """
+        best: Solution | None = None
+        asked = 0
+        for skeleton in self._skeletons(building, part):
+            robots = _robots(skeleton)
+            if len(robots) > 1 or asked >= self.settings.asked:
+                break
+            if best is not None:
+                free = building.world.free_from(robots[0])
+                if free + self._least() > best.building.placed[part.name]:
+                    break
+            asked += 1
+            seed = [self.problem.seed, 3, building.step, self.rewound]
+            seed += [self.problem.team.index(r) for r in robots]
+            found = self.solver.solve(building, part, skeleton, seed, hasty=True, latest=np.inf if best is None else best.building.placed[part.name])
+            if found is None:
+                continue
+            end = found.building.placed[part.name]
+            if best is None or end < best.building.placed[part.name]:
+                best = found
+            if best.late <= self.settings.late:
+                break
+        return None if best is None else best.building
+
+    def _least(self) -> float:
+        """Return how long a robot works on a part that it picks and places at least [s]."""
+        return self.problem.seconds.pick + self.problem.seconds.place
 
     def _skeletons(self, building: Building, part: Part) -> Iterator[Skeleton]:
         """Yield sequences of actions: robots by eq. 7, one before several, short before long."""

@@ -38,6 +38,8 @@ class RrtSettings:
         growth: factor by which the range of arrival times grows.
         good_enough: an arrival this much after the earliest that speeds allow ends the search
             [s]; so much must an improvement gain.
+        bearable: an arrival this much after the earliest over a roadmap is not searched on
+            for [s].
         direct: ways that need no search tried first, at most.
         rounds: how often a path is searched for, each time with the bound of the one before.
         vertices: of the roadmap that is searched for an earlier arrival.
@@ -53,6 +55,7 @@ class RrtSettings:
     reach: float = 4.0
     growth: float = 1.15
     good_enough: float = 0.2
+    bearable: float = 0.0
     direct: int = 3
     rounds: int = 2
     vertices: int = 200
@@ -155,13 +158,23 @@ def _search(
         return None  # no goal is ever free when one could be there
     # Some while after all others have stopped nothing changes any more.
     calm = max(checker.world.end, earliest)
-    horizon = min(latest, calm + 4.0 * (earliest - begin) + 20.0)
+    horizon = min(latest, calm + 4.0 * _least(query) + 20.0)
     best = _without_search(checker, query, horizon, earliest, settings)
     if best is not None and best.arrival <= earliest + settings.good_enough:
         return best
     samples = 0
-    enough = earliest + settings.good_enough
     for turn in range(settings.rounds):
+        at = seed + turn
+        if settings.checks > 0:
+            around = _over_roadmap(
+                checker, query, best, horizon, earliest, hints, settings, at
+            )
+            if around is not None:
+                best = _improve(checker, around, query, settings, at)
+        if best is not None and best.arrival <= earliest + settings.good_enough:
+            break
+        if best is not None and best.arrival <= earliest + settings.bearable:
+            break
         limits = Limits(
             settings.iterations if best is None else settings.patience,
             settings.patience,
@@ -177,18 +190,17 @@ def _search(
         samples += int(drawn)
         if goal >= 0:
             found = SpaceTimePath(time, path, int(goal), earliest)
-            best = _improve(checker, found, query, settings, seed + turn)
-        if best is not None and best.arrival <= enough:
+            best = _improve(checker, found, query, settings, at)
+        if best is not None and best.arrival <= earliest + settings.good_enough:
             break
-        if settings.checks > 0:
-            around = _over_roadmap(
-                checker, query, best, horizon, earliest, hints, settings, seed + turn
-            )
-            if around is not None:
-                best = _improve(checker, around, query, settings, seed + turn)
-            if best is not None and best.arrival <= enough:
-                break
     return None if best is None else replace(best, samples=samples)
+
+
+def _least(query: Query) -> float:
+    """Return the time that speeds allow to the nearest goal [s]."""
+    begin = float(query.begin.min())
+    goals = range(len(query.goals))
+    return min(least_time(query, query.start, begin, g) for g in goals) - begin
 
 
 def _without_search(
@@ -232,12 +244,14 @@ def _over_roadmap(
     """Return a path that arrives earlier than the best one so far, over a random roadmap."""
     extra = hints
     bound = horizon
-    # As wide as that there are ways around.
-    wide = earliest + max(0.5 * (earliest - float(query.begin.min())), _AROUND)
+    # As wide as that there are ways around; waits make them no wider.
+    begin = float(query.begin.min())
+    least = _least(query)
+    wide = begin + least + max(0.5 * least, _AROUND)
     if best is not None:
         extra = np.concatenate([hints, np.unique(best.path, axis=0)])
         bound = best.arrival - settings.good_enough
-        wide = bound
+        wide = min(wide, bound)
     time, path, goal, _ = search_roadmap(
         checker.scene,
         query,
@@ -246,6 +260,7 @@ def _over_roadmap(
         settings.neighbours,
         settings.checks,
         checker.step,
+        earliest - least - _AROUND,
         bound,
         wide,
         seed,

@@ -21,10 +21,36 @@ from planning.construction.space_time_checker import SpaceTimeChecker
 from planning.construction.space_time_rrt import RrtSettings, space_time_rrt
 from planning.construction.step_scenes import StepScenes
 from planning.construction.stopwatch import Stopwatch
+from planning.construction.timeline import RobotTimeline
 from planning.transforms import Array
 
-_RRT = RrtSettings(good_enough=1.0, patience=80, rounds=1)
+_RRT = RrtSettings(
+    good_enough=1.0,
+    bearable=10.0,
+    patience=80,
+    rounds=1,
+    vertices=80,
+    neighbours=16,
+    checks=600,
+)
 """A path that arrives a second late is good enough: better ones cost more than they gain."""
+
+_SPACING = 0.75
+"""Places on ways known before that roadmaps are given are so far apart [s]."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A part that has been brought to its place.
+
+    Attributes:
+        building: the state after it.
+        late: how much later than speeds and the world allow the paths to its skills arrive,
+            in all [s].
+    """
+
+    building: Building
+    late: float
 
 
 @dataclass(frozen=True)
@@ -40,6 +66,10 @@ class SubproblemSettings:
     keyframes: KeyframeSettings = field(default_factory=KeyframeSettings)
     rrt: RrtSettings = _RRT
     holds: int = 2
+
+    def hasty(self) -> SubproblemSettings:
+        """Return the settings with which paths are looked for that are easy to find."""
+        return replace(self, rrt=replace(self.rrt, iterations=0, patience=0), holds=1)
 
     def harder(self, effort: int) -> SubproblemSettings:
         """Return the settings with which failures are gone through again."""
@@ -89,8 +119,11 @@ class SubproblemSolver:
         skeleton: Skeleton,
         seed: Sequence[int],
         effort: int = 0,
-    ) -> Building | None:
-        """Return the state after a part has been brought to its place, None where that failed.
+        *,
+        hasty: bool = False,
+        latest: float = np.inf,
+    ) -> Solution | None:
+        """Return how a part can be brought to its place, None where that failed.
 
         Args:
             building: the state before.
@@ -98,8 +131,12 @@ class SubproblemSolver:
             skeleton: who does what.
             seed: of all random numbers.
             effort: how much harder than usual is tried.
+            hasty: nothing is tried hard.
+            latest: the part must be in its place by then [s].
         """
-        settings = self.settings.harder(effort)
+        settings = self.settings.hasty() if hasty else self.settings.harder(effort)
+        self._late = 0.0
+        self._latest = latest
         team = tuple(dict.fromkeys(action.robot for action in skeleton))
         rng = np.random.default_rng(seed)
         world = building.world
@@ -118,7 +155,7 @@ class SubproblemSolver:
                 return None
             done = self._go(building, part, team, found, hints, rng, settings)
             if done is not None:
-                return done
+                return Solution(done, self._late)
         return None
 
     def _go(
@@ -134,10 +171,21 @@ class SubproblemSolver:
         """Return the state after all actions with given keyframes, leg by leg."""
         problem = self.problem
         robot, hold = team[0], keyframes.holds[0]
-        after = self._leg(building, robot, keyframes.picks, frozenset(), rng, settings, hints[robot])
+        latest = self._latest - problem.seconds.place
+        after = self._leg(
+            building,
+            robot,
+            keyframes.picks,
+            frozenset(),
+            rng,
+            settings,
+            hints=hints[robot],
+            latest=latest - problem.seconds.pick,
+        )
         if after is None:
             return None
-        building, pick, start = after
+        building, pick, start, soonest = after
+        late = start - soonest
         pose = problem.held_in_flange(robot, part, *hold)
         building = building.worked(
             pick.motion, "pick", part.name, start, robot, pose, hold.grip
@@ -148,10 +196,21 @@ class SubproblemSolver:
                 return None
             building, robot, hold = met, team[-1], keyframes.holds[-1]
         allowed = held_by(robot, part)
-        after = self._leg(building, robot, keyframes.places, allowed, rng, settings, linger=True)
+        after = self._leg(
+            building,
+            robot,
+            keyframes.places,
+            allowed,
+            rng,
+            settings,
+            linger=True,
+            latest=latest,
+        )
         if after is None:
             return None
-        building, place, start = after
+        building, place, start, soonest = after
+        opens = min(float(place.windows[0, 0]) for place in keyframes.places)
+        self._late = start - max(opens, soonest - late)
         building = building.worked(
             place.motion, "place-down", part.name, start, None, part.goal, hold.grip
         )
@@ -177,14 +236,14 @@ class SubproblemSolver:
         after = self._leg(building, giver, meetings, allowed, rng, settings)
         if after is None:
             return None
-        building, chosen, waits = after
+        building, chosen, waits, _ = after
         meeting = next(m for m in keyframes.meetings if m.giver is chosen)
         motion = chosen.motion
         goal = Keyframe(_standing(taker, meeting.taker), _from(chosen.windows, waits))
         after = self._leg(building, taker, [goal], frozenset(), rng, settings)
         if after is None:
             return None
-        building, _, start = after
+        building, _, start, _ = after
         with self.watch.time("path"):
             # Others were planned before the giver was to wait here.
             checker = SpaceTimeChecker(building.world, (giver,), allowed=allowed)
@@ -209,7 +268,8 @@ class SubproblemSolver:
         settings: SubproblemSettings,
         hints: Array | None = None,
         linger: bool = False,
-    ) -> tuple[Building, Keyframe, float] | None:
+        latest: float = np.inf,
+    ) -> tuple[Building, Keyframe, float, float] | None:
         """Return the state at the beginning of a skill, the keyframe that it is, and when."""
         with self.watch.time("path"):
             checker = SpaceTimeChecker(building.world, (robot,), allowed=allowed)
@@ -219,13 +279,14 @@ class SubproblemSolver:
                 windows=[goal.windows for goal in goals],
                 hints=hints,
                 linger=linger,
+                latest=latest,
                 settings=settings.rrt,
                 seed=_seed(rng),
             )
         if found is None:
             return None
         building = building.moved(robot, found.time, found.path)
-        return building, goals[found.goal], found.arrival
+        return building, goals[found.goal], found.arrival, found.earliest
 
     def _retract(
         self,
@@ -242,6 +303,7 @@ class SubproblemSolver:
                 checker,
                 home[None],
                 stay=np.inf,
+                hints=_way_in(building.world, robot),
                 settings=settings.rrt,
                 seed=_seed(rng),
             )
@@ -253,15 +315,22 @@ class SubproblemSolver:
 def _way_out(world: FixedWorld, robot: str) -> Array:
     """Return places on a robot's way out of others' way, shape (w, n)."""
     line = world.robots[robot]
-    times = np.unique(
-        np.concatenate(
-            [
-                line.time[line.time > line.busy_until],
-                np.arange(line.busy_until, line.end, 0.75),
-            ]
-        )
-    )
-    return np.array([line.at(float(t)) for t in times]).reshape(len(times), line.path.shape[1])
+    return _places(line, line.busy_until, line.end)
+
+
+def _way_in(world: FixedWorld, robot: str) -> Array:
+    """Return places on a robot's way to its last skill, which may be a way back, shape (w, n)."""
+    line = world.robots[robot]
+    since = line.skills[-2][1] if len(line.skills) > 1 else 0.0
+    return _places(line, since, line.skills[-1][0])
+
+
+def _places(line: RobotTimeline, since: float, until: float) -> Array:
+    """Return places on a robot's path: waypoints, and some in between, shape (w, n)."""
+    corners = line.time[(line.time > since) & (line.time < until)]
+    times = np.unique(np.concatenate([corners, np.arange(since, until, _SPACING)]))
+    path = [line.at(float(t)) for t in times]
+    return np.array(path).reshape(len(times), line.path.shape[1])
 
 
 def _standing(robot: str, q: Array) -> SkillMotion:
