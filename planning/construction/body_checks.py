@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from planning.construction.arena import Arena, column, row, table
+from planning.construction.arena import Arena, Integers, column, row, table
 from planning.construction.space_time_scene import (
     AROUND,
     BODY_ENTITY,
@@ -17,6 +17,7 @@ from planning.construction.space_time_scene import (
     BOX_FROM,
     BOX_HALF,
     BOX_LIMIT,
+    BOX_NUMBER,
     BOX_POSE,
     BOX_UNTIL,
     CAPSULE_FIRST,
@@ -40,6 +41,7 @@ from planning.construction.space_time_scene import (
     OWN_QA,
     OWN_QB,
     OWN_RADIUS,
+    PAIRS,
     PIECE_A,
     PIECE_B,
     PIECE_BODY,
@@ -65,6 +67,7 @@ from planning.construction.space_time_scene import (
 )
 from planning.construction.tracks import bound_capsules
 from planning.geometry.distance import segment_box, segment_segment
+from planning.geometry.hull_table import HullTable
 from planning.geometry.separation import hulls_stay_apart, pose_segments
 from planning.geometry.swept import place_capsules
 from planning.transforms import Array
@@ -76,9 +79,6 @@ _RESOLUTION = 0.06
 
 _FINEST = 1e-3
 """Own bodies that are not proved apart when they stray less than this touch [m]."""
-
-_STILL = -1
-"""Stands for the carrier of what lies still."""
 
 
 @njit(cache=True)
@@ -101,24 +101,71 @@ def proved_apart(
         m: a carrier.
         q_a, q_b: ends of its motion, shape (n,).
         o: a body of it, counted in the fleet.
-        v: another carrier, or _STILL.
+        v: another carrier.
         other_a, other_b: ends of its motion.
-        p: a body of it, counted in the fleet; or a box.
+        p: a body of it, counted in the fleet.
         limit: the distance [m].
     """
     bodies = row(scene, BODY_FIRST)
-    own = hulls_of(scene, m, q_a.reshape(1, len(q_a)), q_b.reshape(1, len(q_b)))
+    own = hulls_of(scene, m, _row(q_a, 0, len(q_a)), _row(q_b, 0, len(q_b)))
     scratch = scratch_of(scene)
     scratch.posed[0] = scratch.posed[1] = -1
-    j = p
-    if v == _STILL:
-        other = still_hulls(scene)
-    else:
-        n = len(other_a)
-        other = hulls_of(scene, v, other_a.reshape(1, n), other_b.reshape(1, n))
-        j = p - bodies[v]
+    n = len(other_a)
+    other = hulls_of(scene, v, _row(other_a, 0, n), _row(other_b, 0, n))
     pose_segments(own, 0, other, 0, scratch)
+    j = p - bodies[v]
     return hulls_stay_apart(own, 0, o - bodies[m], other, 0, j, limit, scratch)
+
+
+@njit(cache=True)
+def pairs_apart(
+    scene: Arena,
+    count: int,
+    limits: Array,
+    other: HullTable,
+    columns: Integers,
+) -> bool:
+    """Tell whether the first pairs of PAIRS are proved to keep their distances.
+
+    What hulls are made of is looked up once for all of them: that takes longer than to prove
+    two of them apart.
+
+    Args:
+        scene: the scene, with the movers swept.
+        count: of pairs, each an own body times the number of bodies in ``other``, plus one.
+        limits: least distance of an own body, by column, shape (o, columns) [m].
+        other: what they are looked at against, one segment of it.
+        columns: of each body of ``other`` in ``limits``.
+    """
+    joints, bodies, mover = (
+        row(scene, JOINT_FIRST),
+        row(scene, BODY_FIRST),
+        row(scene, MOVER),
+    )
+    q_a, q_b, pairs = column(scene, OWN_QA), column(scene, OWN_QB), row(scene, PAIRS)
+    scratch = scratch_of(scene)
+    scratch.posed[0] = scratch.posed[1] = -1
+    last = mover[pairs[0] // len(columns)]
+    n = joints[last + 1]
+    own = hulls_of(scene, last, _row(q_a, joints[last], n), _row(q_b, joints[last], n))
+    for c in range(count):
+        o, j = pairs[c] // len(columns), pairs[c] % len(columns)
+        m = mover[o]
+        if m != last:
+            last, n = m, joints[m + 1]
+            own = hulls_of(scene, m, _row(q_a, joints[m], n), _row(q_b, joints[m], n))
+            scratch.posed[0] = -1
+        pose_segments(own, 0, other, 0, scratch)
+        limit = limits[o, columns[j]]
+        if not hulls_stay_apart(own, 0, o - bodies[m], other, 0, j, limit, scratch):
+            return False
+    return True
+
+
+@njit(cache=True)
+def _row(q: Array, first: int, last: int) -> Array:
+    """Return a part of a configuration as the only row of a table."""
+    return q[first:last].reshape(1, last - first)
 
 
 @njit(cache=True)
@@ -128,52 +175,40 @@ def meet_boxes(scene: Arena, boxes: int, lo: float, hi: float) -> int:
     Returns:
         CLEAR, BLOCKED, or SPLIT where a shorter stretch must be looked at.
     """
-    joints, capsules = row(scene, JOINT_FIRST), row(scene, CAPSULE_FIRST)
-    near, mover = row(scene, NEAR), row(scene, MOVER)
+    near, capsules = row(scene, NEAR), row(scene, CAPSULE_FIRST)
     around, own_box = column(scene, AROUND), table(scene, OWN_BOX)
     bounds, limits = table(scene, BOX_BOUNDS), table(scene, BOX_LIMIT)
     start, end = column(scene, BOX_FROM), column(scene, BOX_UNTIL)
     pose, half = table(scene, BOX_POSE), table(scene, BOX_HALF)
     a, b = table(scene, OWN_A), table(scene, OWN_B)
     radius, moved = column(scene, OWN_RADIUS), table(scene, OWN_MOVED)
-    q_a, q_b = column(scene, OWN_QA), column(scene, OWN_QB)
     widest = column(scene, SETTINGS)[WIDEST]
-    for decide in range(2):
-        proposed = False
-        for k in range(boxes):
-            x = near[k]
-            if (start[x] >= hi and hi > lo) or start[x] > hi or end[x] <= lo:
+    pairs, count = row(scene, PAIRS), boxes * 0
+    for k in range(boxes):
+        x = near[k]
+        if (start[x] >= hi and hi > lo) or start[x] > hi or end[x] <= lo:
+            continue
+        if apart(around, bounds[x], widest):
+            continue
+        for o in range(len(own_box)):
+            limit = limits[o, x]
+            if limit < 0.0 or apart(own_box[o], bounds[x], limit):
                 continue
-            if apart(around, bounds[x], widest):
-                continue
-            for o in range(len(own_box)):
-                limit = limits[o, x]
-                if limit < 0.0 or apart(own_box[o], bounds[x], limit):
-                    continue
-                hit = False
-                for c in range(capsules[o], capsules[o + 1]):
-                    reach = radius[c] + limit
-                    gap = segment_box(a[c], b[c], pose[4 * x : 4 * x + 4], half[x])
-                    if gap <= reach * reach:
-                        if moved[c, 0] > _RESOLUTION:
-                            return SPLIT
-                        hit = True
-                        break
-                if not hit:
-                    continue
-                proposed = True
-                if decide == 0:
-                    continue
-                m = mover[o]
-                j0, j1 = joints[m], joints[m + 1]
-                own_a, own_b = q_a[j0:j1], q_b[j0:j1]
-                if not proved_apart(
-                    scene, m, own_a, own_b, o, _STILL, own_a, own_b, x, limit
-                ):
-                    return BLOCKED
-        if not proposed:
-            break
-    return CLEAR
+            for c in range(capsules[o], capsules[o + 1]):
+                reach = radius[c] + limit
+                gap = segment_box(a[c], b[c], pose[4 * x : 4 * x + 4], half[x])
+                if gap <= reach * reach:
+                    if moved[c, 0] > _RESOLUTION:
+                        return SPLIT
+                    pairs[count] = o * len(bounds) + x
+                    count += 1
+                    break
+    if count == 0:
+        return CLEAR
+    columns = row(scene, BOX_NUMBER)
+    if pairs_apart(scene, count, limits, still_hulls(scene), columns):
+        return CLEAR
+    return BLOCKED
 
 
 @njit(cache=True)
@@ -374,14 +409,13 @@ def _bodies_clear(
     other_qb: Array,
 ) -> bool:
     """Check all own bodies against another carrier's, each anywhere on its own motion."""
-    joints, joint = row(scene, JOINT_FIRST), row(scene, BODY_JOINT)
-    capsules, entity = row(scene, CAPSULE_FIRST), row(scene, BODY_ENTITY)
-    mover, limits = row(scene, MOVER), table(scene, ENTITY_LIMIT)
+    joint, capsules = row(scene, BODY_JOINT), row(scene, CAPSULE_FIRST)
+    entity, limits = row(scene, BODY_ENTITY), table(scene, ENTITY_LIMIT)
     around, own_box = column(scene, AROUND), table(scene, OWN_BOX)
     a, b, radius = table(scene, OWN_A), table(scene, OWN_B), column(scene, OWN_RADIUS)
-    q_a, q_b = column(scene, OWN_QA), column(scene, OWN_QB)
     widest = column(scene, SETTINGS)[WIDEST]
-    for k in range(len(other_box)):
+    pairs, bodies, count = row(scene, PAIRS), len(other_box), v * 0
+    for k in range(bodies):
         if apart(around, other_box[k], widest):
             continue
         p = first + k
@@ -407,19 +441,11 @@ def _bodies_clear(
                 )
             ):
                 continue
-            m = mover[o]
-            j0, j1 = joints[m], joints[m + 1]
-            if not proved_apart(
-                scene,
-                m,
-                q_a[j0:j1],
-                q_b[j0:j1],
-                o,
-                v,
-                other_qa,
-                other_qb,
-                p,
-                limit,
-            ):
-                return False
-    return True
+            pairs[count] = o * bodies + k
+            count += 1
+    if count == 0:
+        return True
+    n = len(other_qa)
+    other = hulls_of(scene, v, _row(other_qa, 0, n), _row(other_qb, 0, n))
+    columns = entity[first : first + bodies]
+    return bool(pairs_apart(scene, count, limits, other, columns))

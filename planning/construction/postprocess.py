@@ -125,7 +125,9 @@ def delayed(
     return found if len(come) == 0 else _timed(found, places, come, leave)
 
 
-def _timed(way: SpaceTimePath, places: Array, come: Array, leave: Array) -> SpaceTimePath:
+def _timed(
+    way: SpaceTimePath, places: Array, come: Array, leave: Array
+) -> SpaceTimePath:
     """Return the path through places, each with the time of coming and of leaving."""
     time = np.stack([come, leave], axis=1).ravel()
     path = np.repeat(places, 2, axis=0)

@@ -208,7 +208,14 @@ class ConstructionSearch:
             asked += 1
             seed = [self.problem.seed, 3, building.step, self.rewound]
             seed += [self.problem.team.index(r) for r in robots]
-            found = self.solver.solve(building, part, skeleton, seed, hasty=True, latest=np.inf if best is None else best.building.placed[part.name])
+            found = self.solver.solve(
+                building,
+                part,
+                skeleton,
+                seed,
+                hasty=True,
+                latest=np.inf if best is None else best.building.placed[part.name],
+            )
             if found is None:
                 continue
             end = found.building.placed[part.name]

@@ -48,6 +48,7 @@ OTHER_MOVED, OTHER_RADIUS, OTHER_BOX = (next(_KEYS) for _ in range(3))
 POSES, MIDDLE, STACK = (next(_KEYS) for _ in range(3))
 HULL_POSES, HULL_CORNERS, HULL_STACK = (next(_KEYS) for _ in range(3))
 HULL_POSED, HULL_WHERE, HULL_STRAIGHT, HULL_DIRECTION = (next(_KEYS) for _ in range(4))
+PAIRS, BOX_NUMBER = (next(_KEYS) for _ in range(2))
 KEYS = next(_KEYS)
 
 STEP, HALVINGS, WIDEST = 0, 1, 2
@@ -191,11 +192,13 @@ def lay_out(
         PIECE_CAPSULE: tracks.capsule_first,
         TREE_FIRST: tracks.tree_first,
         BOX_JOINT: boxes.hulls.joint,
+        BOX_NUMBER: np.arange(len(boxes.pose)),
         BOX_CORNER_FIRST: boxes.hulls.corner_first,
         BOX_CAPSULE_FIRST: boxes.hulls.capsule_first,
         MOVER: np.repeat(np.arange(movers), counts),
         NEAR: np.zeros(max(len(tracks.first), len(boxes.pose), 1), dtype=np.int64),
         HULL_POSED: np.zeros(2, dtype=np.int64),
+        PAIRS: np.zeros(own_bodies * max(bodies, len(boxes.pose), 1), dtype=np.int64),
     }
     most_solids = max(bodies, len(boxes.pose))
     return pack(KEYS, tables, rows, fleet.prismatic, most_solids)

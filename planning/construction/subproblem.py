@@ -31,7 +31,7 @@ _RRT = RrtSettings(
     rounds=1,
     vertices=80,
     neighbours=16,
-    checks=600,
+    checks=300,
 )
 """A path that arrives a second late is good enough: better ones cost more than they gain."""
 
@@ -178,7 +178,7 @@ class SubproblemSolver:
             keyframes.picks,
             frozenset(),
             rng,
-            settings,
+            _with_time(settings, self._spare(robot, keyframes)),
             hints=hints[robot],
             latest=latest - problem.seconds.pick,
         )
@@ -215,6 +215,17 @@ class SubproblemSolver:
             place.motion, "place-down", part.name, start, None, part.goal, hold.grip
         )
         return self._retract(building, robot, rng, settings)
+
+    def _spare(self, robot: str, keyframes: Keyframes) -> float:
+        """Return how much later than possible a part may be picked and still be in time [s]."""
+        velocity = np.asarray(self.problem.speeds[robot])
+        pick = keyframes.picks[0]
+        have = pick.earliest + pick.motion.seconds
+        spare = np.inf
+        for place in keyframes.places:
+            travel = np.max(np.abs(place.start - pick.motion.path[-1]) / velocity)
+            spare = min(spare, place.earliest - have - float(travel))
+        return max(spare, 0.0) if len(keyframes.holds) == 1 else 0.0
 
     def _hand_over(
         self,
@@ -310,6 +321,12 @@ class SubproblemSolver:
         if found is None:
             return None
         return building.moved(robot, found.time, found.path, work=False)
+
+
+def _with_time(settings: SubproblemSettings, spare: float) -> SubproblemSettings:
+    """Return the settings for a path that may be late: most of the time, not to spend all."""
+    enough = max(settings.rrt.good_enough, 0.7 * spare)
+    return replace(settings, rrt=replace(settings.rrt, good_enough=enough))
 
 
 def _way_out(world: FixedWorld, robot: str) -> Array:
