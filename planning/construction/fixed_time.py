@@ -17,6 +17,7 @@ from planning.construction.building import Building
 from planning.construction.fixed_world import drop_tail
 from planning.construction.keyframe_solver import KeyframeSolver, Phase, holds_of
 from planning.construction.keyframes import Keyframe
+from planning.construction.known_ways import way_out
 from planning.construction.object_order import ready_at
 from planning.construction.part_contacts import PartContacts, held_by
 from planning.construction.planner import (
@@ -28,9 +29,11 @@ from planning.construction.planner import (
 from planning.construction.problem import ConstructionProblem, Part
 from planning.construction.skeletons import Skeleton
 from planning.construction.skill_motion import SkillMotion
+from planning.construction.space_time_checker import Pairs
 from planning.construction.step_scenes import StepScenes
 from planning.construction.stopwatch import Stopwatch
-from planning.construction.subproblem import SubproblemSettings, SubproblemSolver
+from planning.construction.subproblem import Leg, Solution, SubproblemSolver
+from planning.construction.subproblem_settings import SubproblemSettings
 from planning.transforms import Array
 
 _TRIALS = 11
@@ -90,11 +93,15 @@ class FixedTimeSolver(SubproblemSolver):
         skeleton: Skeleton,
         seed: Sequence[int],
         effort: int = 0,
-    ) -> Building | None:
-        """Return the state after a part has been brought to its place, None where that failed."""
+        *,
+        hasty: bool = False,
+        latest: float = np.inf,
+    ) -> Solution | None:
+        """Return how a part can be brought to its place, None where that failed."""
         robot = skeleton[0].robot
-        settings = self.settings.harder(effort)
+        settings = self.settings.hasty() if hasty else self.settings.harder(effort)
         rng = np.random.default_rng(seed)
+        hints = way_out(building.world, robot)
         world = drop_tail(building.world, robot)
         building = replace(building, world=world)
         scenes = StepScenes(self.problem, self.contacts, world, part, (robot,))
@@ -112,24 +119,37 @@ class FixedTimeSolver(SubproblemSolver):
         def place() -> tuple[Keyframe, ...]:
             return solver.places(robot, hold, begin, free)
 
-        picked = self._action(building, robot, solver, pick, frozenset(), rng, settings)
-        if picked is None:
+        leg = self._action(
+            building, robot, solver, pick, rng, settings, hints=hints, latest=latest
+        )
+        if leg is None:
             return None
-        building, key, start = picked
+        building, key, start, soonest = leg
+        late = start - soonest
         pose = self.problem.held_in_flange(robot, part, *hold)
         building = building.worked(
             key.motion, "pick", part.name, start, robot, pose, hold.grip
         )
-        placed = self._action(
-            building, robot, solver, place, held_by(robot, part), rng, settings
+        leg = self._action(
+            building,
+            robot,
+            solver,
+            place,
+            rng,
+            settings,
+            allowed=held_by(robot, part),
+            linger=True,
+            latest=latest,
         )
-        if placed is None:
+        if leg is None:
             return None
-        building, key, start = placed
+        building, key, start, soonest = leg
+        late = start - max(ready, soonest - late)
         building = building.worked(
             key.motion, "place-down", part.name, start, None, part.goal, hold.grip
         )
-        return self._retract(building, robot, rng, settings)
+        done = self._retract(building, robot, rng, settings)
+        return None if done is None else Solution(done, late)
 
     def _action(
         self,
@@ -137,20 +157,34 @@ class FixedTimeSolver(SubproblemSolver):
         robot: str,
         solver: FixedTimeKeyframes,
         draw: Callable[[], tuple[Keyframe, ...]],
-        allowed: frozenset[frozenset[str]],
         rng: np.random.Generator,
         settings: SubproblemSettings,
-    ) -> tuple[Building, Keyframe, float] | None:
-        """Return the state at the beginning of a skill at the first multiple of T that works."""
+        *,
+        allowed: Pairs = frozenset(),
+        hints: Array | None = None,
+        linger: bool = False,
+        latest: float = np.inf,
+    ) -> Leg | None:
+        """Return a path to the beginning of a skill at the first multiple of T that works."""
         begin = building.world.robots[robot].end
         for k in range(1, _TRIALS + 1):
             solver.instant = begin + k * self.duration
             with self.watch.time("keyframes"):
                 goals = draw()
             if goals:
-                after = self._leg(building, robot, goals, allowed, rng, settings)
-                if after is not None:
-                    return after
+                leg = self._leg(
+                    building,
+                    robot,
+                    goals,
+                    rng,
+                    settings,
+                    allowed=allowed,
+                    hints=hints,
+                    linger=linger,
+                    latest=latest,
+                )
+                if leg is not None:
+                    return leg._replace(soonest=begin + self.duration)
         return None
 
 

@@ -11,7 +11,8 @@ from planning.construction.part_contacts import PartContacts
 from planning.construction.problem import ConstructionProblem
 from planning.construction.search import ConstructionSearch, Failure, SearchSettings
 from planning.construction.stopwatch import Stopwatch
-from planning.construction.subproblem import SubproblemSettings, SubproblemSolver
+from planning.construction.subproblem import SubproblemSolver
+from planning.construction.subproblem_settings import SubproblemSettings
 
 
 @dataclass(frozen=True)

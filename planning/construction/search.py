@@ -25,6 +25,10 @@ class SearchSettings:
     Attributes:
         attempts: of each sequence of actions, before the next robots are tried.
         group: most robots that work on one part together.
+        asked: robots that may plan a part before anything is tried hard, one after another, as
+            long as each is late.
+        late: a part that comes no later than this after speeds and the world at its place allow
+            is not late [s].
         efforts: how often failures are gone through again when nothing else is left, each
             time trying harder.
     """

@@ -83,9 +83,9 @@ def space_time_rrt(
 ) -> SpaceTimePath | None:
     """Return a path to one of several goals that arrives early, or None.
 
-    Ways that need no search are tried first, see ``leaning_ways``. Then two forests are grown until they meet, and on to
-    arrive earlier; and places on the path found and around it become a roadmap, over which the
-    earliest arrival is searched for.
+    Ways that need no search are tried first, see ``leaning_ways``. Then the earliest arrival is
+    searched for over a roadmap of hints, of places on the best way so far, and of random ones.
+    Where that fails two forests are grown until they meet, and on to arrive earlier.
 
     Args:
         checker: who moves, and among what.
@@ -97,7 +97,8 @@ def space_time_rrt(
         arrival: the only arrival time that is wanted, such as that of a partner [s].
         latest: no later arrival is wanted [s].
         hints: configurations that a way may well lead through, shape (h, n).
-        linger: one robot that has to wait does so early on the way, not late.
+        linger: one robot alone that has to wait does so early on the way, not late: where it
+            is, rather than where it is in the way of others.
         settings: how the search goes on.
         seed: of all random numbers.
     """
@@ -173,9 +174,8 @@ def _search(
             )
             if around is not None:
                 best = _improve(checker, around, query, settings, at)
-        if best is not None and best.arrival <= earliest + settings.good_enough:
-            break
-        if best is not None and best.arrival <= earliest + settings.bearable:
+        enough = max(settings.good_enough, settings.bearable)
+        if best is not None and best.arrival <= earliest + enough:
             break
         limits = Limits(
             settings.iterations if best is None else settings.patience,

@@ -2,41 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from planning.construction.bounds import ReachBounds
 from planning.construction.building import Building
-from planning.construction.fixed_world import FixedWorld, drop_tail
-from planning.construction.keyframe_solver import KeyframeSettings, KeyframeSolver
+from planning.construction.fixed_world import drop_tail
+from planning.construction.keyframe_solver import KeyframeSolver
 from planning.construction.keyframes import Keyframe, Keyframes
+from planning.construction.known_ways import way_in, way_out
 from planning.construction.object_order import ready_at
 from planning.construction.part_contacts import PartContacts, held_by
 from planning.construction.problem import ConstructionProblem, Part
 from planning.construction.skeletons import Skeleton
 from planning.construction.skill_motion import SkillMotion
-from planning.construction.space_time_checker import SpaceTimeChecker
-from planning.construction.space_time_rrt import RrtSettings, space_time_rrt
+from planning.construction.space_time_checker import Pairs, SpaceTimeChecker
+from planning.construction.space_time_rrt import space_time_rrt
 from planning.construction.step_scenes import StepScenes
 from planning.construction.stopwatch import Stopwatch
-from planning.construction.timeline import RobotTimeline
+from planning.construction.subproblem_settings import SubproblemSettings
 from planning.transforms import Array
 
-_RRT = RrtSettings(
-    good_enough=1.0,
-    bearable=10.0,
-    patience=80,
-    rounds=1,
-    vertices=80,
-    neighbours=16,
-    checks=300,
-)
-"""A path that arrives a second late is good enough: better ones cost more than they gain."""
 
-_SPACING = 0.75
-"""Places on ways known before that roadmaps are given are so far apart [s]."""
+class Leg(NamedTuple):
+    """A path to the beginning of a skill.
+
+    Attributes:
+        building: the state then.
+        keyframe: which skill.
+        start: when it begins [s].
+        soonest: how soon speeds and the world at the goals would have let it begin [s].
+    """
+
+    building: Building
+    keyframe: Keyframe
+    start: float
+    soonest: float
 
 
 @dataclass(frozen=True)
@@ -51,40 +55,6 @@ class Solution:
 
     building: Building
     late: float
-
-
-@dataclass(frozen=True)
-class SubproblemSettings:
-    """How hard one sub-problem is worked on.
-
-    Attributes:
-        keyframes: how hard keyframes are looked for.
-        rrt: how hard paths are looked for.
-        holds: ways to hold the part for which paths are looked for.
-    """
-
-    keyframes: KeyframeSettings = field(default_factory=KeyframeSettings)
-    rrt: RrtSettings = _RRT
-    holds: int = 2
-
-    def hasty(self) -> SubproblemSettings:
-        """Return the settings with which paths are looked for that are easy to find."""
-        return replace(self, rrt=replace(self.rrt, iterations=0, patience=0), holds=1)
-
-    def harder(self, effort: int) -> SubproblemSettings:
-        """Return the settings with which failures are gone through again."""
-        if effort == 0:
-            return self
-        by = 3**effort
-        keyframes = replace(
-            self.keyframes,
-            draws=self.keyframes.draws * by,
-            places=self.keyframes.places * 2,
-            ahead=self.keyframes.ahead * by,
-            meetings=self.keyframes.meetings * by,
-        )
-        rrt = replace(self.rrt, iterations=self.rrt.iterations * by)
-        return replace(self, keyframes=keyframes, rrt=rrt, holds=self.holds * by)
 
 
 class SubproblemSolver:
@@ -135,12 +105,10 @@ class SubproblemSolver:
             latest: the part must be in its place by then [s].
         """
         settings = self.settings.hasty() if hasty else self.settings.harder(effort)
-        self._late = 0.0
-        self._latest = latest
         team = tuple(dict.fromkeys(action.robot for action in skeleton))
         rng = np.random.default_rng(seed)
         world = building.world
-        hints = {robot: _way_out(world, robot) for robot in team}
+        hints = way_out(world, team[0])
         for robot in team:
             world = drop_tail(world, robot)
         building = Building(world, building.work, building.placed)
@@ -153,9 +121,9 @@ class SubproblemSolver:
                 found = next(options, None)
             if found is None:
                 return None
-            done = self._go(building, part, team, found, hints, rng, settings)
+            done = self._go(building, part, team, found, rng, settings, hints, latest)
             if done is not None:
-                return Solution(done, self._late)
+                return done
         return None
 
     def _go(
@@ -164,27 +132,38 @@ class SubproblemSolver:
         part: Part,
         team: tuple[str, ...],
         keyframes: Keyframes,
-        hints: Mapping[str, Array],
         rng: np.random.Generator,
         settings: SubproblemSettings,
-    ) -> Building | None:
-        """Return the state after all actions with given keyframes, leg by leg."""
+        hints: Array,
+        latest: float,
+    ) -> Solution | None:
+        """Return the state after all actions with given keyframes, leg by leg.
+
+        Args:
+            building: the state before.
+            part: what is placed.
+            team: who, in order.
+            keyframes: of the skills.
+            rng: what is drawn from.
+            settings: how hard is tried.
+            hints: places on a way out for the first robot, shape (h, n).
+            latest: the part must be in its place by then [s].
+        """
         problem = self.problem
         robot, hold = team[0], keyframes.holds[0]
-        latest = self._latest - problem.seconds.place
-        after = self._leg(
+        latest -= problem.seconds.place
+        leg = self._leg(
             building,
             robot,
             keyframes.picks,
-            frozenset(),
             rng,
-            _with_time(settings, self._spare(robot, keyframes)),
-            hints=hints[robot],
+            settings.unhurried(self._spare(robot, keyframes)),
+            hints=hints,
             latest=latest - problem.seconds.pick,
         )
-        if after is None:
+        if leg is None:
             return None
-        building, pick, start, soonest = after
+        building, pick, start, soonest = leg
         late = start - soonest
         pose = problem.held_in_flange(robot, part, *hold)
         building = building.worked(
@@ -195,29 +174,31 @@ class SubproblemSolver:
             if met is None:
                 return None
             building, robot, hold = met, team[-1], keyframes.holds[-1]
-        allowed = held_by(robot, part)
-        after = self._leg(
+        leg = self._leg(
             building,
             robot,
             keyframes.places,
-            allowed,
             rng,
             settings,
+            allowed=held_by(robot, part),
             linger=True,
             latest=latest,
         )
-        if after is None:
+        if leg is None:
             return None
-        building, place, start, soonest = after
-        opens = min(float(place.windows[0, 0]) for place in keyframes.places)
-        self._late = start - max(opens, soonest - late)
+        building, place, start, soonest = leg
+        opens = min(place.earliest for place in keyframes.places)
+        late = start - max(opens, soonest - late)
         building = building.worked(
             place.motion, "place-down", part.name, start, None, part.goal, hold.grip
         )
-        return self._retract(building, robot, rng, settings)
+        done = self._retract(building, robot, rng, settings)
+        return None if done is None else Solution(done, late)
 
     def _spare(self, robot: str, keyframes: Keyframes) -> float:
         """Return how much later than possible a part may be picked and still be in time [s]."""
+        if len(keyframes.holds) > 1:
+            return 0.0  # another robot places it
         velocity = np.asarray(self.problem.speeds[robot])
         pick = keyframes.picks[0]
         have = pick.earliest + pick.motion.seconds
@@ -225,7 +206,7 @@ class SubproblemSolver:
         for place in keyframes.places:
             travel = np.max(np.abs(place.start - pick.motion.path[-1]) / velocity)
             spare = min(spare, place.earliest - have - float(travel))
-        return max(spare, 0.0) if len(keyframes.holds) == 1 else 0.0
+        return max(spare, 0.0)
 
     def _hand_over(
         self,
@@ -244,17 +225,17 @@ class SubproblemSolver:
         giver, taker = team
         allowed = held_by(giver, part)
         meetings = [meeting.giver for meeting in keyframes.meetings]
-        after = self._leg(building, giver, meetings, allowed, rng, settings)
-        if after is None:
+        leg = self._leg(building, giver, meetings, rng, settings, allowed=allowed)
+        if leg is None:
             return None
-        building, chosen, waits, _ = after
+        building, chosen, waits, _ = leg
         meeting = next(m for m in keyframes.meetings if m.giver is chosen)
         motion = chosen.motion
         goal = Keyframe(_standing(taker, meeting.taker), _from(chosen.windows, waits))
-        after = self._leg(building, taker, [goal], frozenset(), rng, settings)
-        if after is None:
+        leg = self._leg(building, taker, [goal], rng, settings)
+        if leg is None:
             return None
-        building, _, start, _ = after
+        building, _, start, _ = leg
         with self.watch.time("path"):
             # Others were planned before the giver was to wait here.
             checker = SpaceTimeChecker(building.world, (giver,), allowed=allowed)
@@ -274,14 +255,15 @@ class SubproblemSolver:
         building: Building,
         robot: str,
         goals: Sequence[Keyframe],
-        allowed: frozenset[frozenset[str]],
         rng: np.random.Generator,
         settings: SubproblemSettings,
+        *,
+        allowed: Pairs = frozenset(),
         hints: Array | None = None,
         linger: bool = False,
         latest: float = np.inf,
-    ) -> tuple[Building, Keyframe, float, float] | None:
-        """Return the state at the beginning of a skill, the keyframe that it is, and when."""
+    ) -> Leg | None:
+        """Return a path to the beginning of a skill, None where none was found."""
         with self.watch.time("path"):
             checker = SpaceTimeChecker(building.world, (robot,), allowed=allowed)
             found = space_time_rrt(
@@ -297,7 +279,7 @@ class SubproblemSolver:
         if found is None:
             return None
         building = building.moved(robot, found.time, found.path)
-        return building, goals[found.goal], found.arrival, found.earliest
+        return Leg(building, goals[found.goal], found.arrival, found.earliest)
 
     def _retract(
         self,
@@ -314,40 +296,13 @@ class SubproblemSolver:
                 checker,
                 home[None],
                 stay=np.inf,
-                hints=_way_in(building.world, robot),
+                hints=way_in(building.world, robot),
                 settings=settings.rrt,
                 seed=_seed(rng),
             )
         if found is None:
             return None
         return building.moved(robot, found.time, found.path, work=False)
-
-
-def _with_time(settings: SubproblemSettings, spare: float) -> SubproblemSettings:
-    """Return the settings for a path that may be late: most of the time, not to spend all."""
-    enough = max(settings.rrt.good_enough, 0.7 * spare)
-    return replace(settings, rrt=replace(settings.rrt, good_enough=enough))
-
-
-def _way_out(world: FixedWorld, robot: str) -> Array:
-    """Return places on a robot's way out of others' way, shape (w, n)."""
-    line = world.robots[robot]
-    return _places(line, line.busy_until, line.end)
-
-
-def _way_in(world: FixedWorld, robot: str) -> Array:
-    """Return places on a robot's way to its last skill, which may be a way back, shape (w, n)."""
-    line = world.robots[robot]
-    since = line.skills[-2][1] if len(line.skills) > 1 else 0.0
-    return _places(line, since, line.skills[-1][0])
-
-
-def _places(line: RobotTimeline, since: float, until: float) -> Array:
-    """Return places on a robot's path: waypoints, and some in between, shape (w, n)."""
-    corners = line.time[(line.time > since) & (line.time < until)]
-    times = np.unique(np.concatenate([corners, np.arange(since, until, _SPACING)]))
-    path = [line.at(float(t)) for t in times]
-    return np.array(path).reshape(len(times), line.path.shape[1])
 
 
 def _standing(robot: str, q: Array) -> SkillMotion:

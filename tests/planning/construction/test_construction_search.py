@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
@@ -14,17 +15,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.building import nothing_built
+from planning.construction.bounds import ReachBounds
+from planning.construction.building import Building, nothing_built
 from planning.construction.fine_check import check_construction
 from planning.construction.fixed_time import plan_fixed_time
 from planning.construction.models import ModelPart, tower
 from planning.construction.object_order import rank_parts, ready_at
+from planning.construction.part_contacts import PartContacts
 from planning.construction.part_graph import PartGraph
-from planning.construction.planner import ConstructionPlan, plan_construction
-from planning.construction.problem import ConstructionProblem
+from planning.construction.planner import (
+    ConstructionPlan,
+    PlannerSettings,
+    plan_construction,
+    plan_with,
+)
+from planning.construction.problem import ConstructionProblem, Part
 from planning.construction.search import robot_groups
 from planning.construction.site import build_problem, ground_fixture, part_objects
-from planning.construction.skeletons import HANDOVER, in_words, skeletons
+from planning.construction.skeletons import HANDOVER, Skeleton, in_words, skeletons
+from planning.construction.stopwatch import Stopwatch
+from planning.construction.subproblem import Solution, SubproblemSolver
 from planning.construction.supply import Spiral
 from planning.geometry.cover import box_body
 from planning.kinematics import frame_pose
@@ -180,7 +190,7 @@ def test_robots_that_are_free_earliest_come_first() -> None:
 
 
 def test_placements_are_taken_back_for_a_part_that_was_built_in() -> None:
-    plan = plan_construction(_problem(CHEST, 2, seed=2))
+    plan = plan_construction(_problem(CHEST, 2, seed=3))
     order = [w.part for w in plan.building.work if w.holder is None]
     assert sorted(order) == ["chest", "post1", "post2", "slab"]
     assert plan.rewound >= 1
@@ -293,3 +303,48 @@ def test_actions_of_a_fixed_duration_begin_at_its_multiples() -> None:
             assert slots == pytest.approx(round(slots), abs=1e-9)
             assert slots > 0.5
             free = w.end
+
+
+class _Late(SubproblemSolver):
+    """Says of every part that it is late, and notes who was asked and when each could be done."""
+
+    asked: dict[str, dict[str, float]]
+
+    def solve(
+        self,
+        building: Building,
+        part: Part,
+        skeleton: Skeleton,
+        seed: Sequence[int],
+        effort: int = 0,
+        *,
+        hasty: bool = False,
+        latest: float = np.inf,
+    ) -> Solution | None:
+        assert hasty
+        found = super().solve(building, part, skeleton, seed, hasty=True, latest=latest)
+        ends = self.asked.setdefault(part.name, {})
+        ends[skeleton[0].robot] = np.inf
+        if found is None:
+            return None
+        end = ends[skeleton[0].robot] = found.building.placed[part.name]
+        assert end <= latest
+        return replace(found, late=100.0)
+
+
+def test_where_a_robot_is_late_others_are_asked_and_the_soonest_does_it() -> None:
+    problem = _problem(CHEST[:3], 3)
+    bounds, settings = ReachBounds(problem), PlannerSettings()
+    solver = _Late(
+        problem, bounds, PartContacts(problem), settings.subproblem, Stopwatch()
+    )
+    solver.asked = {}
+    plan = plan_with(solver, bounds, settings.search, lambda done, total: None)
+    who = {w.part: w.robot for w in plan.building.work if w.holder is None}
+    for part, ends in solver.asked.items():
+        assert who[part] == min(ends, key=lambda r: ends[r])
+    assert max(len(ends) for ends in solver.asked.values()) > 1
+    # Who is not late does it, and nobody else is asked.
+    plain = plan_construction(problem)
+    first = min(problem.team, key=problem.team.index)
+    assert plain.building.work[0].robot == first

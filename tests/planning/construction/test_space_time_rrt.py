@@ -220,3 +220,39 @@ def test_a_wait_is_put_where_it_costs_nothing() -> None:
     check_path(checker, found, goal)
     # Straight across behind it, or a small way around: never as late as after it has gone.
     assert found.arrival <= 5.5
+
+
+def test_who_lingers_leaves_as_late_as_it_can() -> None:
+    checker = SpaceTimeChecker(door_world(), ("me",))
+    goal = np.array([1.0, 0.0])
+    for arrival in (None, 12.5):
+        hurried = space_time_rrt(checker, goal, arrival=arrival)
+        lingering = space_time_rrt(checker, goal, arrival=arrival, linger=True)
+        assert hurried is not None
+        assert lingering is not None
+        check_path(checker, lingering, goal)
+        assert lingering.arrival == hurried.arrival
+        start = checker.start_configuration()
+        stands = np.all(np.isclose(lingering.path, start), axis=1)
+        leaves = float(lingering.time[stands][-1])
+        least = checker.least_duration(start, goal)
+        straight = [
+            t
+            for t in np.arange(0.0, lingering.arrival - least + 1e-9, 0.01)
+            if checker.motion_free(start, t, goal, t + least)
+        ]
+        # Whoever waits on the way has to leave earlier than who goes straight through the door.
+        assert leaves == pytest.approx(max(straight), abs=0.15)
+
+
+def test_hints_lead_where_chance_does_not() -> None:
+    walls = door_world().cell.fixtures
+    cell = team([placed("me", small(), (-1.0, 0.7))], fixtures=walls)
+    checker = SpaceTimeChecker(FixedWorld(cell), ("me",))
+    goal = np.array([1.0, 0.7])
+    few = RrtSettings(direct=0, iterations=0, patience=0, vertices=0)
+    assert space_time_rrt(checker, goal, settings=few) is None
+    hints = np.array([[-0.5, 0.0], [0.5, 0.0]])
+    found = space_time_rrt(checker, goal, hints=hints, settings=few)
+    assert found is not None
+    check_path(checker, found, goal)
