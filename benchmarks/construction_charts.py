@@ -12,7 +12,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from benchmarks.construction_rows import best_baseline, cases, methods, spread
+from benchmarks.construction_rows import (
+    best_baseline,
+    methods,
+    models_of,
+    spread,
+    teams_of,
+)
 from benchmarks.construction_store import Row
 from benchmarks.construction_tables import paper_total
 from twin.atomic import replacing
@@ -38,11 +44,11 @@ def draw_speed_ups(path: Path, rows: Sequence[Row]) -> None:
     Raises:
         OutputError: the picture cannot be written.
     """
-    models = [m for m in _models(rows) if methods(rows, m, 1)]
+    models = [m for m in models_of(rows) if methods(rows, m, 1)]
     picture, panels = _panels(len(models))
     for axis, model in zip(panels, models, strict=True):
         alone = spread(methods(rows, model, 1), "makespan_s").mean
-        teams = [m for m in _teams(rows, model) if methods(rows, model, m)]
+        teams = [m for m in teams_of(rows, model) if methods(rows, model, m)]
         most = max(max(teams), 2)
         limit = alone / float(methods(rows, model, 1)[0]["chain_s"])
         axis.plot((1, most), (1, most), color="#b8bec6", lw=1.0, ls=":")
@@ -106,10 +112,10 @@ def draw_times(path: Path, rows: Sequence[Row]) -> None:
     Raises:
         OutputError: the picture cannot be written.
     """
-    models = _models(rows)
+    models = models_of(rows)
     picture, panels = _panels(len(models))
     for axis, model in zip(panels, models, strict=True):
-        teams = _teams(rows, model)
+        teams = teams_of(rows, model)
         for k, m in enumerate(teams):
             found = methods(rows, model, m)
             best = best_baseline(rows, model, m)
@@ -211,11 +217,3 @@ def _finish(
     )
     with replacing(path) as temporary:
         picture.savefig(temporary, format="png")
-
-
-def _models(rows: Sequence[Row]) -> list[str]:
-    return list(dict.fromkeys(model for model, _ in cases(rows)))
-
-
-def _teams(rows: Sequence[Row], model: str) -> list[int]:
-    return [robots for name, robots in cases(rows) if name == model]

@@ -9,7 +9,7 @@ from benchmarks import construction_tables as tables
 from benchmarks.construction_charts import draw_speed_ups, draw_times
 from benchmarks.construction_gantt import Chart, draw_schedules
 from benchmarks.construction_paper import SEEDS
-from benchmarks.construction_rows import best_baseline, cases, methods
+from benchmarks.construction_rows import best_baseline, methods, models_of, teams_of
 from benchmarks.construction_store import Row
 from benchmarks.construction_summary import summary
 from twin.atomic import replacing, write_json
@@ -59,7 +59,7 @@ def _head(rows: Sequence[Row]) -> list[str]:
         model: {
             r["seed"] for r in rows if r["model"] == model and r["what"] == "method"
         }
-        for model in dict.fromkeys(model for model, _ in cases(rows))
+        for model in models_of(rows)
     }
     seeds = "; ".join(
         f"{model}: {min(s)} to {max(s)} of {SEEDS[model]} planned"
@@ -87,9 +87,13 @@ def _head(rows: Sequence[Row]) -> list[str]:
 def _schedules(folder: Path, rows: Sequence[Row]) -> Iterator[str]:
     yield from ["## Schedules (Figs. 8, 9 and 11)", ""]
     yield "Plans of the first seed, up to the end of the last skill of each robot and its way out."
-    for model in dict.fromkeys(model for model, _ in cases(rows)):
-        teams = [m for name, m in cases(rows) if name == model]
-        first = {m: r for m in teams for r in methods(rows, model, m) if r["seed"] == 0}
+    for model in models_of(rows):
+        first = {
+            m: r
+            for m in teams_of(rows, model)
+            for r in methods(rows, model, m)
+            if r["seed"] == 0
+        }
         if not first:
             continue
         robots = SCHEDULES[model] if SCHEDULES[model] in first else max(first)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -74,6 +75,67 @@ def cases(rows: Sequence[Row]) -> list[tuple[str, int]]:
     seen = {(str(row["model"]), int(row["robots"])) for row in rows}
     order = list(TEAMS)
     return sorted(seen, key=lambda case: (order.index(case[0]), case[1]))
+
+
+def models_of(rows: Sequence[Row]) -> list[str]:
+    """Return the models of which there is anything, in order."""
+    return list(dict.fromkeys(model for model, _ in cases(rows)))
+
+
+def teams_of(rows: Sequence[Row], model: str) -> list[int]:
+    """Return the sizes of teams of which there is anything for a model, in order."""
+    return [robots for name, robots in cases(rows) if name == model]
+
+
+class Planned(NamedTuple):
+    """Plans of one model by one size of team.
+
+    Attributes:
+        model: its name.
+        robots: size of the team.
+        found: plans of the method that were found, by seed.
+    """
+
+    model: str
+    robots: int
+    found: list[Row]
+
+
+def planned(rows: Sequence[Row]) -> Iterator[Planned]:
+    """Yield all that the method has planned, in order."""
+    for model, robots in cases(rows):
+        found = methods(rows, model, robots)
+        if found:
+            yield Planned(model, robots, found)
+
+
+class Compared(NamedTuple):
+    """The method beside the baseline with the best T, on the same seeds.
+
+    Attributes:
+        model: its name.
+        robots: size of the team.
+        duration: T [s].
+        fixed: plans of the baseline.
+        own: plans of the method.
+    """
+
+    model: str
+    robots: int
+    duration: float
+    fixed: list[Row]
+    own: list[Row]
+
+
+def compared(rows: Sequence[Row]) -> Iterator[Compared]:
+    """Yield all that both have planned, in order."""
+    for model, robots in cases(rows):
+        best = best_baseline(rows, model, robots)
+        if best is None:
+            continue
+        fixed, own = same_seeds(best[1], methods(rows, model, robots))
+        if own:
+            yield Compared(model, robots, best[0], fixed, own)
 
 
 def spread(rows: Sequence[Row], *keys: str) -> Spread:

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 from benchmarks.construction_rows import (
     Spread,
-    best_baseline,
-    cases,
+    compared,
     computing,
     methods,
-    same_seeds,
+    models_of,
+    planned,
     spread,
 )
 from benchmarks.construction_store import Row
@@ -31,9 +31,9 @@ def summary(rows: Sequence[Row]) -> list[str]:
 def _computation(rows: Sequence[Row]) -> list[str]:
     """Say how many rows take at most a tenth of the paper's computation time."""
     shares = {}
-    for model, robots in cases(rows):
-        paper, found = paper_total(model, robots), methods(rows, model, robots)
-        if paper is not None and found:
+    for model, robots, found in planned(rows):
+        paper = paper_total(model, robots)
+        if paper is not None:
             total = spread(found, "cpu_s", "total").mean
             shares[f"{model} with {robots}"] = total / paper
     if not shares:
@@ -49,12 +49,11 @@ def _computation(rows: Sequence[Row]) -> list[str]:
 def _growth(rows: Sequence[Row]) -> list[str]:
     """Say how computation grows with the size of the team."""
     grown = []
-    for model in dict.fromkeys(model for model, _ in cases(rows)):
-        teams = [m for name, m in cases(rows) if name == model]
+    for model in models_of(rows):
         times = {
             m: spread(found, "cpu_s", "total").mean
-            for m in teams
-            if (found := methods(rows, model, m))
+            for name, m, found in planned(rows)
+            if name == model
         }
         if len(times) > 1:
             low, high = min(times), max(times)
@@ -66,13 +65,7 @@ def _growth(rows: Sequence[Row]) -> list[str]:
 def _baseline(rows: Sequence[Row]) -> list[str]:
     """Say how the method does against its own fixed-time baseline."""
     longer, cells, tower = [], 0, None
-    for model, robots in cases(rows):
-        best = best_baseline(rows, model, robots)
-        if best is None:
-            continue
-        fixed, own = same_seeds(best[1], methods(rows, model, robots))
-        if not own:
-            continue
+    for model, robots, _, fixed, own in compared(rows):
         cells += 1
         if spread(own, "makespan_s").mean > spread(fixed, "makespan_s").mean:
             longer.append(f"{model} with {robots}")
@@ -100,9 +93,8 @@ def _wall(rows: Sequence[Row]) -> list[str]:
     if not alone:
         return []
     cells = []
-    for model, robots in cases(rows):
-        found = methods(rows, model, robots)
-        if model == "wall" and 1 < robots <= 5 and found:
+    for model, robots, found in planned(rows):
+        if model == "wall" and 1 < robots <= 5:
             own = spread(found, "makespan_s").mean
             rate = spread(alone, "makespan_s").mean / own
             cells.append(f"{rate:.2f} with {robots} ({rate / robots:.2f} each)")

@@ -8,11 +8,11 @@ from benchmarks.construction_paper import CASE_STUDIES, DURATIONS, TABLE_I, TABL
 from benchmarks.construction_rows import (
     Spread,
     baselines,
-    best_baseline,
     cases,
+    compared,
     computing,
     methods,
-    same_seeds,
+    planned,
     spread,
 )
 from benchmarks.construction_store import Row
@@ -32,10 +32,7 @@ def speed_ups(rows: Sequence[Row]) -> Lines:
         "| model | parts | longest pile | *m* | seeds | makespan [s] | speed-up | a robot | limit | taken back |",
         "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
-    for model, robots in cases(rows):
-        found = methods(rows, model, robots)
-        if not found:
-            continue
+    for model, robots, found in planned(rows):
         alone = spread(methods(rows, model, 1), "makespan_s")
         own = spread(found, "makespan_s")
         limit = alone.mean / float(found[0]["chain_s"])
@@ -61,10 +58,7 @@ def computation(rows: Sequence[Row]) -> Lines:
         "| a part | paper | of the paper's |",
         "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
-    for model, robots in cases(rows):
-        found = methods(rows, model, robots)
-        if not found:
-            continue
+    for model, robots, found in planned(rows):
         alone = spread(methods(rows, model, 1), "cpu_s", "total").mean
         total = spread(found, "cpu_s", "total")
         parts = [
@@ -96,13 +90,7 @@ def against_fixed(rows: Sequence[Row]) -> Lines:
         "| here [s] | **fixed / here** | paper |",
         "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
-    for model, robots in cases(rows):
-        best = best_baseline(rows, model, robots)
-        if best is None:
-            continue
-        fixed, own = same_seeds(best[1], methods(rows, model, robots))
-        if not own:
-            continue
+    for model, robots, duration, fixed, own in compared(rows):
         spans = spread(fixed, "makespan_s"), spread(own, "makespan_s")
         times = (
             Spread(tuple(map(computing, fixed))),
@@ -113,7 +101,7 @@ def against_fixed(rows: Sequence[Row]) -> Lines:
         if key in TABLE_II:
             paper = f"{TABLE_II[key].total / TABLE_I[key].total:.2f}"
         out.append(
-            f"| {model} | {robots} | {len(own)} | {best[0]:g} | {spans[0].text()} "
+            f"| {model} | {robots} | {len(own)} | {duration:g} | {spans[0].text()} "
             f"| {spans[1].text()} | **{spans[0].mean / spans[1].mean:.2f}** "
             f"| {times[0].text()} | {times[1].text()} "
             f"| **{times[0].mean / times[1].mean:.2f}** | {paper} |"
@@ -161,10 +149,7 @@ def checks(rows: Sequence[Row]) -> Lines:
         "| under its graph [s] | nodes | edges | graph [s] | runs clean | stalled runs clean |",
         "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
-    for model, robots in cases(rows):
-        found = methods(rows, model, robots)
-        if not found:
-            continue
+    for model, robots, found in planned(rows):
         good = sum(not r["fine"]["faults"] for r in found)
         least = [
             min(float(r["fine"][key]) for r in found)
