@@ -66,10 +66,10 @@ def draw_speed_ups(path: Path, rows: Sequence[Row]) -> None:
         axis.errorbar(
             teams, rate, error, fmt="o-", color=_OURS, lw=1.8, ms=5, capsize=2.5
         )
-        for m, value in zip(teams, rate, strict=True):
+        for m, value, off in zip(teams, rate, error, strict=True):
             axis.annotate(
                 f"{value:.1f}",
-                (m, value),
+                (m, value + off),
                 xytext=(0, 6),
                 textcoords="offset points",
                 ha="center",

@@ -45,7 +45,7 @@ class RrtSettings:
         vertices: of the roadmap that is searched for an earlier arrival.
         neighbours: of each of its vertices.
         checks: motions of the roadmap that are looked at.
-        patient: an arrival so much later than possible is not looked for over a roadmap [s].
+        worst: an arrival so much later than possible is not looked for over a roadmap [s].
         shortcuts: random stretches of a path that are tried to be made straight.
         speed: share of the joints' speed limits that is used, (0, 1].
     """
@@ -62,7 +62,7 @@ class RrtSettings:
     vertices: int = 200
     neighbours: int = 8
     checks: int = 1000
-    patient: float = 15.0
+    worst: float = 15.0
     shortcuts: int = 60
     speed: float = 1.0
 
@@ -245,7 +245,7 @@ def _over_roadmap(
 ) -> SpaceTimePath | None:
     """Return a path that arrives earlier than the best one so far, over a random roadmap."""
     extra = hints
-    bound = min(horizon, earliest + settings.patient)
+    bound = min(horizon, earliest + settings.worst)
     # As wide as that there are ways around; waits make them no wider.
     begin = float(query.begin.min())
     least = _least(query)

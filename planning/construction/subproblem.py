@@ -49,8 +49,8 @@ class Solution:
 
     Attributes:
         building: the state after it.
-        late: how much later than speeds and the world allow the paths to its skills arrive,
-            in all [s].
+        late: how much later it is placed than speeds and the world at the places of its skills
+            allow [s].
     """
 
     building: Building
