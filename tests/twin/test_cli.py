@@ -256,22 +256,27 @@ def test_a_reader_that_goes_away_is_no_traceback() -> None:
 
 def test_ctrl_c_while_planning_ends_with_130_and_a_message(here: Path) -> None:
     code = (
-        "import sys, time, twin.pipeline, twin.cli;"
+        "import signal, sys, time, twin.pipeline, twin.cli;"
+        # Where the tests run in the background, SIGINT is ignored, and that is inherited.
+        "signal.signal(signal.SIGINT, signal.default_int_handler);"
         "twin.pipeline.plan_scenario = lambda *a: (print('go', flush=True), time.sleep(60));"
         "sys.argv = ['twin', 'run', sys.argv[1], '--out', sys.argv[2]]; twin.cli.main()"
     )
-    process = subprocess.Popen(
+    with subprocess.Popen(
         [sys.executable, "-c", code, str(CLIFF), str(here / "run")],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "go\n"
-    time.sleep(0.2)
-    process.send_signal(signal.SIGINT)
-    _, stderr = process.communicate(timeout=20)
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "go\n"
+        time.sleep(0.2)
+        process.send_signal(signal.SIGINT)
+        try:
+            _, stderr = process.communicate(timeout=20)
+        finally:
+            process.kill()
     assert process.returncode == 130
     assert "interrupted" in stderr
     assert "Traceback" not in stderr
