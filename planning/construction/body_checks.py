@@ -132,7 +132,8 @@ def pairs_apart(
 
     Args:
         scene: the scene, with the movers swept.
-        count: of pairs, each an own body times the number of bodies in ``other``, plus one.
+        count: of pairs: the number of an own body times that of bodies in ``other``, plus the
+            number of one of these.
         limits: least distance of an own body, by column, shape (o, columns) [m].
         other: what they are looked at against, one segment of it.
         columns: of each body of ``other`` in ``limits``.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from planning.construction.arena import Arena
+from planning.construction.arena import Arena, Integers
 from planning.construction.free_cells import spans_of, strike_out
 from planning.construction.roadmap_kernel import arrive
 from planning.construction.rrt_kernel import Query, next_arrival
@@ -17,6 +17,8 @@ from planning.construction.space_time_kernel import motion_clear
 from planning.transforms import Array
 
 _TINY = 1e-9
+_SPANS = 16
+"""Spans kept at one place."""
 
 
 @njit(cache=True)
@@ -36,28 +38,15 @@ def earliest_along(
     Returns:
         Times of coming, and of leaving, shape (w,); empty where there is no such arrival.
     """
-    most = 16
     places = len(path)
     start = np.min(query.begin)
-    first = int(np.floor(start / step + 1e-6))
-    cells = max(int(np.ceil(latest / step)) + 1 - first, 1)
-    free = np.empty(cells, dtype=np.bool_)
-    spans = np.empty((places, most, 2))
-    counts = np.zeros(places, dtype=np.int64)
+    spans, counts = _stands_along(scene, path, start, step, latest)
     # For each span of each place: when one comes, when one left the place before, and from
     # which span of it.
-    come = np.full((places, most), np.inf)
-    left = np.full((places, most), np.inf)
-    before = np.full((places, most), -1, dtype=np.int64)
-    for k in range(places):
-        free[:] = True
-        strike_out(scene, path[k], path[k], first, step, free)
-        counts[k] = spans_of(free, first, step, spans[k])
+    come = np.full((places, _SPANS), np.inf)
+    left = np.full((places, _SPANS), np.inf)
+    before = np.full((places, _SPANS), -1, dtype=np.int64)
     come[0, 0] = start
-    if counts[0] == 0 or spans[0, 0, 0] > start + _TINY:
-        # It cannot stay where it is, and has to leave at once.
-        counts[0] = 1
-        spans[0, 0] = start
     for k in range(places - 1):
         for i in range(counts[k]):
             depart = come[k, i]
@@ -110,26 +99,13 @@ def latest_along(
     Returns:
         Times of coming, and of leaving, shape (w,); empty where there is no way to be there then.
     """
-    most = 16
     places = len(path)
     start = np.min(query.begin)
-    first = int(np.floor(start / step + 1e-6))
-    cells = max(int(np.ceil(arrival / step)) + 1 - first, 1)
-    free = np.empty(cells, dtype=np.bool_)
-    spans = np.empty((places, most, 2))
-    counts = np.zeros(places, dtype=np.int64)
+    spans, counts = _stands_along(scene, path, start, step, arrival)
     # For each span of each place: until when one may stay there and still be in time, and in
     # which span of the next place one is then.
-    leave = np.full((places, most), -np.inf)
-    after = np.full((places, most), -1, dtype=np.int64)
-    for k in range(places):
-        free[:] = True
-        strike_out(scene, path[k], path[k], first, step, free)
-        counts[k] = spans_of(free, first, step, spans[k])
-    if counts[0] == 0 or spans[0, 0, 0] > start + _TINY:
-        # It cannot stay where it is, and has to leave at once.
-        counts[0] = 1
-        spans[0, 0] = start
+    leave = np.full((places, _SPANS), -np.inf)
+    after = np.full((places, _SPANS), -1, dtype=np.int64)
     m = _span_at(spans[places - 1], counts[places - 1], arrival)
     if m < 0:
         return np.empty(0), np.empty(0)
@@ -162,6 +138,37 @@ def latest_along(
             )
             i = after[k, i]
     return come_at, leave_at
+
+
+@njit(cache=True)
+def _stands_along(
+    scene: Arena, path: Array, start: float, step: float, end: float
+) -> tuple[Array, Integers]:
+    """Return when one may stand at each place of a path, who is at the first from ``start`` on.
+
+    Args:
+        scene: what must be kept clear of.
+        path: places, shape (w, n).
+        start, end: what is before or after is not looked at [s].
+        step: length of the cells of time [s].
+
+    Returns:
+        Spans of time, shape (w, _SPANS, 2) [s], and how many each place has, shape (w,).
+    """
+    first = int(np.floor(start / step + 1e-6))
+    cells = max(int(np.ceil(end / step)) + 1 - first, 1)
+    free = np.empty(cells, dtype=np.bool_)
+    spans = np.empty((len(path), _SPANS, 2))
+    counts = np.zeros(len(path), dtype=np.int64)
+    for k in range(len(path)):
+        free[:] = True
+        strike_out(scene, path[k], path[k], first, step, free)
+        counts[k] = spans_of(free, first, step, spans[k])
+    if counts[0] == 0 or spans[0, 0, 0] > start + _TINY:
+        # It cannot stay where it is, and has to leave at once.
+        counts[0] = 1
+        spans[0, 0] = start
+    return spans, counts
 
 
 @njit(cache=True)
