@@ -154,7 +154,7 @@ def _cut(cell: Workcell, tasks: Sequence[PlannedTask], step: float) -> _Cut:
             cut.tasks[robot.name] = _tasks_of(pieces, tasks, own)
         fleet = build_fleet(carriers, numbers.__getitem__)
         tracks = build_tracks(fleet, list(cut.pieces.values()), which)
-        scene = lay_out(
+        memory = lay_out(
             fleet,
             tracks,
             no_boxes(cell),
@@ -164,7 +164,7 @@ def _cut(cell: Workcell, tasks: Sequence[PlannedTask], step: float) -> _Cut:
             HALVINGS,
         )
         found = conflicting_pieces(
-            scene,
+            memory.arena,
             np.concatenate(list(cut.tasks.values())),
             keys,
             len(numbers),

@@ -122,7 +122,8 @@ class SpaceTimeChecker:
             margin,
         )
         tracks = build_tracks(fleet, pieces, which)
-        self.scene = lay_out(fleet, tracks, boxes, limits, self.begin, step, halvings)
+        self._memory = lay_out(fleet, tracks, boxes, limits, self.begin, step, halvings)
+        self.scene = self._memory.arena
 
     def start_configuration(self) -> Array:
         """Return where the movers are when each becomes free to move, shape (n,)."""

@@ -8,7 +8,17 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planning.construction.arena import Arena, Integers, column, pack, row, table
+from planning.construction.arena import (
+    Arena,
+    Integers,
+    Memory,
+    column,
+    counting,
+    pack,
+    row,
+    table,
+    truths,
+)
 from planning.construction.fleet import Fleet
 from planning.construction.tracks import Tracks, bound_capsules
 from planning.geometry.hull_table import HullTable
@@ -96,7 +106,7 @@ def lay_out(
     begin: Array,
     step: float,
     halvings: int,
-) -> Arena:
+) -> Memory:
     """Return the scene, with room to work in: one for each thread.
 
     Args:
@@ -215,7 +225,7 @@ def kernel_of(scene: Arena, v: int) -> RobotKernel:
     return RobotKernel(
         placement.reshape(j1 - j0, 4, 4),
         table(scene, AXIS)[j0:j1],
-        scene.flags[j0:j1],
+        truths(scene)[j0:j1],
         table(scene, BASE)[4 * v : 4 * v + 4],
         joint,
         table(scene, START)[c0:c1],
@@ -235,7 +245,7 @@ def hulls_of(scene: Arena, v: int, q_a: Array, q_b: Array) -> HullTable:
         kernel_of(scene, v),
         q_a,
         q_b,
-        scene.counts,
+        counting(scene),
         row(scene, BODY_JOINT)[b0:b1],
         row(scene, CORNER_FIRST)[b0 : b1 + 1],
         table(scene, CORNERS),
@@ -256,7 +266,7 @@ def still_hulls(scene: Arena) -> HullTable:
         kernel_of(scene, 0),
         q,
         q,
-        scene.counts,
+        counting(scene),
         row(scene, BOX_JOINT),
         row(scene, BOX_CORNER_FIRST),
         table(scene, BOX_CORNERS),
