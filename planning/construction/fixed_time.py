@@ -124,7 +124,7 @@ class FixedTimeSolver(SubproblemSolver):
         )
         if leg is None:
             return None
-        building, key, start, soonest = leg
+        building, key, start, soonest, lost = leg
         late = start - soonest
         pose = self.problem.held_in_flange(robot, part, *hold)
         building = building.worked(
@@ -143,13 +143,13 @@ class FixedTimeSolver(SubproblemSolver):
         )
         if leg is None:
             return None
-        building, key, start, soonest = leg
+        building, key, start, soonest, more = leg
         late = start - max(ready, soonest - late)
         building = building.worked(
             key.motion, "place-down", part.name, start, None, part.goal, hold.grip
         )
         done = self._retract(building, robot, rng, settings)
-        return None if done is None else Solution(done, late)
+        return None if done is None else Solution(done, late, lost + more)
 
     def _action(
         self,
@@ -184,7 +184,12 @@ class FixedTimeSolver(SubproblemSolver):
                     latest=latest,
                 )
                 if leg is not None:
-                    return leg._replace(soonest=begin + self.duration)
+                    travel = leg.start - begin - leg.lost
+                    slots = max(int(np.ceil(travel / self.duration - 1e-9)), 1)
+                    return leg._replace(
+                        soonest=begin + self.duration,
+                        lost=leg.start - begin - slots * self.duration,
+                    )
         return None
 
 

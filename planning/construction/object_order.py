@@ -18,6 +18,9 @@ _PACE = 0.8
 _ALIKE = 1.0
 """Parts that can be in place within this time of each other are equally good [s]."""
 
+_FIRST = 3.0
+"""So much later a part may come for every part that must follow it, one on the other [s]."""
+
 
 def ready_at(
     problem: ConstructionProblem, part: str, placed: Mapping[str, float]
@@ -49,9 +52,9 @@ def rank_parts(
     Those with most placed neighbours come first (eq. 6), of these the ones that can be in place
     soonest: what rests on a part that is placed late has to wait, and what lies far away takes
     its time to be fetched. Ties are drawn. Where others are still at work when the next robot
-    becomes free, the soonest come before those with most neighbours, and before all that parts
-    beside which nobody works: robots that build side by side wait for each other. One robot
-    alone keeps to eq. (6).
+    becomes free, the soonest come before those with most neighbours, a part with a high pile to
+    come on it before one with a low pile; and before all that parts beside which nobody works:
+    robots that build side by side wait for each other. One robot alone keeps to eq. (6).
 
     Args:
         problem: with the part graph.
@@ -91,6 +94,8 @@ def rank_parts(
             way = np.linalg.norm((start - tool)[:2])
             way += np.linalg.norm((where[part] - start)[:2])
             soon = max(ready, free + float(way) / _PACE)
+        if busy and problem.carried:
+            soon -= _FIRST * graph.piled_on[part]
         soon = np.floor(soon / _ALIKE)
         first = (soon, -near) if busy else (-near, soon)
         return (crowd, *first, ready, drawn[part])

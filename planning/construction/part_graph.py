@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from planning.errors import ConstructionError
 from planning.pick_place.contact_graph import Lying, near_to
@@ -96,6 +97,27 @@ class PartGraph:
 
     def _longest_pile(self) -> tuple[str, ...]:
         known: dict[str, tuple[str, ...]] = {}
+        for part in self._bottom_up():
+            below = (known[other] for other in sorted(self.carriers[part]))
+            known[part] = (*max(below, key=len, default=()), part)
+        return max(known.values(), key=len, default=())
+
+    @cached_property
+    def piled_on(self) -> Mapping[str, int]:
+        """Part to how many others must follow it, one resting on the other."""
+        out = dict.fromkeys(self.carriers, 0)
+        for part in reversed(self._bottom_up()):
+            for below in self.carriers[part]:
+                out[below] = max(out[below], out[part] + 1)
+        return out
+
+    def _bottom_up(self) -> list[str]:
+        """Return the parts, each after all that it rests on.
+
+        Raises:
+            ConstructionError: some rest on each other in a circle.
+        """
+        order: list[str] = []
         left = dict(self.carriers)
         while left:
             ready = [p for p, below in left.items() if below.isdisjoint(left)]
@@ -104,9 +126,9 @@ class PartGraph:
                     f"{', '.join(sorted(left))} rest on each other in a circle"
                 )
             for part in ready:
-                below = (known[other] for other in sorted(left.pop(part)))
-                known[part] = (*max(below, key=len, default=()), part)
-        return max(known.values(), key=len, default=())
+                del left[part]
+            order += ready
+        return order
 
 
 def build_part_graph(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 
@@ -26,9 +26,11 @@ class SearchSettings:
         attempts: of each sequence of actions, before the next robots are tried.
         group: most robots that work on one part together.
         asked: robots that may plan a part before anything is tried hard, one after another, as
-            long as each is late.
+            long as each is late; where there are no more parts to place than for half of them.
+        parts: that the first robot may plan before anything is tried hard, one after another,
+            as long as it loses time with each; where there are more.
         late: a part that comes no later than this after speeds and the world at its place allow
-            is not late [s].
+            is not late, and so much is no loss [s].
         efforts: how often failures are gone through again when nothing else is left, each
             time trying harder.
     """
@@ -36,6 +38,7 @@ class SearchSettings:
     attempts: int = 2
     group: int = 2
     asked: int = 3
+    parts: int = 3
     late: float = 2.0
     efforts: int = 3
 
@@ -115,16 +118,16 @@ class ConstructionSearch:
         total = len(self.problem.parts)
         done = [nothing_built(self.problem)]
         while len(done[-1].placed) < total:
-            part = self._next_part(done[-1])
-            after = self._place(done[-1], part)
+            parts = self._next_parts(done[-1])
+            after = self._place(done[-1], parts)
             if after is not None:
                 done.append(after)
             else:
-                done = self._backtrack(done, part)
+                done = self._backtrack(done, parts[0])
             self.progress(len(done[-1].placed), total)
         return done[-1]
 
-    def _next_part(self, building: Building) -> Part:
+    def _next_parts(self, building: Building) -> list[Part]:
         problem = self.problem
         world = building.world
         robot = min(problem.team, key=world.free_from)
@@ -136,7 +139,7 @@ class ConstructionSearch:
         if not ranked:
             # What has been remembered leaves nothing: go on, and see what can be placed.
             ranked = rank_parts(*args, {}, self._rng, free, tool)
-        return problem.part(ranked[0])
+        return [problem.part(name) for name in ranked]
 
     def _backtrack(self, done: list[Building], part: Part) -> list[Building]:
         """Return the states up to one in which a part is in its place that could not be placed.
@@ -150,7 +153,7 @@ class ConstructionSearch:
                 before = done[-1 - back]
                 if part.name not in self._placeable(before):
                     continue
-                after = self._place(before, part, effort)
+                after = self._place(before, (part,), effort)
                 if after is None:
                     continue
                 if back:
@@ -175,13 +178,20 @@ class ConstructionSearch:
         return problem.graph.placeable(building.placed, carried=problem.carried)
 
     def _place(
-        self, building: Building, part: Part, effort: int = 0
+        self, building: Building, parts: Sequence[Part], effort: int = 0
     ) -> Building | None:
-        """Return the state in which a part is in its place, None where nobody can do it."""
+        """Return the state in which a part is in its place, None where nobody can do it.
+
+        Args:
+            building: the state before.
+            parts: the first is placed, or another one where that is easier.
+            effort: how much harder than usual is tried.
+        """
         if effort == 0:
-            easy = self._place_easily(building, part)
+            easy = self._place_easily(building, parts)
             if easy is not None:
                 return easy
+        part = parts[0]
         for skeleton in self._skeletons(building, part):
             for attempt in range(self.settings.attempts):
                 seed = [self.problem.seed, 2, building.step, self.rewound, attempt]
@@ -193,41 +203,69 @@ class ConstructionSearch:
             self.failures.append(Failure(part.name, skeleton, placed, effort))
         return None
 
-    def _place_easily(self, building: Building, part: Part) -> Building | None:
+    def _place_easily(
+        self, building: Building, parts: Sequence[Part]
+    ) -> Building | None:
         """Return the best of a few states in which a part is in its place, None for none.
+
+        The first robot places the first part. Where it would lose time with that, because
+        others are in its way or what the part rests on comes late, it may place another one;
+        of a few the one with which it loses least. Where there are few parts for many robots
+        all wait for the first: others are asked whether they have it there sooner.
+        """
+        team = self.problem.team
+        if len(team) == 1 or len(parts) <= len(team) // 2:
+            return self._soonest(building, parts[0])
+        best: Solution | None = None
+        for part in parts[: self.settings.parts]:
+            skeleton = next(self._skeletons(building, part), ())
+            if len(_robots(skeleton)) != 1:
+                break
+            found = self._easily(building, part, skeleton)
+            if found is not None and (best is None or found.lost < best.lost):
+                best = found
+            if best is not None and best.lost <= self.settings.late:
+                break
+        return None if best is None else best.building
+
+    def _soonest(self, building: Building, part: Part) -> Building | None:
+        """Return the state in which a part is in its place soonest, None for none.
 
         The first robot does it, unless others are in its way and it would be late: then others
         are asked, too, as long as they may be sooner.
         """
         best: Solution | None = None
+        latest = np.inf
         asked = 0
         for skeleton in self._skeletons(building, part):
             robots = _robots(skeleton)
             if len(robots) > 1 or asked >= self.settings.asked:
                 break
-            if best is not None:
-                free = building.world.free_from(robots[0])
-                if free + self._least() > best.building.placed[part.name]:
-                    break
+            if building.world.free_from(robots[0]) + self._least() > latest:
+                break
             asked += 1
-            seed = [self.problem.seed, 3, building.step, self.rewound]
-            seed += [self.problem.team.index(r) for r in robots]
-            found = self.solver.solve(
-                building,
-                part,
-                skeleton,
-                seed,
-                hasty=True,
-                latest=np.inf if best is None else best.building.placed[part.name],
-            )
+            found = self._easily(building, part, skeleton, latest)
             if found is None:
                 continue
-            end = found.building.placed[part.name]
-            if best is None or end < best.building.placed[part.name]:
-                best = found
-            if best.late <= self.settings.late:
+            if found.building.placed[part.name] < latest:
+                best, latest = found, found.building.placed[part.name]
+            if found.late <= self.settings.late:
                 break
         return None if best is None else best.building
+
+    def _easily(
+        self,
+        building: Building,
+        part: Part,
+        skeleton: Skeleton,
+        latest: float = np.inf,
+    ) -> Solution | None:
+        """Return how a part can be placed by ways that are easy to find, None for none."""
+        seed = [self.problem.seed, 3, building.step, self.rewound]
+        seed += [self.problem.team.index(r) for r in _robots(skeleton)]
+        return self.solver.solve(
+            building, part, skeleton, seed, hasty=True, latest=latest
+        )
 
     def _least(self) -> float:
         """Return how long a robot works on a part that it picks and places at least [s]."""

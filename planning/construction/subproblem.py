@@ -35,12 +35,14 @@ class Leg(NamedTuple):
         keyframe: which skill.
         start: when it begins [s].
         soonest: how soon speeds and the world at the goals would have let it begin [s].
+        lost: how much later it begins than speeds alone would allow [s].
     """
 
     building: Building
     keyframe: Keyframe
     start: float
     soonest: float
+    lost: float
 
 
 @dataclass(frozen=True)
@@ -51,10 +53,12 @@ class Solution:
         building: the state after it.
         late: how much later it is placed than speeds and the world at the places of its skills
             allow [s].
+        lost: for how long its robots stood or went out of others' way [s].
     """
 
     building: Building
     late: float
+    lost: float
 
 
 class SubproblemSolver:
@@ -163,7 +167,7 @@ class SubproblemSolver:
         )
         if leg is None:
             return None
-        building, pick, start, soonest = leg
+        building, pick, start, soonest, lost = leg
         late = start - soonest
         pose = problem.held_in_flange(robot, part, *hold)
         building = building.worked(
@@ -186,14 +190,14 @@ class SubproblemSolver:
         )
         if leg is None:
             return None
-        building, place, start, soonest = leg
+        building, place, start, soonest, more = leg
         opens = min(place.earliest for place in keyframes.places)
         late = start - max(opens, soonest - late)
         building = building.worked(
             place.motion, "place-down", part.name, start, None, part.goal, hold.grip
         )
         done = self._retract(building, robot, rng, settings)
-        return None if done is None else Solution(done, late)
+        return None if done is None else Solution(done, late, lost + more)
 
     def _spare(self, robot: str, keyframes: Keyframes) -> float:
         """Return how much later than possible a part may be picked and still be in time [s]."""
@@ -228,14 +232,14 @@ class SubproblemSolver:
         leg = self._leg(building, giver, meetings, rng, settings, allowed=allowed)
         if leg is None:
             return None
-        building, chosen, waits, _ = leg
+        building, chosen, waits, _, _ = leg
         meeting = next(m for m in keyframes.meetings if m.giver is chosen)
         motion = chosen.motion
         goal = Keyframe(_standing(taker, meeting.taker), _from(chosen.windows, waits))
         leg = self._leg(building, taker, [goal], rng, settings)
         if leg is None:
             return None
-        building, _, start, _ = leg
+        building, _, start, _, _ = leg
         with self.watch.time("path"):
             # Others were planned before the giver was to wait here.
             checker = SpaceTimeChecker(building.world, (giver,), allowed=allowed)
@@ -278,8 +282,11 @@ class SubproblemSolver:
             )
         if found is None:
             return None
+        goal = goals[found.goal]
+        travel = checker.least_duration(checker.start_configuration(), goal.start)
+        lost = found.arrival - checker.start - travel
         building = building.moved(robot, found.time, found.path)
-        return Leg(building, goals[found.goal], found.arrival, found.earliest)
+        return Leg(building, goal, found.arrival, found.earliest, lost)
 
     def _retract(
         self,

@@ -333,7 +333,7 @@ class _Late(SubproblemSolver):
 
 
 def test_where_a_robot_is_late_others_are_asked_and_the_soonest_does_it() -> None:
-    problem = _problem(CHEST[:3], 3)
+    problem = _problem(CHEST[:3], 4)  # two parts at a time for four robots
     bounds, settings = ReachBounds(problem), PlannerSettings()
     solver = _Late(
         problem, bounds, PartContacts(problem), settings.subproblem, Stopwatch()
@@ -348,3 +348,57 @@ def test_where_a_robot_is_late_others_are_asked_and_the_soonest_does_it() -> Non
     plain = plan_construction(problem)
     first = min(problem.team, key=problem.team.index)
     assert plain.building.work[0].robot == first
+
+
+class _Lossy(SubproblemSolver):
+    """Says of every part that so much time is lost with it, and notes what was tried."""
+
+    losses: dict[str, float]
+    tried: dict[int, list[str]]
+
+    def solve(
+        self,
+        building: Building,
+        part: Part,
+        skeleton: Skeleton,
+        seed: Sequence[int],
+        effort: int = 0,
+        *,
+        hasty: bool = False,
+        latest: float = np.inf,
+    ) -> Solution | None:
+        assert hasty
+        first = min(self.problem.team, key=building.world.free_from)
+        if part.name != "p0":
+            assert skeleton[0].robot == first
+        self.tried.setdefault(building.step, []).append(part.name)
+        # Tried hard: it is of no interest here what is easy.
+        found = super().solve(building, part, skeleton, seed, latest=latest)
+        assert found is not None
+        return replace(found, lost=self.losses[part.name])
+
+
+def test_where_a_robot_loses_time_it_places_the_part_with_which_it_loses_least() -> (
+    None
+):
+    boxes = tuple(
+        _box(f"p{k}", (0.2, 0.1, 0.1), (0.5 * k - 1.0, 0.0, 0.05)) for k in range(5)
+    )
+    problem = _problem(boxes, 2)
+    bounds, settings = ReachBounds(problem), PlannerSettings()
+    solver = _Lossy(
+        problem, bounds, PartContacts(problem), settings.subproblem, Stopwatch()
+    )
+    # With p0 more is always lost than with another one; p1 is good enough.
+    solver.losses = {"p0": 50.0, "p1": 1.0, "p2": 5.0, "p3": 4.0, "p4": 7.0}
+    solver.tried = {}
+    plan = plan_with(solver, bounds, settings.search, lambda done, total: None)
+    placed = [w.part for w in plan.building.work if w.holder is None]
+    assert placed[-1] == "p0"
+    for step, tried in solver.tried.items():
+        assert len(tried) <= settings.search.parts
+        assert placed[step - 1] == min(tried, key=lambda p: solver.losses[p])
+        # What is good enough ends it, and nothing else does while there are others.
+        assert "p1" not in tried[:-1]
+        left = 5 - (step - 1)
+        assert tried[-1] == "p1" or len(tried) == min(left, 3) or left == 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import combinations, permutations
 
+import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -169,3 +170,19 @@ def test_models_can_be_built_in_any_order_that_the_graph_allows(
             assert all(where[below] < where[part] for below in graph.carriers[part])
             placed.append(part)
         assert sorted(placed) == sorted(where)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000))
+def test_piled_on_is_the_longest_path_up(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    names = [f"p{k}" for k in range(8)]
+    carriers = {
+        a: frozenset(b for b in names if b < a and rng.random() < 0.3) for a in names
+    }
+    graph = PartGraph({a: frozenset() for a in names}, {}, carriers)
+    rests = nx.DiGraph((b, a) for a in names for b in carriers[a])
+    rests.add_nodes_from(names)
+    for part in names:
+        above = rests.subgraph({part} | nx.descendants(rests, part))
+        assert graph.piled_on[part] == nx.dag_longest_path_length(above)
