@@ -9,7 +9,8 @@ from planning.construction.bounds import ReachBounds
 from planning.construction.building import Building
 from planning.construction.part_contacts import PartContacts
 from planning.construction.problem import ConstructionProblem
-from planning.construction.search import ConstructionSearch, Failure, SearchSettings
+from planning.construction.search import ConstructionSearch, Failure
+from planning.construction.search_settings import SearchSettings
 from planning.construction.stopwatch import Stopwatch
 from planning.construction.subproblem import SubproblemSolver
 from planning.construction.subproblem_settings import SubproblemSettings

@@ -2,57 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import combinations, pairwise
 
 import numpy as np
 
 from planning.construction.bounds import ReachBounds
 from planning.construction.building import Building, nothing_built
+from planning.construction.candidates import Candidates, robots_of
+from planning.construction.easy_placement import EasyPlacement
 from planning.construction.object_order import rank_parts
 from planning.construction.problem import ConstructionProblem, Part
-from planning.construction.skeletons import Skeleton, skeletons
-from planning.construction.subproblem import Solution, SubproblemSolver
+from planning.construction.search_settings import SearchSettings
+from planning.construction.skeletons import Skeleton
+from planning.construction.subproblem import SubproblemSolver
 from planning.errors import ConstructionError
 from planning.kinematics import frame_pose
-
-
-@dataclass(frozen=True)
-class SearchSettings:
-    """How hard the search tries.
-
-    Attributes:
-        attempts: of each sequence of actions, before the next robots are tried.
-        group: most robots that work on one part together.
-        asked: robots that may plan a part before anything is tried hard, one after another, as
-            long as each is late; where there are no more parts to place than for half of them.
-        parts: that the first robot may plan before anything is tried hard, one after another,
-            as long as it loses time with each; where there are more.
-        late: a part that comes no later than this after speeds and the world at its place allow
-            is not late, and so much is no loss [s].
-        efforts: how often failures are gone through again when nothing else is left, each
-            time trying harder.
-    """
-
-    attempts: int = 2
-    group: int = 2
-    asked: int = 3
-    parts: int = 3
-    late: float = 2.0
-    efforts: int = 3
-
-
-def robot_groups(
-    building: Building, team: tuple[str, ...], size: int
-) -> list[tuple[str, ...]]:
-    """Return the groups of a size, those first that are free earliest (eq. 7)."""
-    free = {name: building.world.free_from(name) for name in team}
-    groups = set(combinations(team, size))
-    return sorted(
-        groups,
-        key=lambda g: (max(free[r] for r in g), [team.index(r) for r in g]),
-    )
 
 
 @dataclass(frozen=True)
@@ -100,7 +65,8 @@ class ConstructionSearch:
         progress: Callable[[int, int], None],
     ) -> None:
         self.problem = problem
-        self.bounds = bounds
+        self.candidates = Candidates(problem, bounds, settings.group)
+        self.easy = EasyPlacement(problem, self.candidates, solver, settings)
         self.solver = solver
         self.settings = settings
         self.progress = progress
@@ -163,7 +129,7 @@ class ConstructionSearch:
                 return [*done[: len(done) - back], after]
         robots = ", ".join(
             dict.fromkeys(
-                " and ".join(_robots(f.skeleton))
+                " and ".join(robots_of(f.skeleton))
                 for f in self.failures
                 if f.part == part.name
             )
@@ -188,11 +154,12 @@ class ConstructionSearch:
             effort: how much harder than usual is tried.
         """
         if effort == 0:
-            easy = self._place_easily(building, parts)
+            seed = [self.problem.seed, 3, building.step, self.rewound]
+            easy = self.easy.place(building, parts, seed)
             if easy is not None:
                 return easy
         part = parts[0]
-        for skeleton in self._skeletons(building, part):
+        for skeleton in self.candidates.of(building, part):
             for attempt in range(self.settings.attempts):
                 seed = [self.problem.seed, 2, building.step, self.rewound, attempt]
                 seed += [effort, *(self.problem.team.index(a.robot) for a in skeleton)]
@@ -202,94 +169,3 @@ class ConstructionSearch:
             placed = frozenset(building.placed)
             self.failures.append(Failure(part.name, skeleton, placed, effort))
         return None
-
-    def _place_easily(
-        self, building: Building, parts: Sequence[Part]
-    ) -> Building | None:
-        """Return the best of a few states in which a part is in its place, None for none.
-
-        The first robot places the first part. Where it would lose time with that, because
-        others are in its way or what the part rests on comes late, it may place another one;
-        of a few the one with which it loses least. Where there are few parts for many robots
-        all wait for the first: others are asked whether they have it there sooner.
-        """
-        team = self.problem.team
-        if len(team) == 1 or len(parts) <= len(team) // 2:
-            return self._soonest(building, parts[0])
-        best: Solution | None = None
-        for part in parts[: self.settings.parts]:
-            skeleton = next(self._skeletons(building, part), ())
-            if len(_robots(skeleton)) != 1:
-                break
-            found = self._easily(building, part, skeleton)
-            if found is not None and (best is None or found.lost < best.lost):
-                best = found
-            if best is not None and best.lost <= self.settings.late:
-                break
-        return None if best is None else best.building
-
-    def _soonest(self, building: Building, part: Part) -> Building | None:
-        """Return the state in which a part is in its place soonest, None for none.
-
-        The first robot does it, unless others are in its way and it would be late: then others
-        are asked, too, as long as they may be sooner.
-        """
-        best: Solution | None = None
-        latest = np.inf
-        asked = 0
-        for skeleton in self._skeletons(building, part):
-            robots = _robots(skeleton)
-            if len(robots) > 1 or asked >= self.settings.asked:
-                break
-            if building.world.free_from(robots[0]) + self._least() > latest:
-                break
-            asked += 1
-            found = self._easily(building, part, skeleton, latest)
-            if found is None:
-                continue
-            if found.building.placed[part.name] < latest:
-                best, latest = found, found.building.placed[part.name]
-            if found.late <= self.settings.late:
-                break
-        return None if best is None else best.building
-
-    def _easily(
-        self,
-        building: Building,
-        part: Part,
-        skeleton: Skeleton,
-        latest: float = np.inf,
-    ) -> Solution | None:
-        """Return how a part can be placed by ways that are easy to find, None for none."""
-        seed = [self.problem.seed, 3, building.step, self.rewound]
-        seed += [self.problem.team.index(r) for r in _robots(skeleton)]
-        return self.solver.solve(
-            building, part, skeleton, seed, hasty=True, latest=latest
-        )
-
-    def _least(self) -> float:
-        """Return how long a robot works on a part that it picks and places at least [s]."""
-        return self.problem.seconds.pick + self.problem.seconds.place
-
-    def _skeletons(self, building: Building, part: Part) -> Iterator[Skeleton]:
-        """Yield sequences of actions: robots by eq. 7, one before several, short before long."""
-        for size in range(1, self.settings.group + 1):
-            for group in robot_groups(building, self.problem.team, size):
-                for skeleton in skeletons(group):
-                    if self._may_work(part, skeleton):
-                        yield skeleton
-
-    def _may_work(self, part: Part, skeleton: Skeleton) -> bool:
-        """Tell whether lower bounds leave a sequence of actions any chance."""
-        robots = _robots(skeleton)
-        if len(robots) == 1:
-            return robots[0] in self.bounds.alone(part)
-        return (
-            bool(self.bounds.pick_grips(robots[0], part))
-            and bool(self.bounds.place_grips(robots[-1], part))
-            and all(self.bounds.can_hand_over(a, b, part) for a, b in pairwise(robots))
-        )
-
-
-def _robots(skeleton: Skeleton) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(action.robot for action in skeleton))

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from planning.construction.bounds import ReachBounds
 from planning.construction.building import Building, nothing_built
+from planning.construction.candidates import robot_groups
 from planning.construction.fine_check import check_construction
 from planning.construction.fixed_time import plan_fixed_time
 from planning.construction.models import ModelPart, tower
@@ -30,7 +31,6 @@ from planning.construction.planner import (
     plan_with,
 )
 from planning.construction.problem import ConstructionProblem, Part
-from planning.construction.search import robot_groups
 from planning.construction.site import build_problem, ground_fixture, part_objects
 from planning.construction.skeletons import HANDOVER, Skeleton, in_words, skeletons
 from planning.construction.stopwatch import Stopwatch

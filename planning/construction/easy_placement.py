@@ -1,0 +1,112 @@
+"""The next placement, as far as it is easy to find: which part, and by whom.
+
+Eqs. (6) and (7) are only proposals here: others may be in a robot's way, and then another part or
+another robot may be better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import islice
+
+import numpy as np
+
+from planning.construction.building import Building
+from planning.construction.candidates import Candidates
+from planning.construction.problem import ConstructionProblem, Part
+from planning.construction.search_settings import SearchSettings
+from planning.construction.skeletons import Skeleton
+from planning.construction.subproblem import Solution, SubproblemSolver
+
+
+class EasyPlacement:
+    """Places a part by ways that are easy to find.
+
+    Args:
+        problem: what is built by whom.
+        candidates: who may place what.
+        solver: of sub-problems.
+        settings: how many are asked.
+    """
+
+    def __init__(
+        self,
+        problem: ConstructionProblem,
+        candidates: Candidates,
+        solver: SubproblemSolver,
+        settings: SearchSettings,
+    ) -> None:
+        self.problem = problem
+        self.candidates = candidates
+        self.solver = solver
+        self.settings = settings
+
+    def place(
+        self, building: Building, parts: Sequence[Part], seed: Sequence[int]
+    ) -> Building | None:
+        """Return the best of a few states in which a part is in its place, None for none.
+
+        The first robot places the first part. Where it would lose time with that, because
+        others are in its way or what the part rests on comes late, it may place another one;
+        of a few the one with which it loses least. Where there are few parts for many robots
+        all wait for the first: others are asked whether they have it there sooner.
+
+        Args:
+            building: the state before.
+            parts: that may be placed next, the best first.
+            seed: of all random numbers.
+        """
+        team = self.problem.team
+        if len(team) == 1 or len(parts) <= len(team) // 2:
+            return self._soonest(building, parts[0], seed)
+        best: Solution | None = None
+        for part in parts[: self.settings.parts]:
+            first = next(self.candidates.alone(building, part), None)
+            if first is None:
+                break
+            found = self._easily(building, part, *first, seed)
+            if found is not None and (best is None or found.lost < best.lost):
+                best = found
+            if best is not None and best.lost <= self.settings.late:
+                break
+        return None if best is None else best.building
+
+    def _soonest(
+        self, building: Building, part: Part, seed: Sequence[int]
+    ) -> Building | None:
+        """Return the state in which a part is in its place soonest, None for none.
+
+        The first robot does it, unless others are in its way and it would be late: then others
+        are asked, too, as long as they may be sooner.
+        """
+        seconds = self.problem.seconds
+        best: Solution | None = None
+        latest = np.inf
+        alone = self.candidates.alone(building, part)
+        for robot, skeleton in islice(alone, self.settings.asked):
+            free = building.world.free_from(robot)
+            if free + seconds.pick + seconds.place > latest:
+                break
+            found = self._easily(building, part, robot, skeleton, seed, latest)
+            if found is None:
+                continue
+            if found.building.placed[part.name] < latest:
+                best, latest = found, found.building.placed[part.name]
+            if found.late <= self.settings.late:
+                break
+        return None if best is None else best.building
+
+    def _easily(
+        self,
+        building: Building,
+        part: Part,
+        robot: str,
+        skeleton: Skeleton,
+        seed: Sequence[int],
+        latest: float = np.inf,
+    ) -> Solution | None:
+        """Return how a robot can place a part by ways that are easy to find, None for none."""
+        own = [*seed, self.problem.team.index(robot)]
+        return self.solver.solve(
+            building, part, skeleton, own, hasty=True, latest=latest
+        )
