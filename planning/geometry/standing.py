@@ -137,7 +137,6 @@ class StandingBoxes:
     def hulls(self, kernel: RobotKernel) -> HullTable:
         """Return the corners for compiled code; any kernel will do, none carries them."""
         places, n = self.places, kernel.placement.shape[0]
-        count = len(self.rows)
         return HullTable(
             kernel,
             np.zeros((1, n)),
@@ -146,7 +145,7 @@ class StandingBoxes:
             np.full(places.count, AT_REST, dtype=np.int64),
             places.corner_first,
             places.corners,
-            np.zeros(count + 1, dtype=np.int64),
+            np.zeros(places.count + 1, dtype=np.int64),
             np.empty((0, 2, 3)),
             np.empty(0),
         )
