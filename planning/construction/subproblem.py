@@ -53,7 +53,8 @@ class Solution:
         building: the state after it.
         late: how much later it is placed than speeds and the world at the places of its skills
             allow [s].
-        lost: for how long its robots stood or went out of others' way [s].
+        lost: for how long the robots that pick and place it stood or went out of others' way
+            on their way there; handing it over is not counted [s].
     """
 
     building: Building

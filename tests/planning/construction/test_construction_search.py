@@ -305,10 +305,17 @@ def test_actions_of_a_fixed_duration_begin_at_its_multiples() -> None:
             free = w.end
 
 
-class _Late(SubproblemSolver):
-    """Says of every part that it is late, and notes who was asked and when each could be done."""
+class _Told(SubproblemSolver):
+    """Says what a test wants of every part that is to be placed easily, see ``tell``."""
 
-    asked: dict[str, dict[str, float]]
+    hasty = True
+    """Whether ways are in fact only looked for where they are easy to find."""
+
+    def tell(
+        self, building: Building, part: Part, robot: str, found: Solution | None
+    ) -> Solution | None:
+        """Return what is said in place of what was found."""
+        raise AssertionError("each test has its own")
 
     def solve(
         self,
@@ -322,13 +329,26 @@ class _Late(SubproblemSolver):
         latest: float = np.inf,
     ) -> Solution | None:
         assert hasty
-        found = super().solve(building, part, skeleton, seed, hasty=True, latest=latest)
+        found = super().solve(
+            building, part, skeleton, seed, hasty=self.hasty, latest=latest
+        )
+        assert found is None or found.building.placed[part.name] <= latest
+        return self.tell(building, part, skeleton[0].robot, found)
+
+
+class _Late(_Told):
+    """Says of every part that it is late, and notes who was asked and when each could be done."""
+
+    asked: dict[str, dict[str, float]]
+
+    def tell(
+        self, building: Building, part: Part, robot: str, found: Solution | None
+    ) -> Solution | None:
         ends = self.asked.setdefault(part.name, {})
-        ends[skeleton[0].robot] = np.inf
+        ends[robot] = np.inf
         if found is None:
             return None
-        end = ends[skeleton[0].robot] = found.building.placed[part.name]
-        assert end <= latest
+        ends[robot] = found.building.placed[part.name]
         return replace(found, late=100.0)
 
 
@@ -350,30 +370,19 @@ def test_where_a_robot_is_late_others_are_asked_and_the_soonest_does_it() -> Non
     assert plain.building.work[0].robot == first
 
 
-class _Lossy(SubproblemSolver):
+class _Lossy(_Told):
     """Says of every part that so much time is lost with it, and notes what was tried."""
 
+    hasty = False  # it is of no interest here what is easy
     losses: dict[str, float]
     tried: dict[int, list[str]]
 
-    def solve(
-        self,
-        building: Building,
-        part: Part,
-        skeleton: Skeleton,
-        seed: Sequence[int],
-        effort: int = 0,
-        *,
-        hasty: bool = False,
-        latest: float = np.inf,
+    def tell(
+        self, building: Building, part: Part, robot: str, found: Solution | None
     ) -> Solution | None:
-        assert hasty
-        first = min(self.problem.team, key=building.world.free_from)
         if part.name != "p0":
-            assert skeleton[0].robot == first
+            assert robot == min(self.problem.team, key=building.world.free_from)
         self.tried.setdefault(building.step, []).append(part.name)
-        # Tried hard: it is of no interest here what is easy.
-        found = super().solve(building, part, skeleton, seed, latest=latest)
         assert found is not None
         return replace(found, lost=self.losses[part.name])
 
