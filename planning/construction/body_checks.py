@@ -65,7 +65,7 @@ from planning.construction.space_time_scene import (
     scratch_of,
     still_hulls,
 )
-from planning.construction.tracks import bound_capsules
+from planning.construction.swept_track import bound_capsules
 from planning.geometry.distance import segment_box, segment_segment
 from planning.geometry.hull_table import HullTable
 from planning.geometry.separation import hulls_stay_apart, pose_segments

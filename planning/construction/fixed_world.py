@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
+from planning.construction.swept_tracks import SweptTracks
 from planning.construction.timeline import ObjectTimeline, RobotTimeline
 from planning.workcell import Attachment, Workcell, WorldState
 
@@ -18,11 +19,13 @@ class FixedWorld:
         cell: the static cell.
         robots: timeline of each robot, by name; one without stands at HOME.
         objects: timeline of each object, by name; one without stays where it starts.
+        swept: remembers what robots sweep, for all worlds made from one another.
     """
 
     cell: Workcell
     robots: Mapping[str, RobotTimeline] = field(default_factory=dict)
     objects: Mapping[str, ObjectTimeline] = field(default_factory=dict)
+    swept: SweptTracks = field(default_factory=SweptTracks, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Copy and freeze both mappings; fill in robots and objects that are missing."""

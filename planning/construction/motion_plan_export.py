@@ -13,18 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.construction.fleet import Carrier, build_fleet
-from planning.construction.motion_pieces import (
-    Hand,
-    Pieces,
-    cut_timeline,
-    entity_numbers,
-    hand_changes,
-    pose_of,
-)
+from planning.construction.motion_pieces import Pieces, cut_timeline
+from planning.construction.object_spans import entity_numbers, hand_changes, pose_of
 from planning.construction.piece_conflicts import conflicting_pieces, contact_keys
 from planning.construction.planned_task import PlannedTask, world_of
 from planning.construction.space_time_checker import HALVINGS, STEP, no_boxes
 from planning.construction.space_time_scene import Limits, lay_out
+from planning.construction.swept_track import SweptTrack, sweep_track
 from planning.construction.timeline import SAME
 from planning.construction.tracks import build_tracks
 from planning.errors import PlanInvariantError
@@ -122,8 +117,8 @@ def _cut(cell: Workcell, tasks: Sequence[PlannedTask], step: float) -> _Cut:
     while True:
         cut = _Cut()
         carriers: list[Carrier] = [(cell.robots[0], ())]
+        swept: list[SweptTrack] = []
         which: list[npt.NDArray[np.int64]] = []
-        known: dict[tuple[str, Hand], int] = {}
         for robot in cell.robots:
             own = [k for k, task in enumerate(tasks) if task.robot == robot.name]
             changes = hand_changes(world, robot.name)
@@ -136,24 +131,17 @@ def _cut(cell: Workcell, tasks: Sequence[PlannedTask], step: float) -> _Cut:
                 sorted({t for t, _ in changes[1:]} | set(bounds)),
                 sorted(cuts[robot.name]),
             )
-            times = np.array([t for t, _ in changes])
-            at = np.searchsorted(times, pieces.moment + SAME, side="right") - 1
-            for k in np.unique(at).tolist():
-                hand = changes[k][1]
-                if (robot.name, hand) not in known:
-                    known[robot.name, hand] = len(carriers)
-                    items = tuple((cell.object(o), pose_of(p)) for o, p in hand)
-                    carriers.append((robot, items))
-            which.append(
-                np.array(
-                    [known[robot.name, changes[k][1]] for k in at.tolist()],
-                    dtype=np.int64,
-                )
-            )
+            track = sweep_track(robot, pieces, changes, cell.object)
+            swept.append(track)
+            which.append(len(carriers) + track.hand)
+            for hand in track.hands:
+                items = tuple((cell.object(o), pose_of(p)) for o, p in hand)
+                carriers.append((robot, items))
             cut.pieces[robot.name] = pieces
             cut.tasks[robot.name] = _tasks_of(pieces, tasks, own)
         fleet = build_fleet(carriers, numbers.__getitem__)
-        tracks = build_tracks(fleet, list(cut.pieces.values()), which)
+        most = int(np.diff(fleet.joint_first).max())
+        tracks = build_tracks(most, swept, which)
         memory = lay_out(
             fleet,
             tracks,

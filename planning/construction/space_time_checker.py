@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.construction.body_limits import body_limits
 from planning.construction.fixed_world import FixedWorld
-from planning.construction.fleet import Carrier, build_fleet
-from planning.construction.motion_pieces import (
-    Hand,
-    Pieces,
+from planning.construction.fleet import Carrier, Integers, build_fleet
+from planning.construction.motion_pieces import cut_timeline
+from planning.construction.object_spans import (
     Rest,
-    cut_timeline,
     entity_numbers,
     hand_changes,
     pose_of,
@@ -29,6 +25,7 @@ from planning.construction.space_time_kernel import (
     motion_clear,
 )
 from planning.construction.space_time_scene import StillBoxes, lay_out
+from planning.construction.swept_track import SweptTrack, sweep_track
 from planning.construction.tracks import build_tracks
 from planning.geometry.exact import resting_solid
 from planning.geometry.hull_table import hull_table
@@ -109,7 +106,7 @@ class SpaceTimeChecker:
         self._allowed = allowed
         self._margin = margin
         self._numbers = entity_numbers(cell)
-        carriers, pieces, which = self._carriers()
+        carriers, swept, which = self._carriers()
         fleet = build_fleet(carriers, self._numbers.__getitem__)
         names, boxes = _still_boxes(world, self._rests())
         limits = body_limits(
@@ -121,7 +118,8 @@ class SpaceTimeChecker:
             allowed,
             margin,
         )
-        tracks = build_tracks(fleet, pieces, which)
+        most = int(np.diff(fleet.joint_first).max())
+        tracks = build_tracks(most, swept, which)
         self._memory = lay_out(fleet, tracks, boxes, limits, self.begin, step, halvings)
         self.scene = self._memory.arena
 
@@ -166,8 +164,8 @@ class SpaceTimeChecker:
         """Return the time that the slowest joint needs from ``q0`` to ``q1`` [s]."""
         return float(np.max(np.abs(_c(q1) - _c(q0)) / self.velocity))
 
-    def _carriers(self) -> tuple[list[Carrier], list[Pieces], list[npt.NDArray[Any]]]:
-        """Return movers and other carriers, pieces of the others and which carrier each is."""
+    def _carriers(self) -> tuple[list[Carrier], list[SweptTrack], list[Integers]]:
+        """Return movers and other carriers, tracks of the others and which carrier each piece is."""
         world, cell = self.world, self.world.cell
         carriers: list[Carrier] = []
         for name in self.robots:
@@ -177,38 +175,32 @@ class SpaceTimeChecker:
                 if a.holder == name
             )
             carriers.append((cell.robot(name), hand))
-        pieces: list[Pieces] = []
-        which: list[npt.NDArray[Any]] = []
-        number: dict[tuple[str, Hand], int] = {}
+        tracks: list[SweptTrack] = []
+        which: list[Integers] = []
         until = dict(zip(self.robots, self.begin.tolist(), strict=True))
         for robot in cell.robots:
             last = until.get(robot.name, np.inf)
             if last <= self.start:
                 continue
-            changes = hand_changes(world, robot.name)
-            cut = cut_timeline(
-                world.robots[robot.name],
-                self.start,
-                last,
-                self.step,
-                [t for t, _ in changes[1:]],
-            )
-            times = np.array([t for t, _ in changes])
-            at = np.searchsorted(times, cut.moment + 1e-9, side="right") - 1
-            own = []
-            for k in at.tolist():
-                kept: Hand = tuple(
-                    (o, p) for o, p in changes[k][1] if o not in self.held
+            changes = [
+                (t, tuple((o, p) for o, p in hand if o not in self.held))
+                for t, hand in hand_changes(world, robot.name)
+            ]
+            line = world.robots[robot.name]
+            if last == np.inf:
+                track = world.swept.since(
+                    self.start, robot, line, changes, cell.object, self.step
                 )
-                key = (robot.name, kept)
-                if key not in number:
-                    number[key] = len(carriers)
-                    items = tuple((cell.object(o), pose_of(p)) for o, p in kept)
-                    carriers.append((robot, items))
-                own.append(number[key])
-            pieces.append(cut)
-            which.append(np.array(own, dtype=np.int64))
-        return carriers, pieces, which
+            else:
+                times = [t for t, _ in changes[1:]]
+                pieces = cut_timeline(line, self.start, last, self.step, times)
+                track = sweep_track(robot, pieces, changes, cell.object)
+            tracks.append(track)
+            which.append(len(carriers) + track.hand)
+            for held in track.hands:
+                items = tuple((cell.object(o), pose_of(p)) for o, p in held)
+                carriers.append((robot, items))
+        return carriers, tracks, which
 
     def _rests(self) -> list[Rest]:
         return [

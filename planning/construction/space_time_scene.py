@@ -20,7 +20,8 @@ from planning.construction.arena import (
     truths,
 )
 from planning.construction.fleet import Fleet
-from planning.construction.tracks import Tracks, bound_capsules
+from planning.construction.swept_track import bound_capsules
+from planning.construction.tracks import Tracks
 from planning.geometry.hull_table import HullTable
 from planning.geometry.kernel import RobotKernel
 from planning.geometry.separation import Scratch

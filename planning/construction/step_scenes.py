@@ -114,7 +114,8 @@ class StepScenes:
         cell = replace(world.cell, robots=(*world.cell.robots, ghost))
         begin = min(world.robots[name].end for name in self.team)
         line = RobotTimeline(_GHOST, np.array([begin]), np.zeros((1, 1)))
-        alone = FixedWorld(cell, {**world.robots, _GHOST: line}, world.objects)
+        robots = {**world.robots, _GHOST: line}
+        alone = FixedWorld(cell, robots, world.objects, world.swept)
         own = self.part.name
         touched = {
             frozenset((f"{_GHOST}/arm", *(pair - {own})))

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from planning.construction.fleet import Fleet, Integers, carrier_kernel
-from planning.construction.motion_pieces import Pieces
-from planning.geometry.swept import place_capsules
+from planning.construction.fleet import Integers
+from planning.construction.swept_track import SweptTrack
 from planning.transforms import Array
 
 
@@ -53,132 +52,68 @@ class Tracks(NamedTuple):
 
 
 def build_tracks(
-    fleet: Fleet, pieces: Sequence[Pieces], carrier: Sequence[Integers]
+    most: int, swept: Sequence[SweptTrack], carrier: Sequence[Integers]
 ) -> Tracks:
-    """Sweep all pieces.
+    """Put what robots sweep one after another, and grow a tree over each.
 
     Args:
-        fleet: the carriers.
-        pieces: of each robot.
+        most: joints of the robot that has most.
+        swept: of each robot.
         carrier: of each piece of each robot.
     """
-    most = int(np.max(np.diff(fleet.joint_first)))
+    pieces = [s.pieces for s in swept]
     counts = [len(p.start) for p in pieces]
     first = np.cumsum([0, *counts]).astype(np.int64)
     none = np.empty(0)
     start = np.concatenate([none, *(p.start for p in pieces)])
-    end = np.concatenate([none, *(p.end for p in pieces)])
     whole = np.concatenate([none, *(p.whole for p in pieces)]).astype(np.bool_)
     q_a, q_b = np.zeros((len(start), most)), np.zeros((len(start), most))
     for p, at in zip(pieces, first[:-1], strict=True):
         n = p.q_a.shape[1]
         q_a[at : at + len(p.start), :n] = p.q_a
         q_b[at : at + len(p.start), :n] = p.q_b
-    of = np.concatenate([none, *carrier]).astype(np.int64)
-    bodies = fleet.body_first[of + 1] - fleet.body_first[of]
-    capsules = (
-        fleet.capsule_first[fleet.body_first[of + 1]]
-        - fleet.capsule_first[fleet.body_first[of]]
-    )
-    body_first = np.concatenate([[0], np.cumsum(bodies)]).astype(np.int64)
-    capsule_first = np.concatenate([[0], np.cumsum(capsules)]).astype(np.int64)
-    tree_first = 2 * first
-    box = np.empty((len(start), 6))
-    body_box = np.empty((int(body_first[-1]), 6))
-    capsule_a = np.empty((int(capsule_first[-1]), 3))
-    capsule_b = np.empty_like(capsule_a)
-    radius = np.empty(len(capsule_a))
-    tree = np.empty((int(tree_first[-1]), 6))
-    tracks = Tracks(
+    box = np.concatenate([np.empty((0, 6)), *(s.box for s in swept)])
+    tree = np.empty((2 * len(start), 6))
+    _grow_trees(first, box, tree)
+    return Tracks(
         first,
         start,
-        end,
+        np.concatenate([none, *(p.end for p in pieces)]),
         q_a,
         q_b,
         whole,
-        of,
+        np.concatenate([none, *carrier]).astype(np.int64),
         box,
-        body_first,
-        body_box,
-        capsule_first,
-        capsule_a,
-        capsule_b,
-        radius,
-        tree_first,
+        _joined([s.body_first for s in swept]),
+        np.concatenate([np.empty((0, 6)), *(s.body_box for s in swept)]),
+        _joined([s.capsule_first for s in swept]),
+        np.concatenate([np.empty((0, 3)), *(s.capsule_a for s in swept)]),
+        np.concatenate([np.empty((0, 3)), *(s.capsule_b for s in swept)]),
+        np.concatenate([none, *(s.radius for s in swept)]),
+        2 * first,
         tree,
     )
-    _sweep(fleet, tracks)
-    return tracks
+
+
+def _joined(firsts: Sequence[Integers]) -> Integers:
+    """Return where each piece's rows begin when those of all robots follow one another."""
+    counts = [np.diff(first) for first in firsts]
+    return np.cumsum(np.concatenate([[0], *counts])).astype(np.int64)
 
 
 @njit(cache=True)
-def _sweep(fleet: Fleet, tracks: Tracks) -> None:
-    """Fill in capsules, boxes and trees."""
-    most = tracks.q_a.shape[1]
-    poses, q_mid = np.empty((most + 1, 4, 4)), np.empty(most)
-    room = 0
-    for v in range(len(fleet.body_first) - 1):
-        c0 = fleet.capsule_first[fleet.body_first[v]]
-        c1 = fleet.capsule_first[fleet.body_first[v + 1]]
-        room = max(room, c1 - c0)
-    moved = np.empty((room, most + 1))
-    for p in range(len(tracks.start)):
-        v = tracks.carrier[p]
-        n = fleet.joint_first[v + 1] - fleet.joint_first[v]
-        c0, c1 = tracks.capsule_first[p], tracks.capsule_first[p + 1]
-        place_capsules(
-            carrier_kernel(fleet, v),
-            tracks.q_a[p, :n],
-            tracks.q_b[p, :n],
-            poses,
-            q_mid[:n],
-            tracks.capsule_a[c0:c1],
-            tracks.capsule_b[c0:c1],
-            moved[: c1 - c0],
-        )
-        own = fleet.capsule_first[fleet.body_first[v]]
-        for c in range(c1 - c0):
-            tracks.radius[c0 + c] = fleet.radius[own + c] + moved[c, 0]
-        b0, b1 = tracks.body_first[p], tracks.body_first[p + 1]
-        body = fleet.body_first[v]
-        for b in range(b0, b1):
-            low = c0 + fleet.capsule_first[body + b - b0] - own
-            high = c0 + fleet.capsule_first[body + b - b0 + 1] - own
-            bound_capsules(
-                tracks.capsule_a,
-                tracks.capsule_b,
-                tracks.radius,
-                low,
-                high,
-                tracks.body_box[b],
-            )
-        for r in range(3):
-            tracks.box[p, r] = np.min(tracks.body_box[b0:b1, r])
-            tracks.box[p, r + 3] = np.max(tracks.body_box[b0:b1, r + 3])
-    for t in range(len(tracks.first) - 1):
-        first = tracks.first[t]
-        count = tracks.first[t + 1] - first
-        base = tracks.tree_first[t]
+def _grow_trees(firsts: Integers, box: Array, tree: Array) -> None:
+    """Fill in the tree of each track."""
+    for t in range(len(firsts) - 1):
+        first, base = firsts[t], 2 * firsts[t]
+        count = firsts[t + 1] - first
         for i in range(count):
-            tracks.tree[base + count + i] = tracks.box[first + i]
+            tree[base + count + i] = box[first + i]
         for i in range(count - 1, 0, -1):
+            a, b = tree[base + 2 * i], tree[base + 2 * i + 1]
             for r in range(3):
-                a, b = tracks.tree[base + 2 * i], tracks.tree[base + 2 * i + 1]
-                tracks.tree[base + i, r] = min(a[r], b[r])
-                tracks.tree[base + i, r + 3] = max(a[r + 3], b[r + 3])
-
-
-@njit(cache=True)
-def bound_capsules(
-    a: Array, b: Array, radius: Array, first: int, last: int, out: Array
-) -> None:
-    """Write the least and greatest corner of capsules ``range(first, last)``, shape (6,)."""
-    for r in range(3):
-        low, high = np.inf, -np.inf
-        for c in range(first, last):
-            low = min(low, min(a[c, r], b[c, r]) - radius[c])
-            high = max(high, max(a[c, r], b[c, r]) + radius[c])
-        out[r], out[r + 3] = low, high
+                tree[base + i, r] = min(a[r], b[r])
+                tree[base + i, r + 3] = max(a[r + 3], b[r + 3])
 
 
 @njit(cache=True)
