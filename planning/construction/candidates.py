@@ -8,7 +8,7 @@ from itertools import combinations, pairwise
 from planning.construction.bounds import ReachBounds
 from planning.construction.building import Building
 from planning.construction.problem import ConstructionProblem, Part
-from planning.construction.skeletons import Skeleton, skeletons
+from planning.construction.skeletons import Skeleton, robots_of, skeletons
 
 
 def robot_groups(
@@ -65,8 +65,3 @@ class Candidates:
             and bool(self.bounds.place_grips(robots[-1], part))
             and all(self.bounds.can_hand_over(a, b, part) for a, b in pairwise(robots))
         )
-
-
-def robots_of(skeleton: Skeleton) -> tuple[str, ...]:
-    """Return who acts in a sequence, in order of first appearance."""
-    return tuple(dict.fromkeys(action.robot for action in skeleton))

@@ -11,6 +11,7 @@ from itertools import islice
 
 import numpy as np
 
+from planning.construction.attempt import Attempt
 from planning.construction.building import Building
 from planning.construction.candidates import Candidates
 from planning.construction.problem import ConstructionProblem, Part
@@ -108,5 +109,5 @@ class EasyPlacement:
         """Return how a robot can place a part by ways that are easy to find, None for none."""
         own = [*seed, self.problem.team.index(robot)]
         return self.solver.solve(
-            building, part, skeleton, own, hasty=True, latest=latest
+            building, Attempt(part, skeleton, own, hasty=True, latest=latest)
         )

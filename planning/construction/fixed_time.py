@@ -7,11 +7,12 @@ then.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from planning.construction.attempt import Attempt
 from planning.construction.bounds import ReachBounds
 from planning.construction.building import Building
 from planning.construction.fixed_world import drop_tail
@@ -26,8 +27,7 @@ from planning.construction.planner import (
     no_progress,
     plan_with,
 )
-from planning.construction.problem import ConstructionProblem, Part
-from planning.construction.skeletons import Skeleton
+from planning.construction.problem import ConstructionProblem
 from planning.construction.skill_motion import SkillMotion
 from planning.construction.space_time_checker import Pairs
 from planning.construction.step_scenes import StepScenes
@@ -86,21 +86,11 @@ class FixedTimeSolver(SubproblemSolver):
         super().__init__(problem, bounds, contacts, settings, watch)
         self.duration = duration
 
-    def solve(
-        self,
-        building: Building,
-        part: Part,
-        skeleton: Skeleton,
-        seed: Sequence[int],
-        effort: int = 0,
-        *,
-        hasty: bool = False,
-        latest: float = np.inf,
-    ) -> Solution | None:
+    def solve(self, building: Building, attempt: Attempt) -> Solution | None:
         """Return how a part can be brought to its place, None where that failed."""
-        robot = skeleton[0].robot
-        settings = self.settings.hasty() if hasty else self.settings.harder(effort)
-        rng = np.random.default_rng(seed)
+        part, latest, robot = attempt.part, attempt.latest, attempt.robots[0]
+        settings = self.settings.of(attempt)
+        rng = np.random.default_rng(attempt.seed)
         hints = way_out(building.world, robot)
         world = drop_tail(building.world, robot)
         building = replace(building, world=world)

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planning.construction.attempt import Attempt
 from planning.construction.bounds import ReachBounds
 from planning.construction.building import Building, nothing_built
-from planning.construction.candidates import Candidates, robots_of
+from planning.construction.candidates import Candidates
 from planning.construction.easy_placement import EasyPlacement
 from planning.construction.object_order import rank_parts
 from planning.construction.problem import ConstructionProblem, Part
 from planning.construction.search_settings import SearchSettings
-from planning.construction.skeletons import Skeleton
+from planning.construction.skeletons import Skeleton, robots_of
 from planning.construction.subproblem import SubproblemSolver
 from planning.errors import ConstructionError
 from planning.kinematics import frame_pose
@@ -163,7 +164,9 @@ class ConstructionSearch:
             for attempt in range(self.settings.attempts):
                 seed = [self.problem.seed, 2, building.step, self.rewound, attempt]
                 seed += [effort, *(self.problem.team.index(a.robot) for a in skeleton)]
-                after = self.solver.solve(building, part, skeleton, seed, effort)
+                after = self.solver.solve(
+                    building, Attempt(part, skeleton, seed, effort)
+                )
                 if after is not None:
                     return after.building
             placed = frozenset(building.placed)

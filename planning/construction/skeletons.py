@@ -73,3 +73,8 @@ def _possible(
 def in_words(skeleton: Skeleton) -> str:
     """Return a sequence in words."""
     return ", ".join(map(str, skeleton))
+
+
+def robots_of(skeleton: Skeleton) -> tuple[str, ...]:
+    """Return who acts in a sequence, in order of first appearance."""
+    return tuple(dict.fromkeys(action.robot for action in skeleton))

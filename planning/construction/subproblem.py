@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from planning.construction.attempt import Attempt
 from planning.construction.bounds import ReachBounds
 from planning.construction.building import Building
 from planning.construction.fixed_world import drop_tail
@@ -17,7 +18,6 @@ from planning.construction.known_ways import way_in, way_out
 from planning.construction.object_order import ready_at
 from planning.construction.part_contacts import PartContacts, held_by
 from planning.construction.problem import ConstructionProblem, Part
-from planning.construction.skeletons import Skeleton
 from planning.construction.skill_motion import SkillMotion
 from planning.construction.space_time_checker import Pairs, SpaceTimeChecker
 from planning.construction.space_time_rrt import space_time_rrt
@@ -87,31 +87,11 @@ class SubproblemSolver:
         self.settings = settings
         self.watch = watch
 
-    def solve(
-        self,
-        building: Building,
-        part: Part,
-        skeleton: Skeleton,
-        seed: Sequence[int],
-        effort: int = 0,
-        *,
-        hasty: bool = False,
-        latest: float = np.inf,
-    ) -> Solution | None:
-        """Return how a part can be brought to its place, None where that failed.
-
-        Args:
-            building: the state before.
-            part: what is placed; it is placeable.
-            skeleton: who does what.
-            seed: of all random numbers.
-            effort: how much harder than usual is tried.
-            hasty: nothing is tried hard.
-            latest: the part must be in its place by then [s].
-        """
-        settings = self.settings.hasty() if hasty else self.settings.harder(effort)
-        team = tuple(dict.fromkeys(action.robot for action in skeleton))
-        rng = np.random.default_rng(seed)
+    def solve(self, building: Building, attempt: Attempt) -> Solution | None:
+        """Return how a part can be brought to its place, None where that failed."""
+        settings = self.settings.of(attempt)
+        part, team = attempt.part, attempt.robots
+        rng = np.random.default_rng(attempt.seed)
         world = building.world
         hints = way_out(world, team[0])
         for robot in team:
@@ -126,7 +106,7 @@ class SubproblemSolver:
                 found = next(options, None)
             if found is None:
                 return None
-            done = self._go(building, part, team, found, rng, settings, hints, latest)
+            done = self._go(building, attempt, found, rng, settings, hints)
             if done is not None:
                 return done
         return None
@@ -134,29 +114,25 @@ class SubproblemSolver:
     def _go(
         self,
         building: Building,
-        part: Part,
-        team: tuple[str, ...],
+        attempt: Attempt,
         keyframes: Keyframes,
         rng: np.random.Generator,
         settings: SubproblemSettings,
         hints: Array,
-        latest: float,
     ) -> Solution | None:
         """Return the state after all actions with given keyframes, leg by leg.
 
         Args:
             building: the state before.
-            part: what is placed.
-            team: who, in order.
+            attempt: what is placed by whom.
             keyframes: of the skills.
             rng: what is drawn from.
             settings: how hard is tried.
             hints: places on a way out for the first robot, shape (h, n).
-            latest: the part must be in its place by then [s].
         """
-        problem = self.problem
+        problem, part, team = self.problem, attempt.part, attempt.robots
         robot, hold = team[0], keyframes.holds[0]
-        latest -= problem.seconds.place
+        latest = attempt.latest - problem.seconds.place
         leg = self._leg(
             building,
             robot,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from planning.construction.attempt import Attempt
 from planning.construction.keyframe_solver import KeyframeSettings
 from planning.construction.space_time_rrt import RrtSettings
 
@@ -37,6 +38,10 @@ class SubproblemSettings:
         """Return the settings for a path that may well be late: by most of a time [s]."""
         enough = max(self.rrt.good_enough, 0.7 * spare)
         return replace(self, rrt=replace(self.rrt, good_enough=enough))
+
+    def of(self, attempt: Attempt) -> SubproblemSettings:
+        """Return the settings for an attempt."""
+        return self.hasty() if attempt.hasty else self.harder(attempt.effort)
 
     def hasty(self) -> SubproblemSettings:
         """Return the settings with which paths are looked for that are easy to find."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
@@ -15,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planning.construction.attempt import Attempt
 from planning.construction.bounds import ReachBounds
 from planning.construction.building import Building, nothing_built
 from planning.construction.candidates import robot_groups
@@ -32,7 +32,7 @@ from planning.construction.planner import (
 )
 from planning.construction.problem import ConstructionProblem, Part
 from planning.construction.site import build_problem, ground_fixture, part_objects
-from planning.construction.skeletons import HANDOVER, Skeleton, in_words, skeletons
+from planning.construction.skeletons import HANDOVER, in_words, skeletons
 from planning.construction.stopwatch import Stopwatch
 from planning.construction.subproblem import Solution, SubproblemSolver
 from planning.construction.supply import Spiral
@@ -317,23 +317,12 @@ class _Told(SubproblemSolver):
         """Return what is said in place of what was found."""
         raise AssertionError("each test has its own")
 
-    def solve(
-        self,
-        building: Building,
-        part: Part,
-        skeleton: Skeleton,
-        seed: Sequence[int],
-        effort: int = 0,
-        *,
-        hasty: bool = False,
-        latest: float = np.inf,
-    ) -> Solution | None:
-        assert hasty
-        found = super().solve(
-            building, part, skeleton, seed, hasty=self.hasty, latest=latest
-        )
-        assert found is None or found.building.placed[part.name] <= latest
-        return self.tell(building, part, skeleton[0].robot, found)
+    def solve(self, building: Building, attempt: Attempt) -> Solution | None:
+        assert attempt.hasty
+        found = super().solve(building, replace(attempt, hasty=self.hasty))
+        part = attempt.part
+        assert found is None or found.building.placed[part.name] <= attempt.latest
+        return self.tell(building, part, attempt.robots[0], found)
 
 
 class _Late(_Told):
