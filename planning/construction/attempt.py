@@ -22,6 +22,7 @@ class Attempt:
         effort: how much harder than usual is tried.
         hasty: nothing is tried hard.
         latest: the part must be in its place by then [s].
+        lost: a way with which robots lose as much time as that is of no use [s].
     """
 
     part: Part
@@ -30,6 +31,7 @@ class Attempt:
     effort: int = 0
     hasty: bool = False
     latest: float = np.inf
+    lost: float = np.inf
 
     @property
     def robots(self) -> tuple[str, ...]:

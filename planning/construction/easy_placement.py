@@ -6,7 +6,7 @@ another robot may be better.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import islice
 
 import numpy as np
@@ -17,7 +17,9 @@ from planning.construction.candidates import Candidates
 from planning.construction.problem import ConstructionProblem, Part
 from planning.construction.search_settings import SearchSettings
 from planning.construction.skeletons import Skeleton
-from planning.construction.subproblem import Solution, SubproblemSolver
+from planning.construction.subproblem import Solution
+
+Solve = Callable[[Building, Attempt], Solution | None]
 
 
 class EasyPlacement:
@@ -26,7 +28,7 @@ class EasyPlacement:
     Args:
         problem: what is built by whom.
         candidates: who may place what.
-        solver: of sub-problems.
+        solve: solves a sub-problem.
         settings: how many are asked.
     """
 
@@ -34,18 +36,22 @@ class EasyPlacement:
         self,
         problem: ConstructionProblem,
         candidates: Candidates,
-        solver: SubproblemSolver,
+        solve: Solve,
         settings: SearchSettings,
     ) -> None:
         self.problem = problem
         self.candidates = candidates
-        self.solver = solver
+        self.solve = solve
         self.settings = settings
 
     def place(
-        self, building: Building, parts: Sequence[Part], seed: Sequence[int]
-    ) -> Building | None:
-        """Return the best of a few states in which a part is in its place, None for none.
+        self,
+        building: Building,
+        parts: Sequence[Part],
+        seed: Sequence[int],
+        most: float = np.inf,
+    ) -> Solution | None:
+        """Return the best of a few ways to place a part, None for none.
 
         The first robot places the first part. Where it would lose time with that, because
         others are in its way or what the part rests on comes late, it may place another one;
@@ -56,26 +62,27 @@ class EasyPlacement:
             building: the state before.
             parts: that may be placed next, the best first.
             seed: of all random numbers.
+            most: a way with which as much time is lost is of no use [s].
         """
         team = self.problem.team
         if len(team) == 1 or len(parts) <= len(team) // 2:
-            return self._soonest(building, parts[0], seed)
+            return self._soonest(building, parts[0], seed, most)
         best: Solution | None = None
         for part in parts[: self.settings.parts]:
             first = next(self.candidates.alone(building, part), None)
             if first is None:
                 break
-            found = self._easily(building, part, *first, seed)
-            if found is not None and (best is None or found.lost < best.lost):
-                best = found
+            found = self._easily(building, part, *first, seed, lost=most)
+            if found is not None:
+                best, most = found, found.lost
             if best is not None and best.lost <= self.settings.late:
                 break
-        return None if best is None else best.building
+        return best
 
     def _soonest(
-        self, building: Building, part: Part, seed: Sequence[int]
-    ) -> Building | None:
-        """Return the state in which a part is in its place soonest, None for none.
+        self, building: Building, part: Part, seed: Sequence[int], most: float
+    ) -> Solution | None:
+        """Return the way by which a part is in its place soonest, None for none.
 
         The first robot does it, unless others are in its way and it would be late: then others
         are asked, too, as long as they may be sooner.
@@ -88,14 +95,14 @@ class EasyPlacement:
             free = building.world.free_from(robot)
             if free + seconds.pick + seconds.place > latest:
                 break
-            found = self._easily(building, part, robot, skeleton, seed, latest)
+            found = self._easily(building, part, robot, skeleton, seed, latest, most)
             if found is None:
                 continue
             if found.building.placed[part.name] < latest:
                 best, latest = found, found.building.placed[part.name]
             if found.late <= self.settings.late:
                 break
-        return None if best is None else best.building
+        return best
 
     def _easily(
         self,
@@ -105,9 +112,11 @@ class EasyPlacement:
         skeleton: Skeleton,
         seed: Sequence[int],
         latest: float = np.inf,
+        lost: float = np.inf,
     ) -> Solution | None:
         """Return how a robot can place a part by ways that are easy to find, None for none."""
         own = [*seed, self.problem.team.index(robot)]
-        return self.solver.solve(
-            building, Attempt(part, skeleton, own, hasty=True, latest=latest)
+        return self.solve(
+            building,
+            Attempt(part, skeleton, own, hasty=True, latest=latest, lost=lost),
         )

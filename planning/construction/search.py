@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,9 +14,10 @@ from planning.construction.candidates import Candidates
 from planning.construction.easy_placement import EasyPlacement
 from planning.construction.object_order import rank_parts
 from planning.construction.problem import ConstructionProblem, Part
+from planning.construction.rounds import Rounds
 from planning.construction.search_settings import SearchSettings
 from planning.construction.skeletons import Skeleton, robots_of
-from planning.construction.subproblem import SubproblemSolver
+from planning.construction.subproblem import Solution, SubproblemSolver
 from planning.errors import ConstructionError
 from planning.kinematics import frame_pose
 
@@ -55,6 +56,7 @@ class ConstructionSearch:
     Attributes:
         rewound: how many placements have been taken back.
         failures: what did not work, in order.
+        spent: how much has been tried: attempts, those that try hard thrice.
     """
 
     def __init__(
@@ -67,12 +69,14 @@ class ConstructionSearch:
     ) -> None:
         self.problem = problem
         self.candidates = Candidates(problem, bounds, settings.group)
-        self.easy = EasyPlacement(problem, self.candidates, solver, settings)
+        self.easy = EasyPlacement(problem, self.candidates, self._solve, settings)
+        self.rounds = Rounds(problem, self, settings)
         self.solver = solver
         self.settings = settings
         self.progress = progress
         self.rewound = 0
         self.failures: list[Failure] = []
+        self.spent = 0
         self._rng = np.random.default_rng([problem.seed, 1])
         self._walls: dict[str, set[frozenset[str]]] = {}
 
@@ -85,16 +89,15 @@ class ConstructionSearch:
         total = len(self.problem.parts)
         done = [nothing_built(self.problem)]
         while len(done[-1].placed) < total:
-            parts = self._next_parts(done[-1])
-            after = self._place(done[-1], parts)
-            if after is not None:
-                done.append(after)
-            else:
-                done = self._backtrack(done, parts[0])
+            planned = self.rounds.next(done[-1])
+            done += planned.states
+            if planned.stuck is not None:
+                done = self._backtrack(done, planned.stuck)
             self.progress(len(done[-1].placed), total)
         return done[-1]
 
-    def _next_parts(self, building: Building) -> list[Part]:
+    def next_parts(self, building: Building) -> list[Part]:
+        """Return the parts that may be placed next, the best first."""
         problem = self.problem
         world = building.world
         robot = min(problem.team, key=world.free_from)
@@ -120,14 +123,18 @@ class ConstructionSearch:
                 before = done[-1 - back]
                 if part.name not in self._placeable(before):
                     continue
-                after = self._place(before, (part,), effort)
+                after = (
+                    self._place(before, part, effort)
+                    if effort
+                    else self.place_next(before, [part], 0, np.inf)
+                )
                 if after is None:
                     continue
                 if back:
                     wall = frozenset(done[-back].placed)
                     self._walls.setdefault(part.name, set()).add(wall)
                     self.rewound += back
-                return [*done[: len(done) - back], after]
+                return [*done[: len(done) - back], after.building]
         robots = ", ".join(
             dict.fromkeys(
                 " and ".join(robots_of(f.skeleton))
@@ -144,31 +151,52 @@ class ConstructionSearch:
         problem = self.problem
         return problem.graph.placeable(building.placed, carried=problem.carried)
 
-    def _place(
-        self, building: Building, parts: Sequence[Part], effort: int = 0
-    ) -> Building | None:
-        """Return the state in which a part is in its place, None where nobody can do it.
+    def place_next(
+        self, building: Building, parts: list[Part], turn: int, most: float
+    ) -> Solution | None:
+        """Return how a part is placed: the first one, or another one where that is easier.
 
         Args:
             building: the state before.
-            parts: the first is placed, or another one where that is easier.
+            parts: that may be placed next, the best first.
+            turn: how often this has been planned before. The first time all is tried, later
+                only what is easy and one hard attempt.
+            most: a way with which as much time is lost is of no use [s].
+        """
+        own = [building.step, self.rewound, turn]
+        easy = self.easy.place(building, parts, [self.problem.seed, 3, *own], most)
+        if easy is not None:
+            return easy
+        if turn == 0:
+            return self._place(building, parts[0])
+        skeleton = next(self.candidates.of(building, parts[0]), None)
+        if skeleton is None:
+            return None
+        seed = [self.problem.seed, 4, *own]
+        return self._solve(building, Attempt(parts[0], skeleton, seed, lost=most))
+
+    def _place(
+        self, building: Building, part: Part, effort: int = 0
+    ) -> Solution | None:
+        """Return how a part is placed, None where nobody can do it.
+
+        Args:
+            building: the state before.
+            part: what is placed.
             effort: how much harder than usual is tried.
         """
-        if effort == 0:
-            seed = [self.problem.seed, 3, building.step, self.rewound]
-            easy = self.easy.place(building, parts, seed)
-            if easy is not None:
-                return easy
-        part = parts[0]
         for skeleton in self.candidates.of(building, part):
             for attempt in range(self.settings.attempts):
                 seed = [self.problem.seed, 2, building.step, self.rewound, attempt]
                 seed += [effort, *(self.problem.team.index(a.robot) for a in skeleton)]
-                after = self.solver.solve(
-                    building, Attempt(part, skeleton, seed, effort)
-                )
+                after = self._solve(building, Attempt(part, skeleton, seed, effort))
                 if after is not None:
-                    return after.building
+                    return after
             placed = frozenset(building.placed)
             self.failures.append(Failure(part.name, skeleton, placed, effort))
         return None
+
+    def _solve(self, building: Building, attempt: Attempt) -> Solution | None:
+        """Return how a part can be brought to its place, None where that failed."""
+        self.spent += 1 if attempt.hasty else 3
+        return self.solver.solve(building, attempt)

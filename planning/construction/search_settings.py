@@ -18,6 +18,12 @@ class SearchSettings:
             as long as it loses time with each; where there are more.
         late: a part that comes no later than this after speeds and the world at its place allow
             is not late, and so much is no loss [s].
+        round: parts that are planned before it is looked at how much time was lost with them;
+            no more than there are robots.
+        tries: how often they are planned, at most.
+        bearable: so much lost time for each of them is no reason to plan them again [s].
+        again: attempts that may go into planning again, in all: for each part of the
+            construction, over the number of robots, since among many each takes longer.
         efforts: how often failures are gone through again when nothing else is left, each
             time trying harder.
     """
@@ -27,4 +33,8 @@ class SearchSettings:
     asked: int = 3
     parts: int = 3
     late: float = 2.0
+    round: int = 5
+    tries: int = 3
+    bearable: float = 4.0
+    again: float = 6.0
     efforts: int = 3

@@ -141,8 +141,9 @@ class SubproblemSolver:
             settings.unhurried(self._spare(robot, keyframes)),
             hints=hints,
             latest=latest - problem.seconds.pick,
+            most=attempt.lost,
         )
-        if leg is None:
+        if leg is None or leg.lost >= attempt.lost:
             return None
         building, pick, start, soonest, lost = leg
         late = start - soonest
@@ -164,8 +165,9 @@ class SubproblemSolver:
             allowed=held_by(robot, part),
             linger=True,
             latest=latest,
+            most=attempt.lost - lost,
         )
-        if leg is None:
+        if leg is None or lost + leg.lost >= attempt.lost:
             return None
         building, place, start, soonest, more = leg
         opens = min(place.earliest for place in keyframes.places)
@@ -243,10 +245,15 @@ class SubproblemSolver:
         hints: Array | None = None,
         linger: bool = False,
         latest: float = np.inf,
+        most: float = np.inf,
     ) -> Leg | None:
         """Return a path to the beginning of a skill, None where none was found."""
         with self.watch.time("path"):
             checker = SpaceTimeChecker(building.world, (robot,), allowed=allowed)
+            here = checker.start_configuration()
+            far = max(checker.least_duration(here, goal.start) for goal in goals)
+            # Whoever is later than this at the farthest goal has lost too much.
+            latest = min(latest, checker.start + far + most)
             found = space_time_rrt(
                 checker,
                 np.array([goal.start for goal in goals]),

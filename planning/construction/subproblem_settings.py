@@ -15,7 +15,7 @@ _RRT = RrtSettings(
     rounds=1,
     vertices=80,
     neighbours=16,
-    checks=300,
+    checks=450,
 )
 """A path that arrives a second late is good enough: better ones cost more than they gain."""
 

@@ -319,10 +319,11 @@ class _Told(SubproblemSolver):
 
     def solve(self, building: Building, attempt: Attempt) -> Solution | None:
         assert attempt.hasty
-        found = super().solve(building, replace(attempt, hasty=self.hasty))
+        found = super().solve(building, replace(attempt, hasty=self.hasty, lost=np.inf))
         part = attempt.part
         assert found is None or found.building.placed[part.name] <= attempt.latest
-        return self.tell(building, part, attempt.robots[0], found)
+        told = self.tell(building, part, attempt.robots[0], found)
+        return None if told is None or told.lost >= attempt.lost else told
 
 
 class _Late(_Told):
@@ -348,7 +349,8 @@ def test_where_a_robot_is_late_others_are_asked_and_the_soonest_does_it() -> Non
         problem, bounds, PartContacts(problem), settings.subproblem, Stopwatch()
     )
     solver.asked = {}
-    plan = plan_with(solver, bounds, settings.search, lambda done, total: None)
+    once = replace(settings.search, tries=1)
+    plan = plan_with(solver, bounds, once, lambda done, total: None)
     who = {w.part: w.robot for w in plan.building.work if w.holder is None}
     for part, ends in solver.asked.items():
         assert who[part] == min(ends, key=lambda r: ends[r])
@@ -390,7 +392,8 @@ def test_where_a_robot_loses_time_it_places_the_part_with_which_it_loses_least()
     # With p0 more is always lost than with another one; p1 is good enough.
     solver.losses = {"p0": 50.0, "p1": 1.0, "p2": 5.0, "p3": 4.0, "p4": 7.0}
     solver.tried = {}
-    plan = plan_with(solver, bounds, settings.search, lambda done, total: None)
+    once = replace(settings.search, tries=1)
+    plan = plan_with(solver, bounds, once, lambda done, total: None)
     placed = [w.part for w in plan.building.work if w.holder is None]
     assert placed[-1] == "p0"
     for step, tried in solver.tried.items():
