@@ -112,7 +112,7 @@ class FixedTimeSolver(SubproblemSolver):
         leg = self._action(
             building, robot, solver, pick, rng, settings, hints=hints, latest=latest
         )
-        if leg is None:
+        if leg is None or leg.lost >= attempt.lost:
             return None
         building, key, start, soonest, lost = leg
         late = start - soonest
@@ -131,7 +131,7 @@ class FixedTimeSolver(SubproblemSolver):
             linger=True,
             latest=latest,
         )
-        if leg is None:
+        if leg is None or lost + leg.lost >= attempt.lost:
             return None
         building, key, start, soonest, more = leg
         late = start - max(ready, soonest - late)
