@@ -19,7 +19,7 @@ from planning.construction.bounds import ReachBounds
 from planning.construction.building import Building, nothing_built
 from planning.construction.candidates import robot_groups
 from planning.construction.fine_check import check_construction
-from planning.construction.fixed_time import plan_fixed_time
+from planning.construction.fixed_time import FixedTimeSolver, plan_fixed_time
 from planning.construction.models import ModelPart, tower
 from planning.construction.object_order import rank_parts, ready_at
 from planning.construction.part_contacts import PartContacts
@@ -303,6 +303,27 @@ def test_actions_of_a_fixed_duration_begin_at_its_multiples() -> None:
             assert slots == pytest.approx(round(slots), abs=1e-9)
             assert slots > 0.5
             free = w.end
+
+
+@pytest.mark.parametrize("fixed", [False, True])
+def test_a_way_that_loses_too_much_is_of_no_use(fixed: bool) -> None:
+    problem = _problem(tower(3), 3)
+    bounds = ReachBounds(problem)
+    args = (problem, bounds, PartContacts(problem), PlannerSettings().subproblem)
+    watch = Stopwatch()
+    solver = (
+        FixedTimeSolver(*args, watch, 4.0) if fixed else SubproblemSolver(*args, watch)
+    )
+    building = nothing_built(problem)
+    for part, robot in zip(problem.parts, problem.team, strict=True):
+        attempt = Attempt(part, next(iter(skeletons((robot,)))), [1])
+        found = solver.solve(building, attempt)
+        assert found is not None
+        assert found.lost >= 0.0
+        assert solver.solve(building, replace(attempt, lost=0.0)) is None
+        other = solver.solve(building, replace(attempt, lost=found.lost))
+        assert other is None or other.lost < found.lost
+        building = found.building
 
 
 class _Told(SubproblemSolver):
