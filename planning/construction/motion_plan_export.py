@@ -14,12 +14,12 @@ import numpy.typing as npt
 
 from planning.construction.fleet import Carrier, build_fleet
 from planning.construction.motion_pieces import Pieces, cut_timeline
-from planning.construction.object_spans import entity_numbers, hand_changes, pose_of
+from planning.construction.object_spans import entity_numbers, hand_changes
 from planning.construction.piece_conflicts import conflicting_pieces, contact_keys
 from planning.construction.planned_task import PlannedTask, world_of
 from planning.construction.space_time_checker import HALVINGS, STEP, no_boxes
 from planning.construction.space_time_scene import Limits, lay_out
-from planning.construction.swept_track import SweptTrack, sweep_track
+from planning.construction.swept_track import SweptTrack, carriers_of, sweep_track
 from planning.construction.timeline import SAME
 from planning.construction.tracks import build_tracks
 from planning.errors import PlanInvariantError
@@ -134,9 +134,7 @@ def _cut(cell: Workcell, tasks: Sequence[PlannedTask], step: float) -> _Cut:
             track = sweep_track(robot, pieces, changes, cell.object)
             swept.append(track)
             which.append(len(carriers) + track.hand)
-            for hand in track.hands:
-                items = tuple((cell.object(o), pose_of(p)) for o, p in hand)
-                carriers.append((robot, items))
+            carriers += carriers_of(robot, track.hands, cell.object)
             cut.pieces[robot.name] = pieces
             cut.tasks[robot.name] = _tasks_of(pieces, tasks, own)
         fleet = build_fleet(carriers, numbers.__getitem__)

@@ -15,7 +15,6 @@ from planning.construction.object_spans import (
     Rest,
     entity_numbers,
     hand_changes,
-    pose_of,
     rests_of,
 )
 from planning.construction.space_time_kernel import (
@@ -25,7 +24,7 @@ from planning.construction.space_time_kernel import (
     motion_clear,
 )
 from planning.construction.space_time_scene import StillBoxes, lay_out
-from planning.construction.swept_track import SweptTrack, sweep_track
+from planning.construction.swept_track import SweptTrack, carriers_of, sweep_track
 from planning.construction.tracks import build_tracks
 from planning.geometry.exact import resting_solid
 from planning.geometry.hull_table import hull_table
@@ -197,9 +196,7 @@ class SpaceTimeChecker:
                 track = sweep_track(robot, pieces, changes, cell.object)
             tracks.append(track)
             which.append(len(carriers) + track.hand)
-            for held in track.hands:
-                items = tuple((cell.object(o), pose_of(p)) for o, p in held)
-                carriers.append((robot, items))
+            carriers += carriers_of(robot, track.hands, cell.object)
         return carriers, tracks, which
 
     def _rests(self) -> list[Rest]:

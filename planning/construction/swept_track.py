@@ -8,7 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planning.construction.fleet import Fleet, Integers, build_fleet, carrier_kernel
+from planning.construction.fleet import (
+    Carrier,
+    Fleet,
+    Integers,
+    build_fleet,
+    carrier_kernel,
+)
 from planning.construction.motion_pieces import Pieces
 from planning.construction.object_spans import Hand, HandChange, pose_of
 from planning.geometry.swept import place_capsules
@@ -59,6 +65,22 @@ class SweptTrack(NamedTuple):
         )
 
 
+def carriers_of(
+    robot: PlacedRobot, hands: Sequence[Hand], item: Callable[[str], CellObject]
+) -> list[Carrier]:
+    """Return a robot with each of the things that it holds at some time.
+
+    Args:
+        robot: who holds them.
+        hands: what it holds.
+        item: returns an object by its name.
+    """
+    return [
+        (robot, tuple((item(name), pose_of(pose)) for name, pose in held))
+        for held in hands
+    ]
+
+
 def sweep_track(
     robot: PlacedRobot,
     pieces: Pieces,
@@ -77,13 +99,7 @@ def sweep_track(
     at = np.searchsorted(times, pieces.moment + 1e-9, side="right") - 1
     used, hand = np.unique(at, return_inverse=True)
     hands = tuple(changes[k][1] for k in used.tolist())
-    fleet = build_fleet(
-        [
-            (robot, tuple((item(name), pose_of(pose)) for name, pose in held))
-            for held in hands
-        ],
-        lambda _: 0,
-    )
+    fleet = build_fleet(carriers_of(robot, hands, item), lambda _: 0)
     capsule_first = fleet.capsule_first[fleet.body_first]
     bodies = np.concatenate([[0], np.diff(fleet.body_first)[hand].cumsum()])
     capsules = np.concatenate([[0], np.diff(capsule_first)[hand].cumsum()])
