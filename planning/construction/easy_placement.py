@@ -73,9 +73,10 @@ class EasyPlacement:
             if first is None:
                 break
             found = self._easily(building, part, *first, seed, lost=most)
-            if found is not None:
-                best, most = found, found.lost
-            if best is not None and best.lost <= self.settings.late:
+            if found is None:
+                continue
+            best, most = found, found.lost
+            if found.lost <= self.settings.late:
                 break
         return best
 

@@ -138,8 +138,7 @@ def _cut(cell: Workcell, tasks: Sequence[PlannedTask], step: float) -> _Cut:
             cut.pieces[robot.name] = pieces
             cut.tasks[robot.name] = _tasks_of(pieces, tasks, own)
         fleet = build_fleet(carriers, numbers.__getitem__)
-        most = int(np.diff(fleet.joint_first).max())
-        tracks = build_tracks(most, swept, which)
+        tracks = build_tracks(swept, which)
         memory = lay_out(
             fleet,
             tracks,

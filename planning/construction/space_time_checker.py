@@ -117,8 +117,7 @@ class SpaceTimeChecker:
             allowed,
             margin,
         )
-        most = int(np.diff(fleet.joint_first).max())
-        tracks = build_tracks(most, swept, which)
+        tracks = build_tracks(swept, which)
         self._memory = lay_out(fleet, tracks, boxes, limits, self.begin, step, halvings)
         self.scene = self._memory.arena
 

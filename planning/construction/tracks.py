@@ -51,17 +51,15 @@ class Tracks(NamedTuple):
     tree: Array
 
 
-def build_tracks(
-    most: int, swept: Sequence[SweptTrack], carrier: Sequence[Integers]
-) -> Tracks:
+def build_tracks(swept: Sequence[SweptTrack], carrier: Sequence[Integers]) -> Tracks:
     """Put what robots sweep one after another, and grow a tree over each.
 
     Args:
-        most: joints of the robot that has most.
         swept: of each robot.
         carrier: of each piece of each robot.
     """
     pieces = [s.pieces for s in swept]
+    most = max((p.q_a.shape[1] for p in pieces), default=0)
     counts = [len(p.start) for p in pieces]
     first = np.cumsum([0, *counts]).astype(np.int64)
     none = np.empty(0)
