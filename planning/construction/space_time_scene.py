@@ -40,7 +40,7 @@ PLACEMENT, AXIS, BASE = (next(_KEYS) for _ in range(3))
 START, END, ENDS, RADIUS, CORNERS = (next(_KEYS) for _ in range(5))
 # The other robots; see Tracks.
 TRACK_FIRST, PIECE_WHOLE, PIECE_CARRIER = (next(_KEYS) for _ in range(3))
-PIECE_BODY, PIECE_CAPSULE, TREE_FIRST = (next(_KEYS) for _ in range(3))
+PIECE_BODY, PIECE_CAPSULE = (next(_KEYS) for _ in range(2))
 PIECE_START, PIECE_END, PIECE_A, PIECE_B, PIECE_BOX = (next(_KEYS) for _ in range(5))
 SWEPT_BOX, SWEPT_A, SWEPT_B, SWEPT_RADIUS, TREE = (next(_KEYS) for _ in range(5))
 # What lies still; see StillBoxes.
@@ -201,7 +201,6 @@ def lay_out(
         PIECE_CARRIER: tracks.carrier,
         PIECE_BODY: tracks.body_first,
         PIECE_CAPSULE: tracks.capsule_first,
-        TREE_FIRST: tracks.tree_first,
         BOX_JOINT: boxes.hulls.joint,
         BOX_NUMBER: np.arange(len(boxes.pose)),
         BOX_CORNER_FIRST: boxes.hulls.corner_first,

@@ -28,9 +28,8 @@ class Tracks(NamedTuple):
         body_box: likewise of every body, shape (bodies of all pieces, 6).
         capsule_first: where a piece's capsules begin in the next three, shape (p + 1,).
         capsule_a, capsule_b, radius: swept capsules.
-        tree_first: where the tree of a track begins in ``tree``, shape (r + 1,).
         tree: boxes of ever longer stretches of a track: a segment tree whose leaf i is piece i
-            of its track, shape (nodes, 6).
+            of its track; it begins at ``2 * first[r]``, shape (2 p, 6).
     """
 
     first: Integers
@@ -47,7 +46,6 @@ class Tracks(NamedTuple):
     capsule_a: Array
     capsule_b: Array
     radius: Array
-    tree_first: Integers
     tree: Array
 
 
@@ -88,7 +86,6 @@ def build_tracks(swept: Sequence[SweptTrack], carrier: Sequence[Integers]) -> Tr
         np.concatenate([np.empty((0, 3)), *(s.capsule_a for s in swept)]),
         np.concatenate([np.empty((0, 3)), *(s.capsule_b for s in swept)]),
         np.concatenate([none, *(s.radius for s in swept)]),
-        2 * first,
         tree,
     )
 
