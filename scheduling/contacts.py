@@ -97,7 +97,7 @@ def contact_table(
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _lists(table: ContactTable, entry: int, task: int) -> bool:
     if task == ALWAYS:
         return True
@@ -111,7 +111,7 @@ def _lists(table: ContactTable, entry: int, task: int) -> bool:
     return bool(lo < table.first[entry + 1] and table.tasks[lo] == task)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def may_touch(
     table: ContactTable,
     x: int,

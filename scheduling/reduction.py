@@ -61,7 +61,7 @@ class NodeOrder:
         return np.searchsorted(waits_for, nodes, side="left").astype(np.int64)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _clocks(
     first: Indices,
     robot: Indices,

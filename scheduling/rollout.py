@@ -46,7 +46,7 @@ class Rollout:
         return value
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _longest_paths(
     first: Indices,
     order: Indices,
@@ -66,7 +66,7 @@ def _longest_paths(
         end[n] = t + duration[n]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _longest_paths_back(
     last: Indices,
     order: Indices,

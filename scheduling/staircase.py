@@ -89,7 +89,7 @@ def start_descent(a: HullTable, b: HullTable) -> Descent:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def wide_gap(table: ContactTable, slack: float) -> float:
     """Return how far apart capsules must be to dismiss what they hold [m].
 
@@ -99,7 +99,7 @@ def wide_gap(table: ContactTable, slack: float) -> float:
     return float(gap + (0.0 if np.isnan(slack) else TOLERANCE))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _boxes_apart(
     a_low: Array, a_high: Array, b_low: Array, b_high: Array, gap: float
 ) -> bool:
@@ -109,7 +109,7 @@ def _boxes_apart(
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def close_blocks(
     a: SweptSequence,
     i: int,
@@ -187,7 +187,7 @@ def close_blocks(
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def touching_bodies(
     a: SweptSequence,
     i: int,
@@ -227,7 +227,7 @@ def touching_bodies(
     return kept
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _capsules_near(
     a: SweptSequence, i: int, x: int, b: SweptSequence, j: int, y: int, gap: float
 ) -> bool:
@@ -262,7 +262,7 @@ def _capsules_near(
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def keep_close_bodies(
     a: SweptSequence,
     a_hulls: HullTable,
@@ -341,7 +341,7 @@ def keep_close_bodies(
     return kept - begin
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _keep_unseparated(
     a: HullTable,
     b: HullTable,
@@ -539,7 +539,7 @@ def next_proposal(
     return 0, 0, 0, 0, 0, found
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def note_hit(v: int, u: int, floor: Indices, hits: Indices, found: int) -> int:
     """Note that v waits for u; return how many hits there are."""
     hits[found, 0], hits[found, 1] = v, u
@@ -547,7 +547,7 @@ def note_hit(v: int, u: int, floor: Indices, hits: Indices, found: int) -> int:
     return found + 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def raise_floor(floor: Indices, v: int, u: int) -> None:
     """Note that v, and so every later node of its robot, waits for u."""
     while v < len(floor) and floor[v] < u:

@@ -140,7 +140,7 @@ def _build(seq: SweptSequence, hulls: HullTable, leaves: int, room: Stretch) -> 
         _bound_both(seq.capsules, block, left, right)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def bound_leaf(seq: SweptSequence, hulls: HullTable, block: int, room: Stretch) -> None:
     """Write the capsules and the box of a block from its segments."""
     first, last = seq.block_first[block], seq.block_last[block]
@@ -183,7 +183,7 @@ def bound_leaf(seq: SweptSequence, hulls: HullTable, block: int, room: Stretch) 
             seq.block_high[block, k] = max(seq.block_high[block, k], max(p, q) + r)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _write_capsule(
     out: npt.NDArray[np.float32], c: int, start: Array, end: Array, radius: float
 ) -> None:
@@ -195,7 +195,7 @@ def _write_capsule(
     out[c, 6] = radius + _ROUNDED_OFF * far
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _bound_both(
     capsules: npt.NDArray[np.float32], block: int, left: int, right: int
 ) -> None:

@@ -140,34 +140,34 @@ _truths = _pointers(types.boolean, 1)
 _counting = _pointers(types.int32, 4)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def table(arena: Arena, key: int) -> Array:
     """Return a view of a table of floats, shape (rows, columns)."""
     at, rows, columns = carray(_integers(arena.shape, 3 * key), 3)
     return carray(_floats(arena.floats, at), (rows, columns))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def column(arena: Arena, key: int) -> Array:
     """Return a view of a table of floats as one row, shape (rows * columns,)."""
     at, rows, columns = carray(_integers(arena.shape, 3 * key), 3)
     return carray(_floats(arena.floats, at), rows * columns)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def row(arena: Arena, key: int) -> Integers:
     """Return a view of a row of integers, shape (k,)."""
     at, count, _ = carray(_integers(arena.shape, 3 * key), 3)
     return carray(_integers(arena.integers, at), count)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def truths(arena: Arena) -> npt.NDArray[np.bool_]:
     """Return a view of the truth values, shape (f,)."""
     return carray(_truths(arena.truths, 0), arena.flags)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def counting(arena: Arena) -> npt.NDArray[np.int32]:
     """Return a view of 0, 1, 2, ..., shape (1, c)."""
     return carray(_counting(arena.counting, 0), (1, arena.counts))

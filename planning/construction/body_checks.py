@@ -81,7 +81,7 @@ _FINEST = 1e-3
 """Own bodies that are not proved apart when they stray less than this touch [m]."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def proved_apart(
     scene: Arena,
     m: int,
@@ -117,7 +117,7 @@ def proved_apart(
     return hulls_stay_apart(own, 0, o - bodies[m], other, 0, j, limit, scratch)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def pairs_apart(
     scene: Arena,
     count: int,
@@ -163,13 +163,13 @@ def pairs_apart(
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _row(q: Array, first: int, last: int) -> Array:
     """Return a part of a configuration as the only row of a table."""
     return q[first:last].reshape(1, last - first)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def meet_boxes(scene: Arena, boxes: int, lo: float, hi: float) -> int:
     """Check the movers against the first boxes of NEAR that are there in a span.
 
@@ -212,7 +212,7 @@ def meet_boxes(scene: Arena, boxes: int, lo: float, hi: float) -> int:
     return BLOCKED
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def meet_self(scene: Arena) -> int:
     """Check the bodies of each mover against each other; see ``meet_boxes``."""
     joints, bodies = row(scene, JOINT_FIRST), row(scene, BODY_FIRST)
@@ -249,7 +249,7 @@ def meet_self(scene: Arena) -> int:
     return CLEAR
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def movers_clear(scene: Arena, decide: bool) -> bool:
     """Check the movers against each other; without a decision what is near is not clear."""
     joints, bodies = row(scene, JOINT_FIRST), row(scene, BODY_FIRST)
@@ -297,7 +297,7 @@ def movers_clear(scene: Arena, decide: bool) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def capsules_meet(
     a: Array,
     b: Array,
@@ -320,7 +320,7 @@ def capsules_meet(
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def clear_of_pieces(scene: Arena, p: int, q: int, begin: float, finish: float) -> bool:
     """Check the movers against pieces ``range(p, q)`` of one track within a span."""
     joints, bodies = row(scene, JOINT_FIRST), row(scene, BODY_FIRST)
@@ -355,7 +355,7 @@ def clear_of_pieces(scene: Arena, p: int, q: int, begin: float, finish: float) -
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _clip(scene: Arena, piece: int, begin: float, finish: float) -> None:
     """Sweep only the part of a piece that falls into a span."""
     joints, bodies = row(scene, JOINT_FIRST), row(scene, BODY_FIRST)
@@ -397,7 +397,7 @@ def _clip(scene: Arena, piece: int, begin: float, finish: float) -> None:
         bound_capsules(a, b, radius, low, high, box[k - bodies[v]])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _bodies_clear(
     scene: Arena,
     v: int,

@@ -137,7 +137,7 @@ def _firsts(counts: Sequence[int]) -> Integers:
     return np.cumsum([0, *counts]).astype(np.int64)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def carrier_kernel(fleet: Fleet, v: int) -> RobotKernel:
     """Return the joints and capsules of one carrier."""
     j0, j1 = fleet.joint_first[v], fleet.joint_first[v + 1]

@@ -33,7 +33,7 @@ from planning.construction.tracks import pieces_at
 from planning.transforms import Array
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def strike_out(
     scene: Arena,
     q0: Array,
@@ -87,7 +87,7 @@ def strike_out(
                 free[k] = False
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def spans_of(free: npt.NDArray[np.bool_], first: int, step: float, out: Array) -> int:
     """Write the spans of time that free cells make up; return how many there are.
 

@@ -24,7 +24,7 @@ _SHARES = 3
 _TINY = 1e-9
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def leaning_ways(
     scene: Arena, query: Query, latest: float, most: int
 ) -> tuple[Array, Array, Integers, Integers, bool]:
@@ -65,7 +65,7 @@ def leaning_ways(
     return times[:found], ways[:found], counts[:found], which[:found], False
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _stands(query: Query, goal: int, kind: int) -> tuple[float, float, float, float]:
     """Return for how long joints lean and come back, and for how long the others stand [s]."""
     if kind == 0:
@@ -80,7 +80,7 @@ def _stands(query: Query, goal: int, kind: int) -> tuple[float, float, float, fl
     return lean, back, lean * a / (_SHARES - 1), back * b / (_SHARES - 1)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _soonest(query: Query, goal: int, kind: int) -> float:
     """Return how soon a way can arrive [s]."""
     _, _, before, after = _stands(query, goal, kind)
@@ -95,7 +95,7 @@ def _soonest(query: Query, goal: int, kind: int) -> float:
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _lay(
     query: Query, goal: int, kind: int, arrival: float, times: Array, way: Array
 ) -> int:
@@ -126,7 +126,7 @@ def _lay(
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _at(
     query: Query,
     goal: int,
@@ -154,7 +154,7 @@ def _at(
     return float(a + (b - a) * (t - begin) / (come - begin))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _still_clear(scene: Arena, times: Array, way: Array, count: int) -> bool:
     """Tell whether a way is clear of all that lies still: places on it first, then all of it."""
     middle = np.empty(way.shape[1])
@@ -179,7 +179,7 @@ def _still_clear(scene: Arena, times: Array, way: Array, count: int) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _clear(scene: Arena, times: Array, way: Array, count: int) -> bool:
     for k in range(count - 1):
         clear, _ = clear_until(scene, way[k], times[k], way[k + 1], times[k + 1])

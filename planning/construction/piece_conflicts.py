@@ -82,7 +82,7 @@ def conflicting_pieces(
         room = int(count)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _find(
     scene: Arena,
     tasks: npt.NDArray[np.int64],
@@ -128,7 +128,7 @@ def _find(
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _pair_clear(
     scene: Arena,
     i: int,
@@ -197,7 +197,7 @@ def _pair_clear(
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _allowed(
     keys: Integers, tasks: npt.NDArray[np.int64], entities: int, x: int, y: int
 ) -> bool:

@@ -21,7 +21,7 @@ _SPANS = 16
 """Spans kept at one place."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def earliest_along(
     scene: Arena, query: Query, path: Array, goal: int, step: float, latest: float
 ) -> tuple[Array, Array]:
@@ -83,7 +83,7 @@ def earliest_along(
     return come_at, depart_at
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def latest_along(
     scene: Arena, query: Query, path: Array, step: float, arrival: float
 ) -> tuple[Array, Array]:
@@ -140,7 +140,7 @@ def latest_along(
     return come_at, leave_at
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _stands_along(
     scene: Arena, path: Array, start: float, step: float, end: float
 ) -> tuple[Array, Integers]:
@@ -171,7 +171,7 @@ def _stands_along(
     return spans, counts
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _span_at(spans: Array, count: int, t: float) -> int:
     """Return the span that contains a time, -1 for none."""
     for m in range(count):
@@ -180,7 +180,7 @@ def _span_at(spans: Array, count: int, t: float) -> int:
     return -1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def dense(path: Array, velocity: Array, spacing: float) -> Array:
     """Return a polyline with places in between, none further apart than a travel time [s]."""
     pieces = np.ones(len(path), dtype=np.int64)

@@ -40,7 +40,7 @@ _GREED = 1.0
 """Weight of the time that is left against the time that has passed."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def arrive(query: Query, a: Array, t: float, b: Array) -> float:
     """Return when one can be at ``b`` who leaves ``a`` at time ``t`` [s]."""
     out = t
@@ -51,7 +51,7 @@ def arrive(query: Query, a: Array, t: float, b: Array) -> float:
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _normal(state: npt.NDArray[np.uint64]) -> float:
     """Return a random number that is nearly normal: the sum of a few uniform ones."""
     total = -3.0
@@ -103,7 +103,7 @@ class Motions(NamedTuple):
     edge: Integers
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def search_roadmap(
     scene: Arena,
     query: Query,
@@ -228,7 +228,7 @@ def search_roadmap(
     return times, path, last // _SPANS - 1, checked
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _draw(
     scene: Arena,
     query: Query,
@@ -304,7 +304,7 @@ def _draw(
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _stand(scene: Arena, road: Roadmap, v: int, first: int, step: float) -> None:
     """Work out when one may stand at a vertex."""
     road.free[:] = True
@@ -312,7 +312,7 @@ def _stand(scene: Arena, road: Roadmap, v: int, first: int, step: float) -> None
     road.number[v] = spans_of(road.free, first, step, road.spans[v])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _offer(
     query: Query,
     road: Roadmap,
@@ -352,7 +352,7 @@ def _offer(
     heap.edge[k, 0], heap.edge[k, 1], heap.edge[k, 2] = source, target, tries
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _pop(heap: Motions) -> None:
     """Take the first motion away."""
     heap.size[0] -= 1
@@ -374,7 +374,7 @@ def _pop(heap: Motions) -> None:
     heap.edge[k] = heap.edge[size]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _trace(road: Roadmap, last: int, best: float) -> tuple[Array, Array]:
     """Return the path that leads to a span of a vertex."""
     count = 1

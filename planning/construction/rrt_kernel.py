@@ -72,7 +72,7 @@ class Limits(NamedTuple):
     seed: int
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def random_share(state: npt.NDArray[np.uint64]) -> float:
     """Return the next random number in [0, 1): splitmix64, so that a seed means one sequence."""
     state[0] += np.uint64(0x9E3779B97F4A7C15)
@@ -84,7 +84,7 @@ def random_share(state: npt.NDArray[np.uint64]) -> float:
     return share
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def least_time(query: Query, q: Array, t: float, goal: int) -> float:
     """Return how soon the goal can be reached from (q, t), obstacles aside [s]."""
     out = t
@@ -95,7 +95,7 @@ def least_time(query: Query, q: Array, t: float, goal: int) -> float:
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def next_arrival(query: Query, goal: int, t: float) -> float:
     """Return the first time from ``t`` on at which one may arrive at a goal, inf for none."""
     for w in range(query.window_first[goal], query.window_first[goal + 1]):
@@ -105,7 +105,7 @@ def next_arrival(query: Query, goal: int, t: float) -> float:
     return np.inf
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _distance(
     query: Query, a: Array, ta: float, b: Array, tb: float, weight: float
 ) -> float:
@@ -121,7 +121,7 @@ def _distance(
     return weight * far + (1.0 - weight) * (tb - ta)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _point(
     query: Query, a: Array, ta: float, b: Array, tb: float, t: float, out: Array
 ) -> None:
@@ -154,7 +154,7 @@ class Forest(NamedTuple):
     goal: Integers
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _new_forest(most: int, n: int) -> Forest:
     return Forest(
         np.empty((most, n)),
@@ -165,7 +165,7 @@ def _new_forest(most: int, n: int) -> Forest:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _add(forest: Forest, count: int, q: Array, t: float, parent: int, goal: int) -> int:
     """Add a node; return the new count."""
     forest.q[count] = q
@@ -176,7 +176,7 @@ def _add(forest: Forest, count: int, q: Array, t: float, parent: int, goal: int)
     return count + 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _nearest(
     query: Query,
     forest: Forest,
@@ -206,7 +206,7 @@ def _nearest(
     return at
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _extend(
     scene: Arena,
     query: Query,
@@ -244,7 +244,7 @@ def _extend(
     return False, tn
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def sample_between(
     query: Query,
     goal: int,
@@ -276,7 +276,7 @@ def sample_between(
     return t
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def grow(
     scene: Arena, query: Query, limits: Limits, bound: float
 ) -> tuple[Array, Array, int, int, int]:
@@ -401,7 +401,7 @@ def grow(
     return times, path, found, drawn, behind
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _join(ahead: Forest, a: int, back: Forest, b: int) -> tuple[Array, Array, int]:
     """Return times and configurations from the start through two nodes to a goal."""
     count = 0
@@ -428,7 +428,7 @@ def _join(ahead: Forest, a: int, back: Forest, b: int) -> tuple[Array, Array, in
     return times, path, back.goal[back.root[b]]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _hurry(
     scene: Arena, query: Query, times: Array, path: Array, goal: int
 ) -> tuple[Array, Array]:

@@ -50,7 +50,7 @@ _PROBE = 0.4
 """Motions longer than this are probed in the middle first [s, rad or m]."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def own_at(
     scene: Arena, q0: Array, t0: float, q1: Array, t1: float, t: float, out: Array
 ) -> None:
@@ -68,7 +68,7 @@ def own_at(
             out[j] = q1[j] if share == 1.0 else q0[j] + share * (q1[j] - q0[j])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def still_clear_until(
     scene: Arena, q0: Array, t0: float, q1: Array, t1: float, leeway: float
 ) -> tuple[bool, float]:
@@ -119,7 +119,7 @@ def still_clear_until(
     return True, t1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def moving_clear_until(
     scene: Arena, q0: Array, t0: float, q1: Array, t1: float
 ) -> tuple[bool, float]:
@@ -195,7 +195,7 @@ def moving_clear_until(
     return True, t1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _cells(size: float, lo: float, hi: float) -> tuple[float, float]:
     """Return the cells of time that a span lies in; an instant is left as it is."""
     if hi - lo < 1e-12:
@@ -203,7 +203,7 @@ def _cells(size: float, lo: float, hi: float) -> tuple[float, float]:
     return np.floor(lo / size + 1e-6) * size, np.ceil(hi / size - 1e-6) * size
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _near_pieces(
     start: Array,
     end: Array,
@@ -225,7 +225,7 @@ def _near_pieces(
     return p, p
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def clear_throughout(scene: Arena, q0: Array, q1: Array, lo: float, hi: float) -> bool:
     """Tell whether a straight motion is clear of everything, wherever it is in a span.
 
@@ -249,7 +249,7 @@ def clear_throughout(scene: Arena, q0: Array, q1: Array, lo: float, hi: float) -
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _clear_of_tracks(scene: Arena, begin: float, finish: float) -> bool:
     """Check the swept movers against all pieces in a span."""
     start, end = column(scene, PIECE_START), column(scene, PIECE_END)
@@ -262,7 +262,7 @@ def _clear_of_tracks(scene: Arena, begin: float, finish: float) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def configuration_clear(scene: Arena, q: Array, t: float) -> bool:
     """Tell whether the movers may be at ``q``, shape (n,), at one instant."""
     clear, _ = still_clear_until(scene, q, t, q, t, 0.0)
@@ -274,7 +274,7 @@ def configuration_clear(scene: Arena, q: Array, t: float) -> bool:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def clear_until(
     scene: Arena, q0: Array, t0: float, q1: Array, t1: float
 ) -> tuple[bool, float]:
@@ -313,7 +313,7 @@ def clear_until(
     return True, t1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def motion_clear(scene: Arena, q0: Array, t0: float, q1: Array, t1: float) -> bool:
     """Tell whether a whole motion is clear: its end and its middle first."""
     if not configuration_clear(scene, q1, t1):

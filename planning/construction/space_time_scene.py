@@ -58,7 +58,7 @@ OTHER_QA, OTHER_QB, OTHER_A, OTHER_B = (next(_KEYS) for _ in range(4))
 OTHER_MOVED, OTHER_RADIUS, OTHER_BOX = (next(_KEYS) for _ in range(3))
 POSES, MIDDLE, STACK = (next(_KEYS) for _ in range(3))
 HULL_POSES, HULL_CORNERS, HULL_STACK = (next(_KEYS) for _ in range(3))
-HULL_POSED, HULL_WHERE, HULL_STRAIGHT, HULL_DIRECTION = (next(_KEYS) for _ in range(4))
+HULL_POSED, HULL_WHERE, HULL_JOINTS, HULL_DIRECTION = (next(_KEYS) for _ in range(4))
 PAIRS, BOX_NUMBER = (next(_KEYS) for _ in range(2))
 KEYS = next(_KEYS)
 
@@ -185,7 +185,7 @@ def lay_out(
         HULL_CORNERS: np.zeros((4 * corners, 3)),
         HULL_STACK: np.zeros((64, 4)),
         HULL_WHERE: np.zeros(2),
-        HULL_STRAIGHT: np.zeros(most),
+        HULL_JOINTS: np.zeros((10, most)),
         HULL_DIRECTION: np.zeros(3),
     }
     rows: dict[int, Integers] = {
@@ -214,7 +214,7 @@ def lay_out(
     return pack(KEYS, tables, rows, fleet.prismatic, most_solids)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def kernel_of(scene: Arena, v: int) -> RobotKernel:
     """Return the joints and capsules of one carrier."""
     j0, j1 = row(scene, JOINT_FIRST)[v], row(scene, JOINT_FIRST)[v + 1]
@@ -236,7 +236,7 @@ def kernel_of(scene: Arena, v: int) -> RobotKernel:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def hulls_of(scene: Arena, v: int, q_a: Array, q_b: Array) -> HullTable:
     """Return the hulls of one carrier on one segment, ends of shape (1, n)."""
     b0, b1 = row(scene, BODY_FIRST)[v], row(scene, BODY_FIRST)[v + 1]
@@ -255,7 +255,7 @@ def hulls_of(scene: Arena, v: int, q_a: Array, q_b: Array) -> HullTable:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def still_hulls(scene: Arena) -> HullTable:
     """Return the hulls of what lies still."""
     ends = table(scene, BOX_ENDS)
@@ -276,7 +276,7 @@ def still_hulls(scene: Arena) -> HullTable:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def scratch_of(scene: Arena) -> Scratch:
     """Return the room in which hulls are compared."""
     poses = table(scene, HULL_POSES)
@@ -284,7 +284,7 @@ def scratch_of(scene: Arena) -> Scratch:
     poses = poses.reshape(4 * k, 4, 4)
     corners = table(scene, HULL_CORNERS)
     half = corners.shape[0] // 2
-    straight = column(scene, HULL_STRAIGHT)
+    joints = table(scene, HULL_JOINTS)
     return Scratch(
         poses[:k],
         poses[k : 2 * k],
@@ -295,13 +295,13 @@ def scratch_of(scene: Arena) -> Scratch:
         table(scene, HULL_STACK),
         row(scene, HULL_POSED),
         column(scene, HULL_WHERE),
-        straight,
-        straight,
+        joints[:5],
+        joints[5:],
         column(scene, HULL_DIRECTION),
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def sweep_own(scene: Arena, lo: float, hi: float) -> None:
     """Sweep the movers from OWN_QA to OWN_QB in the span from ``lo`` to ``hi``.
 

@@ -131,7 +131,7 @@ def sweep_track(
     return track
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sweep(
     fleet: Fleet,
     q_a: Array,
@@ -179,7 +179,7 @@ def _sweep(
             box[p, r + 3] = np.max(body_box[b0:b1, r + 3])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def bound_capsules(
     a: Array, b: Array, radius: Array, first: int, last: int, out: Array
 ) -> None:

@@ -96,7 +96,7 @@ def _joined(firsts: Sequence[Integers]) -> Integers:
     return np.cumsum(np.concatenate([[0], *counts])).astype(np.int64)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _grow_trees(firsts: Integers, box: Array, tree: Array) -> None:
     """Fill in the tree of each track."""
     for t in range(len(firsts) - 1):
@@ -111,7 +111,7 @@ def _grow_trees(firsts: Integers, box: Array, tree: Array) -> None:
                 tree[base + i, r + 3] = max(a[r + 3], b[r + 3])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def pieces_at(
     start: Array, end: Array, first: int, last: int, lo: float, hi: float
 ) -> tuple[int, int]:
@@ -143,7 +143,7 @@ def pieces_at(
     return p, a
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def near_stretch(
     tree: Array, base: int, count: int, a: int, b: int, box: Array, limit: float
 ) -> bool:

@@ -9,7 +9,7 @@ from numba import njit
 from planning.transforms import Array
 
 
-@njit(cache=True, fastmath=False)
+@njit(cache=True, nogil=True)
 def joint_poses(
     placement: Array,
     axis: Array,
@@ -30,64 +30,48 @@ def joint_poses(
     for r in range(4):
         for c in range(4):
             out[0, r, c] = base[r, c]
-    move = np.zeros((3, 3))
+    # Nothing but numbers in the loop: a view costs as much as a few lines of it.
     for j in range(n):
-        parent = out[j]
-        pose = out[j + 1]
-        local = placement[j]
         x, y, z = axis[j, 0], axis[j, 1], axis[j, 2]
+        tx, ty, tz = placement[j, 0, 3], placement[j, 1, 3], placement[j, 2, 3]
+        m00 = m11 = m22 = 1.0
+        m01 = m02 = m10 = m12 = m20 = m21 = 0.0
         if prismatic[j]:
-            tx = local[0, 3] + q[j] * (
-                local[0, 0] * x + local[0, 1] * y + local[0, 2] * z
+            tx += q[j] * (
+                placement[j, 0, 0] * x + placement[j, 0, 1] * y + placement[j, 0, 2] * z
             )
-            ty = local[1, 3] + q[j] * (
-                local[1, 0] * x + local[1, 1] * y + local[1, 2] * z
+            ty += q[j] * (
+                placement[j, 1, 0] * x + placement[j, 1, 1] * y + placement[j, 1, 2] * z
             )
-            tz = local[2, 3] + q[j] * (
-                local[2, 0] * x + local[2, 1] * y + local[2, 2] * z
+            tz += q[j] * (
+                placement[j, 2, 0] * x + placement[j, 2, 1] * y + placement[j, 2, 2] * z
             )
-            for r in range(3):
-                for c in range(3):
-                    move[r, c] = 1.0 if r == c else 0.0
         else:
-            tx, ty, tz = local[0, 3], local[1, 3], local[2, 3]
             cq, sq = np.cos(q[j]), np.sin(q[j])
             v = 1.0 - cq
-            move[0, 0], move[0, 1], move[0, 2] = (
-                cq + x * x * v,
-                x * y * v - z * sq,
-                x * z * v + y * sq,
-            )
-            move[1, 0], move[1, 1], move[1, 2] = (
-                y * x * v + z * sq,
-                cq + y * y * v,
-                y * z * v - x * sq,
-            )
-            move[2, 0], move[2, 1], move[2, 2] = (
-                z * x * v - y * sq,
-                z * y * v + x * sq,
-                cq + z * z * v,
-            )
+            m00, m01, m02 = cq + x * x * v, x * y * v - z * sq, x * z * v + y * sq
+            m10, m11, m12 = y * x * v + z * sq, cq + y * y * v, y * z * v - x * sq
+            m20, m21, m22 = z * x * v - y * sq, z * y * v + x * sq, cq + z * z * v
         for r in range(3):
+            p0, p1, p2 = out[j, r, 0], out[j, r, 1], out[j, r, 2]
             a0 = (
-                parent[r, 0] * local[0, 0]
-                + parent[r, 1] * local[1, 0]
-                + parent[r, 2] * local[2, 0]
+                p0 * placement[j, 0, 0]
+                + p1 * placement[j, 1, 0]
+                + p2 * placement[j, 2, 0]
             )
             a1 = (
-                parent[r, 0] * local[0, 1]
-                + parent[r, 1] * local[1, 1]
-                + parent[r, 2] * local[2, 1]
+                p0 * placement[j, 0, 1]
+                + p1 * placement[j, 1, 1]
+                + p2 * placement[j, 2, 1]
             )
             a2 = (
-                parent[r, 0] * local[0, 2]
-                + parent[r, 1] * local[1, 2]
-                + parent[r, 2] * local[2, 2]
+                p0 * placement[j, 0, 2]
+                + p1 * placement[j, 1, 2]
+                + p2 * placement[j, 2, 2]
             )
-            for c in range(3):
-                pose[r, c] = a0 * move[0, c] + a1 * move[1, c] + a2 * move[2, c]
-            pose[r, 3] = (
-                parent[r, 0] * tx + parent[r, 1] * ty + parent[r, 2] * tz + parent[r, 3]
-            )
-        pose[3, 0] = pose[3, 1] = pose[3, 2] = 0.0
-        pose[3, 3] = 1.0
+            out[j + 1, r, 0] = a0 * m00 + a1 * m10 + a2 * m20
+            out[j + 1, r, 1] = a0 * m01 + a1 * m11 + a2 * m21
+            out[j + 1, r, 2] = a0 * m02 + a1 * m12 + a2 * m22
+            out[j + 1, r, 3] = p0 * tx + p1 * ty + p2 * tz + out[j, r, 3]
+        out[j + 1, 3, 0] = out[j + 1, 3, 1] = out[j + 1, 3, 2] = 0.0
+        out[j + 1, 3, 3] = 1.0

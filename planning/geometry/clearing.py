@@ -27,7 +27,7 @@ HIT = -1
 """In the place of a probe: somewhere the robot is too close to something."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _room(n: int, m: int, a_corners: int, b_corners: int) -> Scratch:
     """Return room for bodies of chains of n and m joints."""
     return Scratch(
@@ -40,13 +40,13 @@ def _room(n: int, m: int, a_corners: int, b_corners: int) -> Scratch:
         np.empty((64, 4)),
         np.full(2, -1, dtype=np.int64),
         np.empty(2),
-        np.zeros(n),
-        np.zeros(m),
+        np.zeros((5, n)),
+        np.zeros((5, m)),
         np.zeros(3),
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _with_motion(table: HullTable, q_a: Array, q_b: Array) -> HullTable:
     """Return the same bodies on a motion of their own, shapes (1, n)."""
     return HullTable(
@@ -63,7 +63,7 @@ def _with_motion(table: HullTable, q_a: Array, q_b: Array) -> HullTable:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _pose_above(
     table: HullTable, root: int, q_a: Array, q_b: Array, scratch: Scratch
 ) -> None:
@@ -78,7 +78,7 @@ def _pose_above(
     pose_segments(table, 0, table, 0, scratch)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _keep_unproved(
     scene: Scene,
     moving: HullTable,

@@ -20,7 +20,7 @@ _STEPS = 80
 _DISTINCT = 1e-4
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def solve_from(
     placement: Array,
     axis: Array,
@@ -70,7 +70,7 @@ def solve_from(
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def follow_targets(
     placement: Array,
     axis: Array,
@@ -112,7 +112,7 @@ def follow_targets(
     return len(targets)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _nearest_turn(value: float, seed: float, lower: float, upper: float) -> float:
     """Return the value plus whole turns, within limits, that is nearest to the seed."""
     turn = 2.0 * np.pi
@@ -125,7 +125,7 @@ def _nearest_turn(value: float, seed: float, lower: float, upper: float) -> floa
     return best
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _converge(
     placement: Array,
     axis: Array,
@@ -180,7 +180,7 @@ def _converge(
     return bool(distance < TOLERANCE and angle < TOLERANCE)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _pose_error(
     last: Array, tip: Array, target: Array, tip_pose: Array, error: Array
 ) -> float:
@@ -226,7 +226,7 @@ def _pose_error(
     return size
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _jacobian(
     poses: Array,
     axis: Array,
@@ -255,7 +255,7 @@ def _jacobian(
         out[3, j], out[4, j], out[5, j] = ax, ay, az
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _normal_equations(
     jacobian: Array,
     error: Array,
@@ -283,7 +283,7 @@ def _normal_equations(
             normal[i, j] = total
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _solve_positive(matrix: Array, vector: Array) -> None:
     """Solve a positive definite system in place by Cholesky, lower triangle given."""
     n = vector.shape[0]

@@ -8,7 +8,7 @@ from numba import njit
 from planning.transforms import Array
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def segment_segment(a0: Array, a1: Array, b0: Array, b1: Array) -> float:
     """Return the squared distance [m^2] of segments a0-a1 and b0-b1, each end of shape (3,)."""
     return segment_distance(
@@ -24,7 +24,7 @@ def segment_segment(a0: Array, a1: Array, b0: Array, b1: Array) -> float:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def segment_distance(
     ux: float,
     uy: float,
@@ -68,7 +68,7 @@ def segment_distance(
     return float(dx * dx + dy * dy + dz * dz)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def segment_box(p0: Array, p1: Array, pose: Array, half: Array) -> float:
     """Return the squared distance [m^2] of a segment and a solid box.
 

@@ -75,7 +75,7 @@ def carried_solid(
     return Solid(name, hull_shape(body), vertices, local, carrier, joint)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _carry(
     kernel: RobotKernel,
     joint: int,

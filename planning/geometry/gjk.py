@@ -29,7 +29,7 @@ _SLIVER = 1e-10
 """Faces of a smaller area have no reliable side [m^2]."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _support(corners: Array, count: int, x: float, y: float, z: float) -> int:
     best, at = -np.inf, 0
     for v in range(count):
@@ -39,7 +39,7 @@ def _support(corners: Array, count: int, x: float, y: float, z: float) -> int:
     return at
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def gap_class(
     a: Array,
     a_count: int,
@@ -69,33 +69,33 @@ def gap_class(
     simplex = np.empty((4, 3))
     size = 0
     lower, norm = -1.0, np.inf
-    v = np.zeros(3)
-    guess = direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2
-    for k in range(3):
-        v[k] = direction[k]
-        if guess < 0.5:
-            for i in range(a_count):
-                v[k] += a[i, k] / a_count
-            for j in range(b_count):
-                v[k] -= b[j, k] / b_count
+    vx, vy, vz = direction[0], direction[1], direction[2]
+    guess = vx**2 + vy**2 + vz**2
+    if guess < 0.5:
+        for i in range(a_count):
+            vx += a[i, 0] / a_count
+            vy += a[i, 1] / a_count
+            vz += a[i, 2] / a_count
+        for j in range(b_count):
+            vx -= b[j, 0] / b_count
+            vy -= b[j, 1] / b_count
+            vz -= b[j, 2] / b_count
     for _ in range(_STEPS):
-        norm = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+        norm = np.sqrt(vx * vx + vy * vy + vz * vz)
         # From the second round on v is a point of the difference: its length bounds the gap.
         if norm < near and (size > 0 or guess < 0.5):
             if norm < clearance - _CERTAIN:
                 return TOO_CLOSE
             break
         if lower >= near and size > 0 and norm < far:
-            for k in range(3):
-                direction[k] = v[k] / norm
+            direction[0], direction[1], direction[2] = vx / norm, vy / norm, vz / norm
             return BETWEEN
-        i = _support(a, a_count, -v[0], -v[1], -v[2])
-        j = _support(b, b_count, v[0], v[1], v[2])
+        i = _support(a, a_count, -vx, -vy, -vz)
+        j = _support(b, b_count, vx, vy, vz)
         w0, w1, w2 = a[i, 0] - b[j, 0], a[i, 1] - b[j, 1], a[i, 2] - b[j, 2]
-        lower = max(lower, (v[0] * w0 + v[1] * w1 + v[2] * w2) / norm)
+        lower = max(lower, (vx * w0 + vy * w1 + vz * w2) / norm)
         if lower >= far:
-            for k in range(3):
-                direction[k] = v[k] / norm
+            direction[0], direction[1], direction[2] = vx / norm, vy / norm, vz / norm
             return FAR
         again = False
         for s in range(size):
@@ -104,7 +104,7 @@ def gap_class(
         if again:
             break
         simplex[size, 0], simplex[size, 1], simplex[size, 2] = w0, w1, w2
-        size = _nearest(simplex, size + 1, v)
+        size, vx, vy, vz = _nearest(simplex, size + 1, vx, vy, vz)
         if size == 4:
             # Asked for less than nothing, they may overlap a little.
             if clearance >= 0.0 and _well_inside(simplex):
@@ -113,15 +113,19 @@ def gap_class(
     return BETWEEN if lower >= near and norm < far else CLOSE
 
 
-@njit(cache=True)
-def _nearest(simplex: Array, size: int, v: Array) -> int:
-    """Write the point of a simplex nearest to the origin; keep only the corners it needs.
+@njit(cache=True, nogil=True)
+def _nearest(
+    simplex: Array, size: int, vx: float, vy: float, vz: float
+) -> tuple[int, float, float, float]:
+    """Return how many corners of a simplex its point nearest to the origin needs, and the point.
 
-    The newest corner is the last one. Every face, edge and corner is tried, and of those that
-    hold the origin's projection the nearest wins: few operations, and no case to get wrong.
+    The corners that it needs come first afterwards; where the origin is inside all four stay,
+    and the point is the one given. The newest corner is the last one. Every face, edge and
+    corner is tried, and of those that hold the origin's projection the nearest wins: few
+    operations, and no case to get wrong.
     """
     if size == 4 and _inside(simplex):
-        return 4
+        return 4, vx, vy, vz
     best = np.inf
     ki, kj, kk = 0, -1, -1
     wi, wj, wk = 1.0, 0.0, 0.0
@@ -157,12 +161,15 @@ def _nearest(simplex: Array, size: int, v: Array) -> int:
                 if d < best:
                     best, ki, kj, kk = d, i, j, k
                     wi, wj, wk = 1.0 - x - y, x, y
-    for r in range(3):
-        v[r] = wi * simplex[ki, r]
-        if kj >= 0:
-            v[r] += wj * simplex[kj, r]
-        if kk >= 0:
-            v[r] += wk * simplex[kk, r]
+    vx, vy, vz = wi * simplex[ki, 0], wi * simplex[ki, 1], wi * simplex[ki, 2]
+    if kj >= 0:
+        vx += wj * simplex[kj, 0]
+        vy += wj * simplex[kj, 1]
+        vz += wj * simplex[kj, 2]
+    if kk >= 0:
+        vx += wk * simplex[kk, 0]
+        vy += wk * simplex[kk, 1]
+        vz += wk * simplex[kk, 2]
     # ki < kj < kk: nothing is overwritten before it is read.
     kept = 1
     for r in range(3):
@@ -175,31 +182,30 @@ def _nearest(simplex: Array, size: int, v: Array) -> int:
         kept = 3
         for r in range(3):
             simplex[2, r] = simplex[kk, r]
-    return kept
+    return kept, vx, vy, vz
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _inside(simplex: Array) -> bool:
     """Tell whether the origin is inside a tetrahedron; one that is flat has no inside."""
-    side = np.empty(4)
     for s in range(4):
-        p = simplex[(s + 1) % 4]
-        q = simplex[(s + 2) % 4]
-        r = simplex[(s + 3) % 4]
-        ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-        wx, wy, wz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
+        p, q, r = (s + 1) % 4, (s + 2) % 4, (s + 3) % 4
+        px, py, pz = simplex[p, 0], simplex[p, 1], simplex[p, 2]
+        ux, uy, uz = simplex[q, 0] - px, simplex[q, 1] - py, simplex[q, 2] - pz
+        wx, wy, wz = simplex[r, 0] - px, simplex[r, 1] - py, simplex[r, 2] - pz
         nx, ny, nz = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
-        origin = -(nx * p[0] + ny * p[1] + nz * p[2])
-        o = simplex[s]
-        corner = nx * (o[0] - p[0]) + ny * (o[1] - p[1]) + nz * (o[2] - p[2])
+        origin = -(nx * px + ny * py + nz * pz)
+        ox, oy, oz = simplex[s, 0] - px, simplex[s, 1] - py, simplex[s, 2] - pz
+        corner = nx * ox + ny * oy + nz * oz
         long = ux * ux + uy * uy + uz * uz + wx * wx + wy * wy + wz * wz
         if corner * corner <= _FLAT * long * long * long:
             return False
-        side[s] = origin * corner
-    return bool(side[0] >= 0 and side[1] >= 0 and side[2] >= 0 and side[3] >= 0)
+        if not origin * corner >= 0.0:
+            return False
+    return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _well_inside(simplex: Array) -> bool:
     """Tell whether the origin is inside a tetrahedron beyond what rounding could do."""
     for s in range(4):

@@ -124,21 +124,21 @@ def placed_capsules(body: ConvexBody, pose: Transform) -> tuple[Array, Array, Ar
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def pose_joints(table: HullTable, q: Array, poses: Array) -> None:
     """Write the joint poses at a configuration."""
     kernel = table.kernel
     joint_poses(kernel.placement, kernel.axis, kernel.prismatic, kernel.base, q, poses)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def place_corners(table: HullTable, solid: int, poses: Array, out: Array) -> int:
     """Write the corners of a body in the world; return how many there are."""
     first, last = table.corner_first[solid], table.corner_first[solid + 1]
     return move_corners(table.corners, first, last, table.joint[solid], poses, out, 0)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def move_corners(
     corners: Array,
     first: int,
@@ -171,7 +171,7 @@ def move_corners(
     return int(end)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def stray(
     table: HullTable, solid: int, travel: Array, aside: Array, poses: Array
 ) -> tuple[float, float, float]:
@@ -206,7 +206,7 @@ def stray(
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def stray_of_capsules(
     ends: Array,
     radius: Array,
@@ -222,17 +222,20 @@ def stray_of_capsules(
     """Return what ``stray`` does for the capsules ``range(first, last)`` on a joint."""
     if joint == AT_REST:
         return 0.0, 0.0, 0.0
-    pose = poses[joint + 1]
     count = last - first
     points = np.empty((2 * count, 4))
     for c in range(count):
         for e in range(2):
-            x, y, z = ends[first + c, e]
-            point = points[2 * c + e]
+            x, y, z = (
+                ends[first + c, e, 0],
+                ends[first + c, e, 1],
+                ends[first + c, e, 2],
+            )
             for r in range(3):
-                m = pose[r, 0] * x + pose[r, 1] * y
-                point[r] = m + pose[r, 2] * z + pose[r, 3]
-            point[3] = radius[first + c]
+                m = poses[joint + 1, r, 0] * x + poses[joint + 1, r, 1] * y
+                m += poses[joint + 1, r, 2] * z
+                points[2 * c + e, r] = m + poses[joint + 1, r, 3]
+            points[2 * c + e, 3] = radius[first + c]
     moved = bend = off = 0.0
     for j in range(joint, -1, -1):
         if travel[j] == 0.0 and aside[j] == 0.0:

@@ -157,7 +157,7 @@ def _bodies(
     return _Bodies(kernel, solids, bodies), names, still
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _bound(
     kernel: RobotKernel,
     first: Integers,
@@ -180,7 +180,7 @@ def _bound(
                 )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _near(
     a: RobotKernel,
     a_first: Integers,
@@ -207,7 +207,7 @@ def _near(
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _split(
     a: RobotKernel,
     a_first: Integers,

@@ -51,7 +51,7 @@ class Scene(NamedTuple):
     own_first: Integers
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _bound_bodies(
     kernel: RobotKernel,
     own_first: Integers,
@@ -86,7 +86,7 @@ def _apart(a: Array, i: int, b: Array, j: int, limit: float) -> bool:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _hits(
     kernel: RobotKernel,
     scene: Scene,
@@ -157,7 +157,7 @@ def _note(out: Integers, count: int, kind: int, body: int, other: int) -> int:
     return count + 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def propose(
     kernel: RobotKernel,
     scene: Scene,

@@ -42,7 +42,7 @@ def boxes_in_reach(
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _near(
     start: Array, end: Array, reach: Array, pose: Array, half: Array
 ) -> npt.NDArray[np.bool_]:

@@ -23,6 +23,9 @@ from planning.transforms import Array
 APART, UNDECIDED, CONFLICT = 1, 0, -1
 """Answers of ``judge_hulls``."""
 
+_FROM, _TO, _TRAVEL, _MIDDLE, _STRAIGHT = range(5)
+"""Rows of ``joints_a`` and ``joints_b``."""
+
 
 class Scratch(NamedTuple):
     """Room to work in.
@@ -34,7 +37,8 @@ class Scratch(NamedTuple):
         stack: parts still to be looked at, shape (64, 4).
         posed: the segments that ``whole_a`` and ``whole_b`` belong to, shape (2,).
         where: shares of both motions at which two bodies were not proved apart, shape (2,).
-        straight_a, straight_b: zeros: the joints do not leave the straight line, shape (n,).
+        joints_a, joints_b: of a stretch of a motion: both ends, how far each joint goes, the
+            middle, and how far joints leave the straight line: zeros, shape (5, at least n).
         direction: in which two hulls were apart last: the first guess, shape (3,).
     """
 
@@ -47,8 +51,8 @@ class Scratch(NamedTuple):
     stack: Array
     posed: Indices
     where: Array
-    straight_a: Array
-    straight_b: Array
+    joints_a: Array
+    joints_b: Array
     direction: Array
 
 
@@ -65,24 +69,50 @@ def make_scratch(a: HullTable, b: HullTable) -> Scratch:
         np.empty((64, 4)),
         np.full(2, -1, dtype=np.int64),
         np.empty(2),
-        np.zeros(n - 1),
-        np.zeros(m - 1),
+        np.zeros((5, n - 1)),
+        np.zeros((5, m - 1)),
         np.zeros(3),
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def pose_segments(a: HullTable, s: int, b: HullTable, t: int, scratch: Scratch) -> None:
     """Prepare two segments for ``hulls_stay_apart``."""
     if scratch.posed[0] != s:
-        pose_joints(a, 0.5 * (a.q_a[s] + a.q_b[s]), scratch.whole_a)
+        _pose_middle(a, s, scratch.joints_a, scratch.whole_a)
         scratch.posed[0] = s
     if scratch.posed[1] != t:
-        pose_joints(b, 0.5 * (b.q_a[t] + b.q_b[t]), scratch.whole_b)
+        _pose_middle(b, t, scratch.joints_b, scratch.whole_b)
         scratch.posed[1] = t
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
+def _pose_middle(table: HullTable, s: int, joints: Array, poses: Array) -> None:
+    """Write the joint poses in the middle of a segment."""
+    for j in range(table.q_a.shape[1]):
+        joints[_MIDDLE, j] = 0.5 * (table.q_a[s, j] + table.q_b[s, j])
+    _pose_at(table, joints, _MIDDLE, poses)
+
+
+@njit(cache=True, nogil=True)
+def _stretch(table: HullTable, s: int, lo: float, hi: float, joints: Array) -> None:
+    """Write the joints of a stretch of a segment; see Scratch."""
+    q_a, q_b = table.q_a, table.q_b
+    for j in range(q_a.shape[1]):
+        step = q_b[s, j] - q_a[s, j]
+        joints[_FROM, j] = q_a[s, j] + lo * step
+        joints[_TO, j] = q_a[s, j] + hi * step
+        joints[_TRAVEL, j] = (hi - lo) * abs(step)
+        joints[_MIDDLE, j] = 0.5 * (joints[_FROM, j] + joints[_TO, j])
+
+
+@njit(cache=True, nogil=True)
+def _pose_at(table: HullTable, joints: Array, which: int, poses: Array) -> None:
+    """Write the joint poses at one of the configurations of a stretch."""
+    pose_joints(table, joints[which, : table.q_a.shape[1]], poses)
+
+
+@njit(cache=True, nogil=True)
 def hulls_stay_apart(
     a: HullTable,
     s: int,
@@ -97,7 +127,7 @@ def hulls_stay_apart(
     return bool(judge_hulls(a, s, i, b, t, j, clearance, scratch) == APART)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def judge_hulls(
     a: HullTable,
     s: int,
@@ -123,28 +153,27 @@ def judge_hulls(
     """
     x, y = a.solid[s, i], b.solid[t, j]
     corners_a, corners_b, stack = scratch.corners_a, scratch.corners_b, scratch.stack
-    step_a, step_b = a.q_b[s] - a.q_a[s], b.q_b[t] - b.q_a[t]
-    travel_a, travel_b = np.abs(step_a), np.abs(step_b)
+    joints_a, joints_b = scratch.joints_a, scratch.joints_b
     stack[0, 0] = stack[0, 2] = 0.0
     stack[0, 1] = stack[0, 3] = 1.0
     depth = 1
     while depth > 0:
         depth -= 1
         a0, a1, b0, b1 = stack[depth]
-        from_a, to_a = a.q_a[s] + a0 * step_a, a.q_a[s] + a1 * step_a
-        from_b, to_b = b.q_a[t] + b0 * step_b, b.q_a[t] + b1 * step_b
+        _stretch(a, s, a0, a1, joints_a)
+        _stretch(b, t, b0, b1, joints_b)
         poses_a, poses_b = scratch.whole_a, scratch.whole_b
         if a1 - a0 < 1.0:
             poses_a = scratch.part_a
-            pose_joints(a, 0.5 * (from_a + to_a), poses_a)
+            _pose_at(a, joints_a, _MIDDLE, poses_a)
         if b1 - b0 < 1.0:
             poses_b = scratch.part_b
-            pose_joints(b, 0.5 * (from_b + to_b), poses_b)
+            _pose_at(b, joints_b, _MIDDLE, poses_b)
         a_moved, a_bend, _ = stray(
-            a, x, (a1 - a0) * travel_a, scratch.straight_a, poses_a
+            a, x, joints_a[_TRAVEL], joints_a[_STRAIGHT], poses_a
         )
         b_moved, b_bend, _ = stray(
-            b, y, (b1 - b0) * travel_b, scratch.straight_b, poses_b
+            b, y, joints_b[_TRAVEL], joints_b[_STRAIGHT], poses_b
         )
         gap = gap_class(
             corners_a,
@@ -163,8 +192,8 @@ def judge_hulls(
             close = gap == TOO_CLOSE or (fine and gap == BETWEEN)
             return CONFLICT if close else UNDECIDED
         # The hull of a body's places at both ends holds all in between, but for the bend.
-        a_count = _place_ends(a, x, from_a, to_a, scratch.part_a, corners_a)
-        b_count = _place_ends(b, y, from_b, to_b, scratch.part_b, corners_b)
+        a_count = _place_ends(a, x, joints_a, scratch.part_a, corners_a)
+        b_count = _place_ends(b, y, joints_b, scratch.part_b, corners_b)
         enough = clearance + a_bend + b_bend
         gap = gap_class(
             corners_a, a_count, corners_b, b_count, enough, enough, scratch.direction
@@ -182,16 +211,16 @@ def judge_hulls(
     return APART
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _place_ends(
-    table: HullTable, solid: int, q_a: Array, q_b: Array, poses: Array, out: Array
+    table: HullTable, solid: int, joints: Array, poses: Array, out: Array
 ) -> int:
     """Write a body's corners at both ends of a motion; return how many there are."""
     joint = table.joint[solid]
     first, last = table.corner_first[solid], table.corner_first[solid + 1]
     if joint == AT_REST:
         return move_corners(table.corners, first, last, joint, poses, out, 0)
-    pose_joints(table, q_a, poses)
+    _pose_at(table, joints, _FROM, poses)
     count = move_corners(table.corners, first, last, joint, poses, out, 0)
-    pose_joints(table, q_b, poses)
+    _pose_at(table, joints, _TO, poses)
     return move_corners(table.corners, first, last, joint, poses, out, count)

@@ -93,7 +93,7 @@ def make_stretch(table: HullTable) -> Stretch:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _pose_box(table: HullTable, first: int, last: int, out: Stretch) -> None:
     """Write the box of the joint values of some segments and the poses in its middle."""
     n = len(out.low)
@@ -116,7 +116,7 @@ def _pose_box(table: HullTable, first: int, last: int, out: Stretch) -> None:
         out.solid[i] = solid
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def pose_stretch(table: HullTable, first: int, last: int, out: Stretch) -> None:
     """Prepare a stretch for ``stretches_stay_apart``, unless it is the one posed last."""
     if out.span[0] == first and out.span[1] == last:
@@ -143,7 +143,7 @@ def pose_stretch(table: HullTable, first: int, last: int, out: Stretch) -> None:
     _measure_strays(table, out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _measure_strays(table: HullTable, stretch: Stretch) -> None:
     """Write how far the bodies stray that are the same on all of a stretch."""
     known, strays, posed = stretch.known, stretch.strays, stretch.span[2]
@@ -167,7 +167,7 @@ def _measure_strays(table: HullTable, stretch: Stretch) -> None:
             )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def measure_stray(table: HullTable, solid: int, stretch: Stretch) -> None:
     """Write how far a body strays that is not there on all of a stretch."""
     strays = stretch.strays
@@ -176,7 +176,7 @@ def measure_stray(table: HullTable, solid: int, stretch: Stretch) -> None:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def stretches_stay_apart(
     a: HullTable,
     x: int,
@@ -226,7 +226,7 @@ def stretches_stay_apart(
     return bool(gap == FAR)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def measure_bodies(
     table: HullTable, stretch: Stretch, direction: Array, sign: float
 ) -> None:
@@ -263,7 +263,7 @@ def measure_bodies(
         )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _extent(
     corners: Array,
     first: int,
@@ -288,7 +288,7 @@ def _extent(
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _least(
     corners: Array, first: int, last: int, x: float, y: float, z: float
 ) -> float:
@@ -300,7 +300,7 @@ def _least(
     return least
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def sweep_capsules(table: HullTable, solid: int, stretch: Stretch) -> None:
     """Write the capsules that hold a body on a stretch, posed and measured.
 
@@ -326,7 +326,7 @@ def sweep_capsules(table: HullTable, solid: int, stretch: Stretch) -> None:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def sweep_all_capsules(table: HullTable, stretch: Stretch) -> None:
     """Write the capsules of all bodies that are the same on all of a stretch, posed."""
     ends, radius, joints = table.ends, table.radius, table.joint
@@ -351,7 +351,7 @@ def sweep_all_capsules(table: HullTable, stretch: Stretch) -> None:
             )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sweep(
     ends: Array,
     radius: Array,

@@ -16,7 +16,7 @@ from planning.geometry.kernel import RobotKernel
 from planning.transforms import Array
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def place_capsules(
     kernel: RobotKernel,
     q_a: Array,
@@ -46,12 +46,11 @@ def place_capsules(
     )
     for c in range(kernel.radius.shape[0]):
         carrier = kernel.joint[c]
-        pose = poses[carrier + 1]
         for r in range(3):
-            s = e = pose[r, 3]
+            s = e = poses[carrier + 1, r, 3]
             for k in range(3):
-                s += pose[r, k] * kernel.start[c, k]
-                e += pose[r, k] * kernel.end[c, k]
+                s += poses[carrier + 1, r, k] * kernel.start[c, k]
+                e += poses[carrier + 1, r, k] * kernel.end[c, k]
             start[c, r] = s
             end[c, r] = e
         strayed = 0.0
@@ -63,28 +62,31 @@ def place_capsules(
                 strayed += half_travel
                 moved[c, j] = strayed
                 continue
-            joint = poses[j + 1]
             ax = ay = az = 0.0
             for k in range(3):
-                ax += joint[0, k] * kernel.axis[j, k]
-                ay += joint[1, k] * kernel.axis[j, k]
-                az += joint[2, k] * kernel.axis[j, k]
+                ax += poses[j + 1, 0, k] * kernel.axis[j, k]
+                ay += poses[j + 1, 1, k] * kernel.axis[j, k]
+                az += poses[j + 1, 2, k] * kernel.axis[j, k]
             reach = max(
-                _off_axis(start[c], joint, ax, ay, az),
-                _off_axis(end[c], joint, ax, ay, az),
+                _off_axis(start, c, poses, j + 1, ax, ay, az),
+                _off_axis(end, c, poses, j + 1, ax, ay, az),
             )
             strayed += half_travel * (reach + kernel.radius[c] + strayed)
             moved[c, j] = strayed
 
 
 @njit(cache=True, inline="always")
-def _off_axis(point: Array, joint: Array, ax: float, ay: float, az: float) -> float:
-    x, y, z = point[0] - joint[0, 3], point[1] - joint[1, 3], point[2] - joint[2, 3]
+def _off_axis(
+    points: Array, c: int, poses: Array, p: int, ax: float, ay: float, az: float
+) -> float:
+    x = points[c, 0] - poses[p, 0, 3]
+    y = points[c, 1] - poses[p, 1, 3]
+    z = points[c, 2] - poses[p, 2, 3]
     cx, cy, cz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
     return float(np.sqrt(cx * cx + cy * cy + cz * cz))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def sweep_segments(
     kernel: RobotKernel, q_a: Array, q_b: Array
 ) -> tuple[Array, Array, Array]:
