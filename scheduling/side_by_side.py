@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
+
+from planning.processors import usable_cores
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -21,7 +22,7 @@ def side_by_side(
         items: what it is called with.
     """
     work = list(items)
-    workers = min(len(work), os.cpu_count() or 1)
+    workers = min(len(work), usable_cores())
     if workers <= 1:
         return [function(item) for item in work]
     with ThreadPoolExecutor(workers) as pool:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import importlib
 import multiprocessing
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from planning.errors import RequestError
+from planning.processors import usable_cores
 
 T = TypeVar("T")
 
@@ -78,11 +78,6 @@ def check_scheduler(address: str, *, answer_within_s: float = ANSWER_WITHIN_S) -
     """Raise a ClusterError unless a Dask scheduler answers at an address and has workers."""
     with _cluster(address, answer_within_s):
         return
-
-
-def usable_cores() -> int:
-    """Return how many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
 
 
 def parallelism(executor: Executor) -> int:
