@@ -35,15 +35,24 @@ Handover = tuple[Array, Array, Transform]
 class ReachBounds:
     """Who reaches which part where, by which grips.
 
+    Answers do not depend on the order of questions: those of a kind draw numbers of their own.
+
     Attributes:
         problem: parts and team.
     """
 
     def __init__(self, problem: ConstructionProblem) -> None:
         self.problem = problem
-        self._rng = np.random.default_rng(problem.seed)
         self._samplers: dict[str, ReachSampler] = {}
         self._known: dict[tuple[object, ...], bool] = {}
+        self._kind = _firsts(
+            (name, (id(robot.model), robot.base.tobytes()))
+            for name, robot in ((name, self._robot(name)) for name in problem.team)
+        )
+        self._likeness = _firsts(
+            (part.name, (problem.object(part).size.tobytes(), _touches(part)))
+            for part in problem.parts
+        )
 
     def sampler(self, robot: str) -> ReachSampler:
         """Return what draws configurations of a robot."""
@@ -82,12 +91,17 @@ class ReachBounds:
 
         The giver holds it by a grip by which it could have picked it; the taker by any.
         """
-        kinds = tuple(self._kind(r) for r in (giver, taker))
-        key = ("handover", *kinds, self._likeness(part), self.pick_grips(giver, part))
+        kinds = tuple(self._kind[r] for r in (giver, taker))
+        key = (
+            "handover",
+            *kinds,
+            self._likeness[part.name],
+            self.pick_grips(giver, part),
+        )
         if key not in self._known:
-            self._known[key] = (
-                self.draw_handover(giver, taker, part, self._rng) is not None
-            )
+            rng = self._draws(key)
+            found = self.draw_handover(giver, taker, part, rng)
+            self._known[key] = found is not None
         return self._known[key]
 
     def draw_handover(
@@ -160,7 +174,7 @@ class ReachBounds:
             k
             for k in range(len(part.grips))
             if self._reaches(
-                (what, self._kind(robot), part.name, k), robot, part, at, k
+                (what, self._kind[robot], part.name, k), robot, part, at, k
             )
         )
 
@@ -169,12 +183,13 @@ class ReachBounds:
     ) -> bool:
         if key not in self._known:
             sampler, scene = self.sampler(robot), self._scene(robot, part, at)
-            turns = self._rng.uniform(-np.pi, np.pi, _TURNS)
+            rng = self._draws(key)
+            turns = rng.uniform(-np.pi, np.pi, _TURNS)
             self._known[key] = any(
                 scene.configuration_free(q)
                 for turn in turns
                 for q in sampler.sample(
-                    self.problem.tool_pose(part, at, grip, turn), self._rng, _STARTS
+                    self.problem.tool_pose(part, at, grip, turn), rng, _STARTS
                 )
             )
         return self._known[key]
@@ -198,13 +213,22 @@ class ReachBounds:
     def _robot(self, name: str) -> PlacedRobot:
         return self.problem.cell.robot(name)
 
-    def _kind(self, robot: str) -> tuple[object, ...]:
-        """Return what robots that reach the same have in common."""
-        placed = self._robot(robot)
-        return (id(placed.model), placed.base.tobytes())
+    def _draws(self, key: tuple[object, ...]) -> np.random.Generator:
+        """Return what is drawn from to answer a question."""
+        return np.random.default_rng([self.problem.seed, *repr(key).encode()])
 
-    def _likeness(self, part: Part) -> tuple[object, ...]:
-        return (*(grip.touch.tobytes() for grip in part.grips),)
+
+def _touches(part: Part) -> tuple[bytes, ...]:
+    return tuple(grip.touch.tobytes() for grip in part.grips)
+
+
+def _firsts(named: Iterable[tuple[str, object]]) -> dict[str, int]:
+    """Return for each name the number of the first one of the same kind."""
+    first: dict[object, int] = {}
+    return {
+        name: first.setdefault(kind, number)
+        for number, (name, kind) in enumerate(named)
+    }
 
 
 def require_reach(bounds: ReachBounds) -> None:
