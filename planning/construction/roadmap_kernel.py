@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from planning.construction.arena import Arena, Integers
+from planning.construction.arena import Arena, Integers, column
 from planning.construction.free_cells import spans_of, strike_out
 from planning.construction.rrt_kernel import (
     Query,
@@ -23,7 +23,12 @@ from planning.construction.rrt_kernel import (
     random_share,
     sample_between,
 )
-from planning.construction.space_time_kernel import motion_clear, still_clear_until
+from planning.construction.space_time_kernel import (
+    clear_of_robots,
+    motion_clear,
+    still_clear_until,
+)
+from planning.construction.space_time_scene import BEGIN
 from planning.transforms import Array
 
 _TINY = 1e-9
@@ -33,8 +38,14 @@ _SPANS = 12
 _TRIES = 6
 """Departures tried from one span to another."""
 
+_LEEWAY = 4.0
+"""What is clear of all that lies still for so long needs no second look within that time [s]."""
+
 _QUEUE = 40_000
 """Motions that may wait to be looked at."""
+
+_CLEAR, _NOT_NOW, _BLOCKED = 1, 0, -1
+"""Answers of ``_look``."""
 
 _GREED = 1.0
 """Weight of the time that is left against the time that has passed."""
@@ -72,6 +83,7 @@ class Roadmap(NamedTuple):
         parent: which span of which vertex that was, likewise.
         rest: least time from there to a goal, shape (v,) [s].
         blocked: motions that are not clear of what lies still, shape (v, v).
+        still: departures from when to when a motion is clear of it, shape (v, v, 2) [s].
         free: room to work in, shape (cells,).
     """
 
@@ -83,6 +95,7 @@ class Roadmap(NamedTuple):
     parent: Integers
     rest: Array
     blocked: npt.NDArray[np.bool_]
+    still: Array
     free: npt.NDArray[np.bool_]
 
 
@@ -204,18 +217,15 @@ def search_roadmap(
                 continue
             arrival = arrive(query, road.q[v], depart, road.q[u])
             checked += 1
-            if motion_clear(scene, road.q[v], depart, road.q[u], arrival):
+            found = _look(scene, road, v, depart, u, arrival)
+            if found == _CLEAR:
                 road.come[u, j], road.left[u, j] = arrival, depart
                 road.parent[u, j] = source
                 state = target
                 break
-            if tries == 0:
-                clear, _ = still_clear_until(
-                    scene, road.q[v], depart, road.q[u], arrival, 0.0
-                )
-                if not clear:
-                    road.blocked[v, u] = road.blocked[u, v] = True
-                    continue
+            if tries == 0 and found == _BLOCKED:
+                road.blocked[v, u] = road.blocked[u, v] = True
+                continue
             if tries + 1 < _TRIES:
                 later = (np.floor(depart / step + 1e-6)) * step + step * (1 << tries)
                 _offer(query, road, heap, source, target, later, tries + 1, best)
@@ -300,8 +310,34 @@ def _draw(
         np.full((vertices, _SPANS), -1, dtype=np.int64),
         rest,
         np.zeros((vertices, vertices), dtype=np.bool_),
+        np.full((vertices, vertices, 2), np.inf),
         np.empty(cells, dtype=np.bool_),
     )
+
+
+@njit(cache=True, nogil=True)
+def _look(
+    scene: Arena, road: Roadmap, v: int, depart: float, u: int, arrival: float
+) -> int:
+    """Tell whether a motion is clear, and else whether what lies still is in its way."""
+    a, b = road.q[v], road.q[u]
+    if len(column(scene, BEGIN)) > 1:
+        if motion_clear(scene, a, depart, b, arrival):
+            return _CLEAR
+        still, _ = still_clear_until(scene, a, depart, b, arrival, 0.0)
+        return _NOT_NOW if still else _BLOCKED
+    if not road.still[v, u, 0] <= depart <= road.still[v, u, 1]:
+        # It will be asked for again, for a later departure: that is why what comes to lie there
+        # meanwhile is looked at, too.
+        until = arrival + _LEEWAY
+        still, _ = still_clear_until(scene, a, depart, b, until, until - depart)
+        if still:
+            road.still[v, u, 0], road.still[v, u, 1] = depart, depart + _LEEWAY
+        else:
+            still, _ = still_clear_until(scene, a, depart, b, arrival, 0.0)
+            if not still:
+                return _BLOCKED
+    return _CLEAR if clear_of_robots(scene, a, depart, b, arrival) else _NOT_NOW
 
 
 @njit(cache=True, nogil=True)

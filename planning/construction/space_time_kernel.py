@@ -314,6 +314,33 @@ def clear_until(
 
 
 @njit(cache=True, nogil=True)
+def clear_of_robots(scene: Arena, q0: Array, t0: float, q1: Array, t1: float) -> bool:
+    """Tell whether a motion of one mover is clear of other robots: its end and middle first."""
+    if not _clear_at(scene, q1, t1):
+        return False
+    widest = t1 - t0
+    for j in range(len(q0)):
+        widest = max(widest, abs(q1[j] - q0[j]))
+    if widest > _PROBE:
+        q = np.empty_like(q0)
+        for j in range(len(q0)):
+            q[j] = 0.5 * (q0[j] + q1[j])
+        if not _clear_at(scene, q, 0.5 * (t0 + t1)):
+            return False
+    clear, _ = moving_clear_until(scene, q0, t0, q1, t1)
+    return clear
+
+
+@njit(cache=True, nogil=True)
+def _clear_at(scene: Arena, q: Array, t: float) -> bool:
+    """Tell whether the only mover may be at ``q``, shape (n,), at one instant, among robots."""
+    column(scene, OWN_QA)[:] = q
+    column(scene, OWN_QB)[:] = q
+    sweep_own(scene, t, t)
+    return _clear_of_tracks(scene, t, t)
+
+
+@njit(cache=True, nogil=True)
 def motion_clear(scene: Arena, q0: Array, t0: float, q1: Array, t1: float) -> bool:
     """Tell whether a whole motion is clear: its end and its middle first."""
     if not configuration_clear(scene, q1, t1):
