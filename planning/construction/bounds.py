@@ -46,8 +46,8 @@ class ReachBounds:
         self._samplers: dict[str, ReachSampler] = {}
         self._known: dict[tuple[object, ...], bool] = {}
         self._kind = _firsts(
-            (name, (id(robot.model), robot.base.tobytes()))
-            for name, robot in ((name, self._robot(name)) for name in problem.team)
+            (robot.name, (id(robot.model), robot.base.tobytes()))
+            for robot in map(self._robot, problem.team)
         )
         self._likeness = _firsts(
             (part.name, (problem.object(part).size.tobytes(), _touches(part)))

@@ -83,7 +83,8 @@ class Roadmap(NamedTuple):
         parent: which span of which vertex that was, likewise.
         rest: least time from there to a goal, shape (v,) [s].
         blocked: motions that are not clear of what lies still, shape (v, v).
-        still: departures from when to when a motion is clear of it, shape (v, v, 2) [s].
+        still: departure from which on, for _LEEWAY, a motion is clear of it, infinity where that
+            is not known, shape (v, v) [s].
         free: room to work in, shape (cells,).
     """
 
@@ -310,7 +311,7 @@ def _draw(
         np.full((vertices, _SPANS), -1, dtype=np.int64),
         rest,
         np.zeros((vertices, vertices), dtype=np.bool_),
-        np.full((vertices, vertices, 2), np.inf),
+        np.full((vertices, vertices), np.inf),
         np.empty(cells, dtype=np.bool_),
     )
 
@@ -326,13 +327,13 @@ def _look(
             return _CLEAR
         still, _ = still_clear_until(scene, a, depart, b, arrival, 0.0)
         return _NOT_NOW if still else _BLOCKED
-    if not road.still[v, u, 0] <= depart <= road.still[v, u, 1]:
+    if not 0.0 <= depart - road.still[v, u] <= _LEEWAY:
         # It will be asked for again, for a later departure: that is why what comes to lie there
         # meanwhile is looked at, too.
         until = arrival + _LEEWAY
         still, _ = still_clear_until(scene, a, depart, b, until, until - depart)
         if still:
-            road.still[v, u, 0], road.still[v, u, 1] = depart, depart + _LEEWAY
+            road.still[v, u] = depart
         else:
             still, _ = still_clear_until(scene, a, depart, b, arrival, 0.0)
             if not still:

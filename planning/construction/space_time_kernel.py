@@ -318,17 +318,26 @@ def clear_of_robots(scene: Arena, q0: Array, t0: float, q1: Array, t1: float) ->
     """Tell whether a motion of one mover is clear of other robots: its end and middle first."""
     if not _clear_at(scene, q1, t1):
         return False
+    q = np.empty_like(q0)
+    middle = 0.5 * (t0 + t1)
+    if _halfway(scene, q0, t0, q1, t1, q) and not _clear_at(scene, q, middle):
+        return False
+    clear, _ = moving_clear_until(scene, q0, t0, q1, t1)
+    return clear
+
+
+@njit(cache=True, nogil=True)
+def _halfway(
+    scene: Arena, q0: Array, t0: float, q1: Array, t1: float, out: Array
+) -> bool:
+    """Tell whether a motion is worth a probe in its middle, and write where that is."""
     widest = t1 - t0
     for j in range(len(q0)):
         widest = max(widest, abs(q1[j] - q0[j]))
-    if widest > _PROBE:
-        q = np.empty_like(q0)
-        for j in range(len(q0)):
-            q[j] = 0.5 * (q0[j] + q1[j])
-        if not _clear_at(scene, q, 0.5 * (t0 + t1)):
-            return False
-    clear, _ = moving_clear_until(scene, q0, t0, q1, t1)
-    return clear
+    if widest <= _PROBE:
+        return False
+    own_at(scene, q0, t0, q1, t1, 0.5 * (t0 + t1), out)
+    return True
 
 
 @njit(cache=True, nogil=True)
@@ -345,14 +354,9 @@ def motion_clear(scene: Arena, q0: Array, t0: float, q1: Array, t1: float) -> bo
     """Tell whether a whole motion is clear: its end and its middle first."""
     if not configuration_clear(scene, q1, t1):
         return False
-    widest = t1 - t0
-    for j in range(len(q0)):
-        widest = max(widest, abs(q1[j] - q0[j]))
-    if widest > _PROBE:
-        q = np.empty_like(q0)
-        middle = 0.5 * (t0 + t1)
-        own_at(scene, q0, t0, q1, t1, middle, q)
-        if not configuration_clear(scene, q, middle):
-            return False
+    q = np.empty_like(q0)
+    middle = 0.5 * (t0 + t1)
+    if _halfway(scene, q0, t0, q1, t1, q) and not configuration_clear(scene, q, middle):
+        return False
     clear, _ = clear_until(scene, q0, t0, q1, t1)
     return clear

@@ -15,6 +15,11 @@ from planning.construction.fixed_world import FixedWorld
 from planning.construction.free_cells import strike_out
 from planning.construction.planned_task import PlannedTask, with_task
 from planning.construction.space_time_checker import SpaceTimeChecker
+from planning.construction.space_time_kernel import (
+    clear_of_robots,
+    motion_clear,
+    still_clear_until,
+)
 from planning.construction.timeline import ObjectTimeline, RobotTimeline
 from planning.geometry.exact import hull_shape
 from planning.geometry.robot_bodies import joint_poses_of
@@ -164,6 +169,19 @@ def test_what_has_room_is_free(seed: int) -> None:
     least = room_left(world, "r0", q0, t0, q1, t1, 60)
     most = (0.1 / 8) * 2 * 3.0 + (t1 - t0) / 59 * 3.0
     assert least <= most + 0.002
+
+
+@given(st.integers(0, 100_000))
+@settings(max_examples=150, deadline=None)
+def test_a_motion_is_free_when_it_is_clear_of_what_lies_still_and_of_robots(
+    seed: int,
+) -> None:
+    rng = np.random.default_rng(seed)
+    checker = SpaceTimeChecker(busy_world(seed % 8), ("r0",))
+    motion = random_motion(rng)
+    still, _ = still_clear_until(checker.scene, *motion, 0.0)
+    robots = clear_of_robots(checker.scene, *motion)
+    assert motion_clear(checker.scene, *motion) == (still and robots)
 
 
 def test_robots_that_move_are_seen_where_they_are() -> None:
