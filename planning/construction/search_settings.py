@@ -35,6 +35,6 @@ class SearchSettings:
     late: float = 2.0
     round: int = 5
     tries: int = 3
-    bearable: float = 4.0
+    bearable: float = 3.0
     again: float = 6.0
     efforts: int = 3

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planning.construction.arrival_windows import arrival_windows
+from planning.construction.drive_ways import drive_way
 from planning.construction.leaning_ways import leaning_ways
 from planning.construction.postprocess import delayed, hasten, retimed, shorten
 from planning.construction.roadmap_kernel import search_roadmap
@@ -20,6 +21,7 @@ from planning.construction.rrt_kernel import (
 )
 from planning.construction.space_time_checker import SpaceTimeChecker
 from planning.construction.space_time_path import SpaceTimePath
+from planning.robots.mobile import is_mobile
 from planning.transforms import Array
 
 _AROUND = 4.0
@@ -84,8 +86,9 @@ def space_time_rrt(
     """Return a path to one of several goals that arrives early, or None.
 
     Ways that need no search are tried first, see ``leaning_ways``. Then the earliest arrival is
-    searched for over a roadmap of hints, of places on the best way so far, and of random ones.
-    Where that fails two forests are grown until they meet, and on to arrive earlier.
+    searched for over a roadmap of hints, of ways to drive around what lies on the floor, of places
+    on the best way so far, and of random ones. Where that fails two forests are grown until they
+    meet, and on to arrive earlier.
 
     Args:
         checker: who moves, and among what.
@@ -165,6 +168,7 @@ def _search(
     best = _without_search(checker, query, horizon, earliest, settings)
     if best is not None and best.arrival <= earliest + settings.good_enough:
         return best
+    hints = np.concatenate([hints, *_drive_ways(checker, query)])
     samples = 0
     for turn in range(settings.rounds):
         at = seed + turn
@@ -196,6 +200,13 @@ def _search(
         if best is not None and best.arrival <= earliest + settings.good_enough:
             break
     return None if best is None else replace(best, samples=samples)
+
+
+def _drive_ways(checker: SpaceTimeChecker, query: Query) -> list[Array]:
+    """Return ways for the base of a robot that moves alone to drive to each goal."""
+    if len(checker.robots) > 1 or not is_mobile(checker.models[0]):
+        return []
+    return [drive_way(checker.scene, query, k) for k in range(len(query.goals))]
 
 
 def _least(query: Query) -> float:

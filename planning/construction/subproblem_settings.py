@@ -13,11 +13,15 @@ _RRT = RrtSettings(
     bearable=10.0,
     patience=80,
     rounds=1,
-    vertices=80,
+    vertices=50,
     neighbours=16,
     checks=450,
+    worst=60.0,
 )
 """A path that arrives a second late is good enough: better ones cost more than they gain."""
+
+_EASY = 15.0
+"""An arrival so much later than possible is not looked for where others may be asked [s]."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,8 @@ class SubproblemSettings:
 
     def hasty(self) -> SubproblemSettings:
         """Return the settings with which paths are looked for that are easy to find."""
-        return replace(self, rrt=replace(self.rrt, iterations=0, patience=0), holds=1)
+        rrt = replace(self.rrt, iterations=0, patience=0, worst=_EASY)
+        return replace(self, rrt=rrt, holds=1)
 
     def harder(self, effort: int) -> SubproblemSettings:
         """Return the settings with which failures are gone through again."""
