@@ -16,6 +16,7 @@ from benchmarks.construction_report import write_report
 from benchmarks.construction_rows import best_baseline
 from benchmarks.construction_schedule import CARRY, DRIVE, HOME, schedule
 from benchmarks.construction_store import RowStore
+from benchmarks.construction_summary import summary
 from planning.construction.building import Building, Work
 from planning.construction.fixed_world import FixedWorld
 from planning.construction.planner import ConstructionPlan
@@ -64,6 +65,17 @@ def fixed_row(
     row = method_row("tower", robots, seed, makespan)
     spent = {"keyframes": 10.0, "path": 12.0, "other": 0.0, "total": 22.0}
     return row | {"what": "baseline", "duration_s": duration, "cpu_s": spent}
+
+
+def test_growth_is_told_from_one_robot_on_and_from_five_on() -> None:
+    rows = [method_row("tower", m, 0, 90.0) for m in (1, 5, 10)]
+    for row, total in zip(rows, (2.0, 4.0, 6.0), strict=True):
+        row["cpu_s"] = row["cpu_s"] | {"total": total}
+    lines = [line for line in summary(rows) if "Growth" in line]
+    assert lines == [
+        "- Growth of computation: tower 3.0 times from 1 to 10 robots, 1.5 times from 5 to 10"
+        " robots."
+    ]
 
 
 def test_the_first_seed_of_everything_comes_first() -> None:
