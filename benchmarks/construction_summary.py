@@ -61,8 +61,8 @@ def _growth(rows: Sequence[Row]) -> list[str]:
             high = max(times)
             by = [
                 f"{times[high] / times[low]:.1f} times from {low} to {high} robots"
-                for low in (min(times), _SEVERAL)
-                if low in times and low < high
+                for low in sorted({min(times), _SEVERAL} & times.keys())
+                if low < high
             ]
             grown.append(f"{model} {', '.join(by)}")
     return [f"- Growth of computation: {'; '.join(grown)}."] if grown else []

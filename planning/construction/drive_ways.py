@@ -104,8 +104,7 @@ def stand_at(query: Query, goal: int, lattice: Lattice, at: int, q: Array) -> No
     q[1] = lattice.origin[1] + (at % lattice.columns) * lattice.spacing
     behind = np.hypot(q[0] - a[0], q[1] - a[1])
     ahead = np.hypot(q[0] - b[0], q[1] - b[1])
-    share = behind / (behind + ahead) if behind > 0.0 else 0.0
-    q[2] = a[2] + share * (b[2] - a[2])
+    q[2] = a[2] + behind / (behind + ahead) * (b[2] - a[2])
 
 
 @njit(cache=True, nogil=True)

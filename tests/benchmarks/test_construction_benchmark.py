@@ -76,6 +76,8 @@ def test_growth_is_told_from_one_robot_on_and_from_five_on() -> None:
         "- Growth of computation: tower 3.0 times from 1 to 10 robots, 1.5 times from 5 to 10"
         " robots."
     ]
+    lines = [line for line in summary(rows[1:]) if "Growth" in line]
+    assert lines == ["- Growth of computation: tower 1.5 times from 5 to 10 robots."]
 
 
 def test_the_first_seed_of_everything_comes_first() -> None:

@@ -27,7 +27,7 @@ from planning.workcell import Fixture
 from tests.planning.construction.toy_teams import fixture, placed, rover, team
 
 PLENTY = 10_000
-"""Places enough for every lattice here."""
+"""Steps enough for every lattice here."""
 
 START = (-1.5, 0.0, 0.0, 0.3, -1.0)
 HOME = (-1.5, 0.0, 0.0, 0.0, 0.0)
@@ -169,9 +169,5 @@ def test_a_maze_is_found_through_by_few_vertices() -> None:
     few = RrtSettings(iterations=0, patience=0, vertices=12, neighbours=6, checks=300)
     found = space_time_rrt(checker, np.array([1.6, 0.0, 0.0, 0.0, 1.0]), settings=few)
     assert found is not None
-    for k in range(len(found.path) - 1):
-        assert checker.motion_free(*found_motion(found.path, found.time, k))
-
-
-def found_motion(path: Array, time: Array, k: int) -> tuple[Array, float, Array, float]:
-    return path[k], float(time[k]), path[k + 1], float(time[k + 1])
+    for (a, b), (s, t) in zip(pairwise(found.path), pairwise(found.time), strict=True):
+        assert checker.motion_free(a, s, b, t)
