@@ -2,8 +2,9 @@
 
 Vertices are configurations, each with the spans of time in which one may stand there. The
 search goes from span to span in order of earliest arrival (safe-interval path planning), and
-looks at a motion only once nothing else promises an earlier arrival. It finds ways that a tree
-in space-time has to be lucky to find: any wait at any vertex.
+looks at a motion only once nothing else promises an earlier arrival. A motion that a robot is in
+the way of is looked at again for when that robot has left. It finds ways that a tree in
+space-time has to be lucky to find: any wait at any vertex.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numba import njit
 
 from planning.construction.arena import Arena, Integers, column
 from planning.construction.free_cells import spans_of, strike_out
+from planning.construction.motion_queue import Motions, no_motions, pop, push
 from planning.construction.rrt_kernel import (
     Query,
     least_time,
@@ -24,7 +26,9 @@ from planning.construction.rrt_kernel import (
     sample_between,
 )
 from planning.construction.space_time_kernel import (
-    clear_of_robots,
+    left_by_robots,
+    lies_throughout,
+    met_by_robots,
     motion_clear,
     still_clear_until,
 )
@@ -35,14 +39,17 @@ _TINY = 1e-9
 _SPANS = 12
 """Spans kept at one vertex."""
 
-_TRIES = 6
+_TRIES = 5
 """Departures tried from one span to another."""
+
+_LATER = 0.4
+"""A second departure is so much later at least, a third one twice as much... [s]."""
+
+_UNKNOWN = -1
+"""Instead of tries: it is not known yet when one may stand where the motion ends."""
 
 _LEEWAY = 4.0
 """What is clear of all that lies still for so long needs no second look within that time [s]."""
-
-_QUEUE = 40_000
-"""Motions that may wait to be looked at."""
 
 _CLEAR, _NOT_NOW, _BLOCKED = 1, 0, -1
 """Answers of ``_look``."""
@@ -100,23 +107,6 @@ class Roadmap(NamedTuple):
     free: npt.NDArray[np.bool_]
 
 
-class Motions(NamedTuple):
-    """Motions that wait to be looked at: a heap.
-
-    Attributes:
-        size: how many there are, shape (1,).
-        key: least arrival at a goal, shape (most,) [s].
-        depart: when one leaves [s].
-        edge: from which span of which vertex, to which, and how often it has been tried, shape
-            (most, 3).
-    """
-
-    size: Integers
-    key: Array
-    depart: Array
-    edge: Integers
-
-
 @njit(cache=True, nogil=True)
 def search_roadmap(
     scene: Arena,
@@ -140,7 +130,7 @@ def search_roadmap(
         vertices: in all, at least start, goals and extra ones.
         neighbours: nearest vertices that motions from one lead to.
         checks: motions checked at most.
-        step: departures are tried at this distance, and twice, four times... of it [s].
+        step: length of the cells of time [s].
         depart: the movers stand until then, or as long as they may [s].
         bound: only an arrival before this is of use [s].
         wide: configurations are drawn from which a goal can be reached by then [s].
@@ -160,12 +150,7 @@ def search_roadmap(
     if road.number[0] == 0 or road.spans[0, 0, 0] > start + _TINY:
         road.spans[0, 0] = start
         road.number[0] = 1
-    heap = Motions(
-        np.zeros(1, dtype=np.int64),
-        np.empty(_QUEUE),
-        np.empty(_QUEUE),
-        np.empty((_QUEUE, 3), dtype=np.int64),
-    )
+    heap = no_motions()
     road.come[0, 0] = max(start, min(depart, road.spans[0, 0, 1]))
     best, last = bound, -1
     at = next_arrival(query, 0, np.inf)
@@ -199,7 +184,7 @@ def search_roadmap(
             if same:
                 continue
             if road.number[u] < 0:
-                _stand(scene, road, u, first, step)
+                _offer_unknown(query, road, heap, state, u, road.come[v, i], best)
             for j in range(road.number[u]):
                 _offer(
                     query, road, heap, state, u * _SPANS + j, road.come[v, i], 0, best
@@ -212,13 +197,21 @@ def search_roadmap(
                 heap.edge[0, 1],
                 heap.edge[0, 2],
             )
-            _pop(heap)
+            pop(heap)
             v, u, j = source // _SPANS, target // _SPANS, target % _SPANS
-            if road.come[u, j] < np.inf or road.blocked[v, u]:
+            if road.blocked[v, u]:
+                continue
+            if tries == _UNKNOWN:
+                if road.number[u] < 0:
+                    _stand(scene, road, u, first, step)
+                for k in range(road.number[u]):
+                    _offer(query, road, heap, source, u * _SPANS + k, depart, 0, best)
+                continue
+            if road.come[u, j] < np.inf:
                 continue
             arrival = arrive(query, road.q[v], depart, road.q[u])
             checked += 1
-            found = _look(scene, road, v, depart, u, arrival)
+            found, met = _look(scene, road, v, depart, u, arrival)
             if found == _CLEAR:
                 road.come[u, j], road.left[u, j] = arrival, depart
                 road.parent[u, j] = source
@@ -228,7 +221,12 @@ def search_roadmap(
                 road.blocked[v, u] = road.blocked[u, v] = True
                 continue
             if tries + 1 < _TRIES:
-                later = (np.floor(depart / step + 1e-6)) * step + step * (1 << tries)
+                later = np.floor(depart / step + 1e-6) * step + _LATER * (1 << tries)
+                if met < np.inf:
+                    share = (met - depart) / (arrival - depart)
+                    there = road.q[v] + share * (road.q[u] - road.q[v])
+                    until = left_by_robots(scene, there, met, best)
+                    later = max(later, depart + until - met)
                 _offer(query, road, heap, source, target, later, tries + 1, best)
         if state < 0:
             break
@@ -319,14 +317,18 @@ def _draw(
 @njit(cache=True, nogil=True)
 def _look(
     scene: Arena, road: Roadmap, v: int, depart: float, u: int, arrival: float
-) -> int:
-    """Tell whether a motion is clear, and else whether what lies still is in its way."""
+) -> tuple[int, float]:
+    """Tell whether a motion is clear, and else whether what lies still is in its way.
+
+    Returns:
+        The answer, and when a robot is met, infinity where that is not known [s].
+    """
     a, b = road.q[v], road.q[u]
     if len(column(scene, BEGIN)) > 1:
         if motion_clear(scene, a, depart, b, arrival):
-            return _CLEAR
+            return _CLEAR, np.inf
         still, _ = still_clear_until(scene, a, depart, b, arrival, 0.0)
-        return _NOT_NOW if still else _BLOCKED
+        return (_NOT_NOW if still else _BLOCKED), np.inf
     if not 0.0 <= depart - road.still[v, u] <= _LEEWAY:
         # It will be asked for again, for a later departure: that is why what comes to lie there
         # meanwhile is looked at, too.
@@ -334,11 +336,14 @@ def _look(
         still, _ = still_clear_until(scene, a, depart, b, until, until - depart)
         if still:
             road.still[v, u] = depart
+        elif lies_throughout(scene, depart, until):
+            return _BLOCKED, np.inf
         else:
             still, _ = still_clear_until(scene, a, depart, b, arrival, 0.0)
             if not still:
-                return _BLOCKED
-    return _CLEAR if clear_of_robots(scene, a, depart, b, arrival) else _NOT_NOW
+                return _BLOCKED, np.inf
+    met = met_by_robots(scene, a, depart, b, arrival)
+    return (_CLEAR if met == np.inf else _NOT_NOW), met
 
 
 @njit(cache=True, nogil=True)
@@ -374,41 +379,26 @@ def _offer(
         or arrival > hi
         or arrival + road.rest[u] >= bound - _TINY
         or road.come[u, j] <= arrival
-        or heap.size[0] >= _QUEUE
     ):
         return
-    key = arrival + _GREED * road.rest[u]
-    k = heap.size[0]
-    heap.size[0] += 1
-    while k > 0 and heap.key[(k - 1) // 2] > key:
-        up = (k - 1) // 2
-        heap.key[k], heap.depart[k] = heap.key[up], heap.depart[up]
-        heap.edge[k] = heap.edge[up]
-        k = up
-    heap.key[k], heap.depart[k] = key, depart
-    heap.edge[k, 0], heap.edge[k, 1], heap.edge[k, 2] = source, target, tries
+    push(heap, arrival + _GREED * road.rest[u], depart, source, target, tries)
 
 
 @njit(cache=True, nogil=True)
-def _pop(heap: Motions) -> None:
-    """Take the first motion away."""
-    heap.size[0] -= 1
-    size = heap.size[0]
-    if size == 0:
-        return
-    k = size * 0
-    key = heap.key[size]
-    while 2 * k + 1 < size:
-        down = 2 * k + 1
-        if down + 1 < size and heap.key[down + 1] < heap.key[down]:
-            down += 1
-        if heap.key[down] >= key:
-            break
-        heap.key[k], heap.depart[k] = heap.key[down], heap.depart[down]
-        heap.edge[k] = heap.edge[down]
-        k = down
-    heap.key[k], heap.depart[k] = key, heap.depart[size]
-    heap.edge[k] = heap.edge[size]
+def _offer_unknown(
+    query: Query,
+    road: Roadmap,
+    heap: Motions,
+    source: int,
+    u: int,
+    depart: float,
+    bound: float,
+) -> None:
+    """Let a motion to a vertex wait until it matters when one may stand there."""
+    arrival = arrive(query, road.q[source // _SPANS], depart, road.q[u])
+    if arrival + road.rest[u] < bound - _TINY:
+        key = arrival + _GREED * road.rest[u]
+        push(heap, key, depart, source, u * _SPANS, _UNKNOWN)
 
 
 @njit(cache=True, nogil=True)

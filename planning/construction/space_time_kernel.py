@@ -32,6 +32,7 @@ from planning.construction.space_time_scene import (
     NEAR,
     OWN_QA,
     OWN_QB,
+    PIECE_BOX,
     PIECE_END,
     PIECE_START,
     SETTINGS,
@@ -117,6 +118,26 @@ def still_clear_until(
         stack[depth + 1, 0], stack[depth + 1, 1] = lo, middle
         depth += 2
     return True, t1
+
+
+@njit(cache=True, nogil=True)
+def lies_throughout(scene: Arena, t0: float, t1: float) -> bool:
+    """Tell whether all near the stretch that was last swept lies there throughout a span.
+
+    After ``still_clear_until`` has found a motion blocked that is where it is.
+
+    Args:
+        scene: the scene.
+        t0, t1: the span [s].
+    """
+    around, bounds = column(scene, AROUND), table(scene, BOX_BOUNDS)
+    start, end = column(scene, BOX_FROM), column(scene, BOX_UNTIL)
+    widest = column(scene, SETTINGS)[WIDEST]
+    for b in range(len(bounds)):
+        changes = t0 < start[b] <= t1 or t0 < end[b] <= t1
+        if changes and not apart(around, bounds[b], widest):
+            return False
+    return True
 
 
 @njit(cache=True, nogil=True)
@@ -314,16 +335,52 @@ def clear_until(
 
 
 @njit(cache=True, nogil=True)
-def clear_of_robots(scene: Arena, q0: Array, t0: float, q1: Array, t1: float) -> bool:
-    """Tell whether a motion of one mover is clear of other robots: its end and middle first."""
-    if not _clear_at(scene, q1, t1):
-        return False
+def met_by_robots(scene: Arena, q0: Array, t0: float, q1: Array, t1: float) -> float:
+    """Return when a motion of one mover is in the way of other robots, infinity for never [s].
+
+    Some places on it are looked at first, so it need not be the first such time.
+    """
     q = np.empty_like(q0)
-    middle = 0.5 * (t0 + t1)
-    if _halfway(scene, q0, t0, q1, t1, q) and not _clear_at(scene, q, middle):
-        return False
-    clear, _ = moving_clear_until(scene, q0, t0, q1, t1)
-    return clear
+    if _halfway(scene, q0, t0, q1, t1, q):
+        for share in (0.5, 0.25, 0.75):
+            t = t0 + share * (t1 - t0)
+            own_at(scene, q0, t0, q1, t1, t, q)
+            if not _clear_at(scene, q, t):
+                return t
+    clear, until = moving_clear_until(scene, q0, t0, q1, t1)
+    return np.inf if clear else until
+
+
+@njit(cache=True, nogil=True)
+def left_by_robots(scene: Arena, q: Array, t: float, latest: float) -> float:
+    """Return from when on other robots leave room for the only mover to be at a place [s].
+
+    Args:
+        scene: the scene.
+        q: the place, shape (n,).
+        t: no earlier time is looked at [s].
+        latest: nor a later one: some time after it may be returned though it is not free [s].
+    """
+    column(scene, OWN_QA)[:] = q
+    column(scene, OWN_QB)[:] = q
+    sweep_own(scene, t, t)
+    start, end = column(scene, PIECE_START), column(scene, PIECE_END)
+    box, firsts = table(scene, PIECE_BOX), row(scene, TRACK_FIRST)
+    around, widest = column(scene, AROUND), column(scene, SETTINGS)[WIDEST]
+    waited = True
+    while waited and t < latest:
+        waited = False
+        for r in range(len(firsts) - 1):
+            last = firsts[r + 1]
+            p, _ = pieces_at(start, end, firsts[r], last, t, t)
+            while p < last and start[p] <= t + 1e-9 and t < latest:
+                if apart(around, box[p], widest):
+                    break
+                if clear_of_pieces(scene, p, p + 1, start[p], end[p]):
+                    break
+                t, waited = end[p], True
+                p += 1
+    return t
 
 
 @njit(cache=True, nogil=True)

@@ -16,7 +16,9 @@ from planning.construction.free_cells import strike_out
 from planning.construction.planned_task import PlannedTask, with_task
 from planning.construction.space_time_checker import SpaceTimeChecker
 from planning.construction.space_time_kernel import (
-    clear_of_robots,
+    left_by_robots,
+    lies_throughout,
+    met_by_robots,
     motion_clear,
     still_clear_until,
 )
@@ -173,15 +175,49 @@ def test_what_has_room_is_free(seed: int) -> None:
 
 @given(st.integers(0, 100_000))
 @settings(max_examples=150, deadline=None)
-def test_a_motion_is_free_when_it_is_clear_of_what_lies_still_and_of_robots(
+def test_a_motion_is_free_when_it_is_clear_of_what_lies_still_and_meets_no_robot(
     seed: int,
 ) -> None:
     rng = np.random.default_rng(seed)
     checker = SpaceTimeChecker(busy_world(seed % 8), ("r0",))
-    motion = random_motion(rng)
-    still, _ = still_clear_until(checker.scene, *motion, 0.0)
-    robots = clear_of_robots(checker.scene, *motion)
-    assert motion_clear(checker.scene, *motion) == (still and robots)
+    q0, t0, q1, t1 = random_motion(rng)
+    still, _ = still_clear_until(checker.scene, q0, t0, q1, t1, 0.0)
+    met = met_by_robots(checker.scene, q0, t0, q1, t1)
+    assert motion_clear(checker.scene, q0, t0, q1, t1) == (still and np.isinf(met))
+    assert np.isinf(met) or t0 <= met <= t1
+
+
+@given(st.integers(0, 100_000))
+@settings(max_examples=150, deadline=None)
+def test_a_place_is_left_as_soon_as_nobody_is_there(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    world = busy_world(seed % 8)
+    checker = SpaceTimeChecker(world, ("r0",))
+    q, t, _, _ = random_motion(rng)
+    left = left_by_robots(checker.scene, q, t, np.inf)
+    assert left >= t
+    instants = np.arange(t, min(left, t + 12.0), 0.02)
+    met = [np.isfinite(met_by_robots(checker.scene, q, s, q, s)) for s in instants]
+    if np.isfinite(left):
+        assert np.isinf(met_by_robots(checker.scene, q, left, q, left))
+    # A robot is waited for until the cells of time are over in which it is there.
+    idle = np.flatnonzero(~np.array(met, dtype=bool))
+    assert all(any(met[max(k - 6, 0) : k + 7]) for k in idle)
+
+
+@given(st.integers(0, 100_000))
+@settings(max_examples=150, deadline=None)
+def test_what_lies_there_throughout_is_as_much_in_the_way_of_a_shorter_stay(
+    seed: int,
+) -> None:
+    rng = np.random.default_rng(seed)
+    checker = SpaceTimeChecker(busy_world(seed % 8), ("r0",))
+    q0, t0, q1, t1 = random_motion(rng)
+    late = t1 + 4.0
+    clear, _ = still_clear_until(checker.scene, q0, t0, q1, late, late - t0)
+    if not clear and lies_throughout(checker.scene, t0, late):
+        clear, _ = still_clear_until(checker.scene, q0, t0, q1, t1, 0.0)
+        assert not clear
 
 
 def test_robots_that_move_are_seen_where_they_are() -> None:
