@@ -18,8 +18,6 @@ from planning.construction.space_time_kernel import (
 from planning.construction.space_time_scene import (
     AROUND,
     BEGIN,
-    OWN_QA,
-    OWN_QB,
     PIECE_BOX,
     PIECE_END,
     PIECE_START,
@@ -27,7 +25,7 @@ from planning.construction.space_time_scene import (
     TRACK_FIRST,
     WIDEST,
     apart,
-    sweep_own,
+    sweep_between,
 )
 from planning.construction.tracks import pieces_at
 from planning.transforms import Array
@@ -65,9 +63,7 @@ def strike_out(
             if free[k]:
                 lo = (first + k) * step
                 free[k], _ = still_clear_until(scene, q0, lo, q1, lo + step, step)
-    column(scene, OWN_QA)[:] = q0
-    column(scene, OWN_QB)[:] = q1
-    sweep_own(scene, begin, finish)
+    sweep_between(scene, q0, q1, begin, finish)
     around, widest = column(scene, AROUND), column(scene, SETTINGS)[WIDEST]
     start, end = column(scene, PIECE_START), column(scene, PIECE_END)
     box, firsts = table(scene, PIECE_BOX), row(scene, TRACK_FIRST)

@@ -336,12 +336,11 @@ def _look(
         still, _ = still_clear_until(scene, a, depart, b, until, until - depart)
         if still:
             road.still[v, u] = depart
-        elif lies_throughout(scene, depart, until):
+        elif (
+            lies_throughout(scene, depart, until)
+            or not still_clear_until(scene, a, depart, b, arrival, 0.0)[0]
+        ):
             return _BLOCKED, np.inf
-        else:
-            still, _ = still_clear_until(scene, a, depart, b, arrival, 0.0)
-            if not still:
-                return _BLOCKED, np.inf
     met = met_by_robots(scene, a, depart, b, arrival)
     return (_CLEAR if met == np.inf else _NOT_NOW), met
 

@@ -42,13 +42,14 @@ from planning.construction.space_time_scene import (
     TREE,
     WIDEST,
     apart,
+    sweep_between,
     sweep_own,
 )
 from planning.construction.tracks import near_stretch, pieces_at
 from planning.transforms import Array
 
 _PROBE = 0.4
-"""Motions longer than this are probed in the middle first [s, rad or m]."""
+"""Places on motions longer than this are looked at first [s, rad or m]."""
 
 
 @njit(cache=True, nogil=True)
@@ -262,9 +263,7 @@ def clear_throughout(scene: Arena, q0: Array, q1: Array, lo: float, hi: float) -
     size = settings[STEP] / (1 << int(settings[HALVINGS]))
     begin = np.floor(lo / size + 1e-6) * size
     finish = np.ceil(hi / size - 1e-6) * size
-    column(scene, OWN_QA)[:] = q0
-    column(scene, OWN_QB)[:] = q1
-    sweep_own(scene, lo, hi)
+    sweep_between(scene, q0, q1, lo, hi)
     return _clear_of_tracks(scene, begin, finish) and (
         len(column(scene, BEGIN)) == 1 or movers_clear(scene, hi >= lo)
     )
@@ -341,7 +340,7 @@ def met_by_robots(scene: Arena, q0: Array, t0: float, q1: Array, t1: float) -> f
     Some places on it are looked at first, so it need not be the first such time.
     """
     q = np.empty_like(q0)
-    if _halfway(scene, q0, t0, q1, t1, q):
+    if _worth_probing(q0, t0, q1, t1):
         for share in (0.5, 0.25, 0.75):
             t = t0 + share * (t1 - t0)
             own_at(scene, q0, t0, q1, t1, t, q)
@@ -361,9 +360,7 @@ def left_by_robots(scene: Arena, q: Array, t: float, latest: float) -> float:
         t: no earlier time is looked at [s].
         latest: nor a later one: some time after it may be returned though it is not free [s].
     """
-    column(scene, OWN_QA)[:] = q
-    column(scene, OWN_QB)[:] = q
-    sweep_own(scene, t, t)
+    sweep_between(scene, q, q, t, t)
     start, end = column(scene, PIECE_START), column(scene, PIECE_END)
     box, firsts = table(scene, PIECE_BOX), row(scene, TRACK_FIRST)
     around, widest = column(scene, AROUND), column(scene, SETTINGS)[WIDEST]
@@ -384,25 +381,18 @@ def left_by_robots(scene: Arena, q: Array, t: float, latest: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _halfway(
-    scene: Arena, q0: Array, t0: float, q1: Array, t1: float, out: Array
-) -> bool:
-    """Tell whether a motion is worth a probe in its middle, and write where that is."""
+def _worth_probing(q0: Array, t0: float, q1: Array, t1: float) -> bool:
+    """Tell whether a motion is so long that places on it are looked at before all of it."""
     widest = t1 - t0
     for j in range(len(q0)):
         widest = max(widest, abs(q1[j] - q0[j]))
-    if widest <= _PROBE:
-        return False
-    own_at(scene, q0, t0, q1, t1, 0.5 * (t0 + t1), out)
-    return True
+    return bool(widest > _PROBE)
 
 
 @njit(cache=True, nogil=True)
 def _clear_at(scene: Arena, q: Array, t: float) -> bool:
     """Tell whether the only mover may be at ``q``, shape (n,), at one instant, among robots."""
-    column(scene, OWN_QA)[:] = q
-    column(scene, OWN_QB)[:] = q
-    sweep_own(scene, t, t)
+    sweep_between(scene, q, q, t, t)
     return _clear_of_tracks(scene, t, t)
 
 
@@ -411,9 +401,10 @@ def motion_clear(scene: Arena, q0: Array, t0: float, q1: Array, t1: float) -> bo
     """Tell whether a whole motion is clear: its end and its middle first."""
     if not configuration_clear(scene, q1, t1):
         return False
-    q = np.empty_like(q0)
-    middle = 0.5 * (t0 + t1)
-    if _halfway(scene, q0, t0, q1, t1, q) and not configuration_clear(scene, q, middle):
-        return False
+    if _worth_probing(q0, t0, q1, t1):
+        q, middle = np.empty_like(q0), 0.5 * (t0 + t1)
+        own_at(scene, q0, t0, q1, t1, middle, q)
+        if not configuration_clear(scene, q, middle):
+            return False
     clear, _ = clear_until(scene, q0, t0, q1, t1)
     return clear

@@ -347,6 +347,14 @@ def sweep_own(scene: Arena, lo: float, hi: float) -> None:
                 around[r + 3] = max(around[r + 3], box[o, r + 3])
 
 
+@njit(cache=True, nogil=True)
+def sweep_between(scene: Arena, q0: Array, q1: Array, lo: float, hi: float) -> None:
+    """Sweep the movers from one configuration to another, both of shape (n,); see ``sweep_own``."""
+    column(scene, OWN_QA)[:] = q0
+    column(scene, OWN_QB)[:] = q1
+    sweep_own(scene, lo, hi)
+
+
 @njit(cache=True, inline="always")
 def apart(a: Array, b: Array, limit: float) -> bool:
     """Tell whether two boxes, shape (6,), are further apart than a limit."""
