@@ -18,6 +18,8 @@ from planning.construction.space_time_kernel import (
 from planning.construction.space_time_scene import (
     AROUND,
     BEGIN,
+    BOX_FROM,
+    BOX_UNTIL,
     PIECE_BOX,
     PIECE_END,
     PIECE_START,
@@ -58,11 +60,15 @@ def strike_out(
             free[k] = free[k] and clear_throughout(scene, q0, q1, lo, lo + step)
         return
     clear, _ = still_clear_until(scene, q0, begin, q1, finish, finish - begin)
-    if not clear:
-        for k in range(cells):
-            if free[k]:
-                lo = (first + k) * step
-                free[k], _ = still_clear_until(scene, q0, lo, q1, lo + step, step)
+    k = cells * int(clear)
+    while k < cells:
+        # Until something comes to lie there or is taken away, one cell is like another.
+        same = _unchanged(scene, first + k, first + cells, step) - first
+        lo, hi = (first + k) * step, (first + same) * step
+        clear, _ = still_clear_until(scene, q0, lo, q1, hi, hi - lo)
+        if not clear:
+            free[k:same] = False
+        k = same
     sweep_between(scene, q0, q1, begin, finish)
     around, widest = column(scene, AROUND), column(scene, SETTINGS)[WIDEST]
     start, end = column(scene, PIECE_START), column(scene, PIECE_END)
@@ -81,6 +87,21 @@ def strike_out(
                 continue
             for k in range(max(low, 0), min(high, cells)):
                 free[k] = False
+
+
+@njit(cache=True, nogil=True)
+def _unchanged(scene: Arena, cell: int, last: int, step: float) -> int:
+    """Return the cell before which the same lies still all along, no later than the last one."""
+    lo, until = cell * step, last * step
+    start, end = column(scene, BOX_FROM), column(scene, BOX_UNTIL)
+    for b in range(len(start)):
+        for t in (start[b], end[b]):
+            if lo < t < until:
+                # A cell in which that happens is one of its own.
+                k = int(np.floor(t / step))
+                k -= int(k * step > t)
+                until = max(k, cell + 1) * step
+    return int(np.round(until / step))
 
 
 @njit(cache=True, nogil=True)
