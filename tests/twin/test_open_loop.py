@@ -14,7 +14,7 @@ from planning.task_graph import TRANSIT, Task
 from planning.workcell import Workcell
 from scheduling.construction import build_tpg
 from scheduling.plan_files import save_plan
-from tests.twin.test_trial import SCENARIO, straight
+from tests.twin.turning_arms import SCENARIO, straight
 from twin.cell import build_workcell
 from twin.cli import app
 from twin.scenario.file import load_scenario

@@ -6,40 +6,17 @@ import json
 import re
 from pathlib import Path
 
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner, Result
 
-from planning.motion_plan import MotionPlan, TaskMotion
-from planning.task_graph import TRANSIT, Task
-from planning.transforms import Array
-from planning.workcell import Workcell
 from scheduling.construction import build_tpg
 from scheduling.plan_files import save_plan
+from tests.twin.turning_arms import SCENARIO, turning_plan
 from twin.cell import build_workcell
 from twin.cli import app
 from twin.run.table import summary_rows
 from twin.scenario.file import load_scenario
-
-SCENARIO = """\
-version: 1
-name: two
-cell:
-  robots:
-    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
-    - {name: right, model: gp4, base: {xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}
-assembly:
-  kind: lego
-  plate: {pose: {xyz_m: [0.44, 0, 1.1145]}}
-  stock:
-    - {name: b1, brick: 2x4, at: [4, 40, 1]}
-  steps:
-    - {brick: 2x4, at: [24, 40, 1], press: {side: 1, offset: 1}}
-execution:
-  skills:
-    pick: {kind: lognormal, median_s: 5, p95_s: 6}
-"""
 
 FILES = {
     "manifest.json",
@@ -52,31 +29,6 @@ FILES = {
     "run.rrd",
     "summary.json",
 }
-
-
-def turning_plan(cell: Workcell) -> MotionPlan:
-    """Each arm turns aside and works there, one after the other."""
-    tasks: list[Task] = []
-    motions: list[TaskMotion] = []
-    clock = 0.0
-    for robot in cell.robots:
-        aside = robot.home + np.array([0.4, 0, 0, 0, 0, 0])
-        for kind, goal in ((TRANSIT, aside), ("pick", aside - 0.05)):
-            start = motions[-1].path[-1] if kind != TRANSIT else robot.home
-            path = straight(start, goal, 9 if kind == TRANSIT else 3)
-            time = clock + np.linspace(0.0, 0.4 if kind == TRANSIT else 5.0, len(path))
-            waypoints = path[-1:] if kind == TRANSIT else path[1:]
-            label = f"{kind} of {robot.name}"
-            tasks.append(Task(len(tasks), robot.name, kind, 1, label, waypoints))
-            motions.append(TaskMotion(path, time))
-            clock = float(time[-1])
-    nothing = np.empty((0, 2), dtype=np.int64)
-    return MotionPlan(cell, tuple(tasks), tuple(motions), nothing, ())
-
-
-def straight(start: Array, goal: Array, waypoints: int) -> Array:
-    share = np.linspace(0.0, 1.0, waypoints)[:, None]
-    return (1 - share) * start + share * goal
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,221 @@
+"""One scenario under every policy, on the command line and against single runs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from scheduling.shortcutting import shorten_tpg
+from twin.cli import app
+from twin.comparison.comparison import (
+    ASYNCHRONOUS,
+    ASYNCHRONOUS_SHORTCUT,
+    BASELINES,
+    COMPARED,
+    SEQUENTIAL,
+    SYNCHRONOUS,
+    SYNCHRONOUS_SHORTCUT,
+    SYNCHRONOUS_TPG,
+    Measurement,
+    measure_policies,
+)
+from twin.pipeline import motion_settings, plan_scenario
+from twin.scenario.file import load_scenario
+from twin.trial import execute
+
+CLIFF = Path(__file__).parents[3] / "scenarios" / "lego" / "cliff.yaml"
+
+GOALS = """\
+version: 1
+name: rounds
+seed: 5
+cell:
+  robots:
+    - {name: near, model: gp4, base: {xyz_m: [0, 0, 0]}}
+    - {name: far, model: gp4, base: {xyz_m: [3, 0, 0]}}
+assembly:
+  kind: goals
+  moves:
+    - {robot: near, to_deg: [40, 0, -40, 0, -60, 0]}
+    - {robot: far, to_deg: [-40, 0, -40, 0, -60, 0]}
+    - {robot: near, to_deg: [-40, 0, -40, 0, -60, 0]}
+    - {robot: near, to_deg: [40, 10, -40, 0, -60, 0]}
+    - {robot: far, to_deg: [-40, 20, -40, 0, -60, 0]}
+"""
+
+
+@pytest.fixture(scope="module")
+def goals(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("goals") / "goals.yaml"
+    file.write_text(GOALS)
+    return file
+
+
+@pytest.fixture(scope="module")
+def cliff() -> Mapping[str, Measurement]:
+    return measure_policies(load_scenario(CLIFF), 3, candidates=400, base=CLIFF.parent)
+
+
+def invoke(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def test_waiting_less_takes_less_time(cliff: Mapping[str, Measurement]) -> None:
+    assert tuple(cliff) == COMPARED
+    time = {name: cliff[name].makespan_s for name in COMPARED}
+    assert time[SEQUENTIAL] > time[SYNCHRONOUS] > time[SYNCHRONOUS_TPG]
+    assert time[SYNCHRONOUS_TPG] > time[SYNCHRONOUS_SHORTCUT]
+    assert time[SEQUENTIAL] > time[ASYNCHRONOUS] > time[ASYNCHRONOUS_SHORTCUT]
+    assert cliff[SEQUENTIAL].wait_s > cliff[SYNCHRONOUS].wait_s
+    assert cliff[SYNCHRONOUS].wait_s > cliff[SYNCHRONOUS_TPG].wait_s
+
+
+def test_nobody_beats_the_bounds(cliff: Mapping[str, Measurement]) -> None:
+    for row in cliff.values():
+        assert row.makespan_s >= row.critical_path_s - 1e-6
+        assert row.critical_path_s >= row.straight_line_s - 1e-6
+    for name in COMPARED:
+        ratio = cliff[name].straight_line_ratio
+        if name in BASELINES:
+            assert ratio is not None
+            assert 1 - 1e-9 <= ratio <= 1.1
+        else:
+            assert ratio is None
+
+
+def test_every_policy_pays_for_the_stages_it_needs(
+    cliff: Mapping[str, Measurement],
+) -> None:
+    turns, slots = {"assignment", "motion"}, {"assignment", "motion", "synchronous"}
+    assert {name: set(cliff[name].planning_s) for name in COMPARED} == {
+        SEQUENTIAL: turns,
+        SYNCHRONOUS: slots,
+        SYNCHRONOUS_TPG: slots | {"tpg"},
+        SYNCHRONOUS_SHORTCUT: slots | {"tpg", "shortcut"},
+        ASYNCHRONOUS: turns | {"tpg"},
+        ASYNCHRONOUS_SHORTCUT: turns | {"tpg", "shortcut"},
+    }
+    shared = {row.planning_s["motion"] for row in cliff.values()}
+    assert len(shared) == 1
+    assert min(shared) > 0
+
+
+@pytest.mark.parametrize("coordination", ["sequential", "synchronous"])
+def test_figures_are_those_of_a_single_run(
+    cliff: Mapping[str, Measurement], coordination: str
+) -> None:
+    scenario = load_scenario(CLIFF)
+    planning = {"coordination": coordination, "shortcut_candidates": 0}
+    scenario = scenario.model_copy(
+        update={
+            "seed": 3,
+            "planning": scenario.planning.model_copy(update=planning),
+        }
+    )
+    planned = plan_scenario(scenario, CLIFF.parent)
+    alone = coordination == "sequential"
+    run = execute(scenario, planned.tpg, CLIFF.parent, "asynchronous")
+    row = cliff[ASYNCHRONOUS if alone else SYNCHRONOUS_TPG]
+    assert run.makespan_s == row.makespan_s
+    waits = sum(run.wait_ns(k) for k in range(2)) / 1e9
+    assert waits == pytest.approx(row.wait_s)
+    assert row.type2_edges == len(planned.tpg.edges)
+    turns = planned.turns or planned.tpg
+    run = execute(scenario, turns, CLIFF.parent, "sequential")
+    # One task after another: everyone's work, and nobody's wait.
+    busy = sum(int(d.sum()) for d in run.duration_ns) / 1e9
+    assert cliff[SEQUENTIAL].makespan_s == run.makespan_s == pytest.approx(busy)
+
+
+def test_the_command_writes_and_prints_what_it_found(
+    goals: Path, tmp_path: Path
+) -> None:
+    arguments = ("compare", goals, "--seeds", 2, "--shortcuts", 40)
+    result = invoke(*arguments, "--out", tmp_path / "a")
+    assert result.exit_code == 0, result.output
+    names = {path.name for path in (tmp_path / "a").iterdir()}
+    assert names == {"compare.json", "compare.png", "manifest.json"}
+    picture = (tmp_path / "a" / "compare.png").read_bytes()
+    assert picture.startswith(b"\x89PNG")
+    figures = json.loads((tmp_path / "a" / "compare.json").read_text())
+    assert tuple(figures) == COMPARED
+    for name, row in figures.items():
+        assert name in result.stdout
+        assert f"{row['makespan_s']['mean']:.1f}" in result.stdout
+        assert f"{row['critical_path_s']['mean']:.1f}" in result.stdout
+    about = json.loads((tmp_path / "a" / "manifest.json").read_text())
+    assert (about["seeds"], about["shortcut_candidates"]) == ([5, 6], 40)
+
+    again = invoke(*arguments, "--out", tmp_path / "b", "--json")
+    assert again.exit_code == 0
+    content = json.loads(again.stdout)
+    for row in (*figures.values(), *content.values()):
+        row.pop("planning_s")
+    assert content == figures
+    quiet = invoke("compare", goals, "--seeds", 1, "--out", tmp_path / "c", "--quiet")
+    assert (quiet.exit_code, quiet.output) == (0, "")
+
+
+def test_spread_and_shares_are_over_seeds(goals: Path, tmp_path: Path) -> None:
+    result = invoke("compare", goals, "--seeds", 3, "--out", tmp_path / "run", "--json")
+    figures: dict[str, Any] = json.loads(result.stdout)
+    base = figures[SEQUENTIAL]
+    for row in figures.values():
+        assert row["seeds"] == [5, 6, 7]
+        for key, share in (
+            ("makespan_s", "relative_makespan"),
+            ("wait_s", "relative_wait"),
+        ):
+            values = np.array(row[key]["per_seed"])
+            assert row[key]["mean"] == pytest.approx(values.mean())
+            assert row[key]["std"] == pytest.approx(values.std(ddof=1))
+            assert row[share]["per_seed"] == pytest.approx(
+                values / np.array(base[key]["per_seed"])
+            )
+        stages = {k: v for k, v in row["planning_s"].items() if k != "total"}
+        assert row["planning_s"]["total"]["mean"] == pytest.approx(
+            sum(stage["mean"] for stage in stages.values())
+        )
+    # Robots out of each other's reach: only their own work is left.
+    assert figures[ASYNCHRONOUS]["wait_s"]["mean"] == 0.0
+
+
+def test_a_scenario_that_cannot_be_planned_leaves_no_folder(tmp_path: Path) -> None:
+    file = tmp_path / "high.yaml"
+    file.write_text(
+        GOALS.replace("to_deg: [40, 0, -40, 0, -60, 0]", "to: {xyz_m: [9, 0, 0]}")
+    )
+    result = invoke("compare", file, "--out", tmp_path / "run")
+    assert result.exit_code == 2
+    assert "out of reach" in result.output
+    assert not (tmp_path / "run").exists()
+
+
+def test_every_key_is_documented(goals: Path, tmp_path: Path) -> None:
+    result = invoke("compare", goals, "--seeds", 1, "--out", tmp_path / "run", "--json")
+    page = Path(__file__).parents[3] / "docs" / "reference" / "formats.md"
+    text = page.read_text()
+    row = json.loads(result.stdout)[SYNCHRONOUS_SHORTCUT]
+    keys = {*row, *row["makespan_s"], *row["planning_s"]}
+    missing = {key for key in keys if f"`{key}`" not in text}
+    assert missing == set()
+    assert all(f"`{name}`" in text for name in COMPARED)
+
+
+def test_shortcuts_pass_by_no_goal(goals: Path) -> None:
+    scenario = load_scenario(goals)
+    planned = plan_scenario(scenario, goals.parent)
+    settings = motion_settings(scenario, planned.cell, goals.parent)
+    tpg = shorten_tpg(
+        planned.tpg, settings.speeds, step=settings.step, candidates=60, seed=1
+    ).tpg
+    for move in GOALS.split("to_deg: ")[1:]:
+        goal = np.deg2rad(json.loads(move.split("}")[0]))
+        rows = np.vstack([chain.waypoints for chain in tpg.chains])
+        assert np.abs(rows - goal).sum(axis=1).min() < 1e-9

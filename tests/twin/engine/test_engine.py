@@ -1,0 +1,324 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.errors import TwinError
+from scheduling.rollout import earliest_times
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.drawn_runs import TPGS, VARIED
+from tests.twin.recorded_events import InterruptsAt, story
+from tests.twin.twin_toys import random_tpg, two_robot_tpg
+from twin.durations import SkillDurations
+from twin.engine.contraction import contract
+from twin.engine.engine import Simulator, simulate
+from twin.recorders.memory import MemoryRecorder
+from twin.run.events import Event
+from twin.run.run import DeadlockError, Run
+from twin.uncertainty.disturbances import Disturbances, RandomStalls
+from twin.uncertainty.node_times import sample_node_times
+
+NOMINAL = SkillDurations({})
+
+
+def same_times(run: Run, start: tuple, end: tuple) -> bool:
+    return all(map(np.array_equal, run.start_ns, start)) and all(
+        map(np.array_equal, run.end_ns, end)
+    )
+
+
+# What happens, word for word
+
+
+def test_a_robot_waits_for_the_edge_and_goes_on() -> None:
+    """robot_1 may start only when node 1 of robot_0 is complete."""
+    recorder = MemoryRecorder()
+    simulate(two_robot_tpg([(0, 1, 1, 0)]), NOMINAL, seed=0, recorders=[recorder])
+    assert story(recorder.events) == [
+        (0.0, "robot_0", "released", 0),
+        (0.0, "robot_0", "started", 0),
+        (0.0, "robot_1", "waiting", 0),
+        (1.0, "robot_0", "completed", 0),
+        (1.0, "robot_0", "released", 1),
+        (1.0, "robot_0", "started", 1),
+        (2.0, "robot_0", "completed", 1),
+        (2.0, "robot_0", "released", 2),
+        (2.0, "robot_1", "released", 0),
+        (2.0, "robot_0", "started", 2),
+        (2.0, "robot_1", "started", 0),
+        (3.0, "robot_0", "completed", 2),
+        (3.0, "robot_0", "finished", -1),
+        (3.0, "robot_1", "completed", 0),
+        (3.0, "robot_1", "released", 1),
+        (3.0, "robot_1", "started", 1),
+        (4.0, "robot_1", "completed", 1),
+        (4.0, "robot_1", "released", 2),
+        (4.0, "robot_1", "started", 2),
+        (5.0, "robot_1", "completed", 2),
+        (5.0, "robot_1", "finished", -1),
+        (5.0, "", "finished", -1),
+    ]
+    waiting = next(e for e in recorder.events if e.kind == "waiting")
+    assert waiting.detail == "waits for robot_0 to complete node 1 (transit 0)"
+
+
+def test_messages_take_their_time() -> None:
+    """Released at 0, received at 0.1, complete at 1.1, known and released again at 1.2."""
+    run = simulate(two_robot_tpg([]), NOMINAL, seed=0, latency_s=0.1)
+    for chain in range(2):
+        assert (run.start_ns[chain] / 1e9).tolist() == [0.1, 1.3, 2.5]
+    assert run.makespan_s == 3.5
+
+
+def test_a_deeper_queue_hides_latency() -> None:
+    run = simulate(two_robot_tpg([]), NOMINAL, seed=0, latency_s=0.1, queue_depth=2)
+    assert (run.start_ns[0] / 1e9).tolist() == [0.1, 1.1, 2.1]
+
+
+def test_a_deeper_queue_never_runs_ahead_of_another_robot() -> None:
+    run = simulate(
+        two_robot_tpg([(0, 1, 1, 1)]), NOMINAL, seed=0, latency_s=0.1, queue_depth=3
+    )
+    assert run.start_ns[1][1] == run.end_ns[0][1] + 2 * 10**8
+
+
+def test_a_stall_delays_the_robot_and_those_that_wait_for_it() -> None:
+    tpg = two_robot_tpg([(0, 0, 1, 0)])
+    recorder = MemoryRecorder()
+    run = simulate(
+        tpg,
+        NOMINAL,
+        seed=0,
+        disturbances=Disturbances(stalls=RandomStalls(3, (2.0, 2.0))),
+        recorders=[recorder],
+    )
+    assert (run.start_ns[0] / 1e9).tolist() == [0.0, 3.0, 6.0]
+    assert (run.start_ns[1] / 1e9).tolist() == [3.0, 6.0, 9.0]
+    assert run.wait_ns(0) == 0
+    assert run.wait_ns(1) == 3 * 10**9
+    assert run.stalled_ns(0) == 6 * 10**9
+    kinds = [e.kind for e in recorder.events if e.robot == "robot_0" and e.node == 0]
+    assert kinds == ["released", "started", "stalled", "resumed", "completed"]
+
+
+def test_one_robot_at_a_time_in_planned_order() -> None:
+    run = simulate(two_robot_tpg([]), NOMINAL, seed=0, policy="sequential")
+    assert (run.start_ns[0] / 1e9).tolist() == [0.0, 1.0, 2.0]
+    assert (run.start_ns[1] / 1e9).tolist() == [3.0, 4.0, 5.0]
+
+
+def test_objects_change_hands_at_their_waypoints() -> None:
+    recorder = MemoryRecorder()
+    tpg = random_tpg(4, tasks=6, edges=0)
+    run = simulate(tpg, VARIED, seed=0, recorders=[recorder])
+    changes = [e for e in recorder.events if e.kind in ("attached", "detached")]
+    first, second = tpg.handlings
+    expected = {
+        ("attached", "brick_0", first.node),
+        ("detached", "brick_0", second.node),
+    }
+    assert {(e.kind, e.object, e.node) for e in changes} == expected
+    attached = next(e for e in changes if e.kind == "attached")
+    chain = tpg.chains[first.robot]
+    share = chain.fraction[chain.first[first.node]]
+    start = run.start_ns[first.robot][first.node]
+    duration = run.duration_ns[first.robot][first.node]
+    assert attached.t_ns == start + round(share * duration)
+
+
+# Against the longest paths of the rollout
+
+
+@settings(max_examples=60, deadline=None)
+@given(TPGS, st.integers(0, 100), st.sampled_from([1, 2, 7]))
+def test_times_are_the_earliest_possible(
+    tpg: TemporalPlanGraph, seed: int, depth: int
+) -> None:
+    earliest = earliest_times(tpg, VARIED.sample(tpg, seed=seed))
+    contracted = simulate(tpg, VARIED, seed=seed, queue_depth=depth)
+    node_by_node = simulate(
+        tpg, VARIED, seed=seed, queue_depth=depth, recorders=[MemoryRecorder()]
+    )
+    for run in (contracted, node_by_node):
+        assert same_times(run, earliest.start, earliest.end)
+        assert run.makespan_ns == earliest.makespan
+        assert [run.wait_ns(k) for k in range(len(tpg.chains))] == [
+            earliest.wait(k) for k in range(len(tpg.chains))
+        ]
+
+
+@settings(max_examples=30, deadline=None)
+@given(TPGS, st.integers(0, 100))
+def test_stalls_lengthen_nodes_and_nothing_else(
+    tpg: TemporalPlanGraph, seed: int
+) -> None:
+    stalls = RandomStalls(2, (0.5, 3.0))
+    times = sample_node_times(tpg, VARIED, Disturbances(stalls=stalls), seed=seed)
+    busy = [d + s for d, s in zip(times.motion, times.stall, strict=True)]
+    earliest = earliest_times(tpg, busy)
+    for recorders in ([], [MemoryRecorder()]):
+        run = simulate(
+            tpg,
+            VARIED,
+            seed=seed,
+            disturbances=Disturbances(stalls=stalls),
+            recorders=recorders,
+        )
+        assert same_times(run, earliest.start, earliest.end)
+
+
+@settings(max_examples=30, deadline=None)
+@given(TPGS, st.integers(0, 100))
+def test_sequential_runs_take_the_sum_of_all_durations(
+    tpg: TemporalPlanGraph, seed: int
+) -> None:
+    recorder = MemoryRecorder()
+    watched = simulate(
+        tpg, VARIED, seed=seed, policy="sequential", recorders=[recorder]
+    )
+    run = simulate(tpg, VARIED, seed=seed, policy="sequential")
+    assert same_times(run, watched.start_ns, watched.end_ns)
+    assert run.makespan_ns == sum(int(d.sum()) for d in run.duration_ns)
+    tasks = [e.task for e in recorder.events if e.kind == "started"]
+    assert tasks == sorted(tasks)
+
+
+@settings(max_examples=30, deadline=None)
+@given(TPGS, st.integers(0, 100))
+def test_policies_see_the_same_durations(tpg: TemporalPlanGraph, seed: int) -> None:
+    asynchronous = simulate(tpg, VARIED, seed=seed)
+    sequential = simulate(tpg, VARIED, seed=seed, policy="sequential")
+    assert all(map(np.array_equal, asynchronous.duration_ns, sequential.duration_ns))
+    assert asynchronous.makespan_ns <= sequential.makespan_ns
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    TPGS,
+    st.integers(0, 100),
+    st.floats(0.001, 2.0),
+    st.integers(1, 4),
+    st.sampled_from(["asynchronous", "sequential"]),
+)
+def test_no_node_starts_before_what_it_waits_for(
+    tpg: TemporalPlanGraph, seed: int, latency: float, depth: int, policy: str
+) -> None:
+    run = simulate(
+        tpg,
+        VARIED,
+        seed=seed,
+        latency_s=latency,
+        queue_depth=depth,
+        policy=policy,  # type: ignore[arg-type]
+        disturbances=Disturbances(stalls=RandomStalls(1, (0.5, 3.0))),
+    )
+    assert run.outcome == "completed"
+    message = round(latency * 1e9)
+    for a, m, b, n in tpg.edges.tolist():
+        assert run.start_ns[b][n] >= run.end_ns[a][m] + 2 * message
+    for k in range(len(tpg.chains)):
+        busy = run.duration_ns[k] + run.stall_ns[k]
+        assert np.array_equal(run.end_ns[k] - run.start_ns[k], busy)
+        assert np.all(run.start_ns[k][1:] >= run.end_ns[k][:-1])
+        assert run.start_ns[k][0] >= message
+
+
+@settings(max_examples=40, deadline=None)
+@given(TPGS)
+def test_contraction_joins_only_what_no_other_robot_knows(
+    tpg: TemporalPlanGraph,
+) -> None:
+    contraction = contract(tpg)
+    for k, chain in enumerate(tpg.chains):
+        first = set(contraction.first[k].tolist())
+        assert {0, len(chain)} <= first
+        for a, m, b, n in tpg.edges.tolist():
+            assert b != k or n in first
+            assert a != k or m + 1 in first
+
+
+# Failures
+
+
+def test_a_deadlock_names_who_waits_for_whom_and_keeps_the_log() -> None:
+    recorder = MemoryRecorder()
+    with pytest.raises(DeadlockError) as caught:
+        simulate(
+            two_robot_tpg([(0, 1, 1, 1), (1, 2, 0, 1)]),
+            NOMINAL,
+            seed=0,
+            recorders=[recorder],
+        )
+    assert "robot_0 at node 1 waits for robot_1 to complete node 2" in str(caught.value)
+    assert "robot_1 at node 1 waits for robot_0 to complete node 1" in str(caught.value)
+    assert caught.value.run.outcome == "failed"
+    assert caught.value.run.end_ns[0].tolist() == [10**9, -1, -1]
+    assert [e.kind for e in recorder.events[-2:]] == ["failed", "finished"]
+
+
+def test_a_deadlock_is_found_without_recorders_too() -> None:
+    with pytest.raises(DeadlockError, match="robot_0"):
+        simulate(two_robot_tpg([(0, 1, 1, 1), (1, 2, 0, 1)]), NOMINAL, seed=0)
+
+
+@pytest.mark.parametrize("count", [1, 4, 9, 20])
+def test_an_interrupt_leaves_what_happened(count: int) -> None:
+    memory, interrupts = MemoryRecorder(), InterruptsAt(count)
+    run = simulate(
+        two_robot_tpg([(0, 1, 1, 0)]), NOMINAL, seed=0, recorders=[memory, interrupts]
+    )
+    assert run.outcome == "aborted"
+    assert interrupts.closed
+    assert [e.kind for e in memory.events[-2:]] == ["stopped", "finished"]
+    # SimPy lets what is due at that time happen before it passes the interrupt on.
+    assert len(memory.events) >= count + 2
+    assert memory.events[count - 1].t_ns == memory.events[-1].t_ns
+    assert run.makespan_ns == memory.events[-1].t_ns
+    assert max(end.max() for end in run.end_ns) <= run.makespan_ns
+
+
+class Fails:
+    def __init__(self, at_close: bool = False) -> None:
+        self.at_close = at_close
+        self.told = 0
+
+    def record(self, event: Event) -> None:
+        self.told += 1
+        if self.told == 3 and not self.at_close:
+            raise OSError("disk full")
+
+    def close(self) -> None:
+        if self.at_close:
+            raise OSError("disk full")
+
+
+@pytest.mark.parametrize("at_close", [False, True])
+def test_a_recorder_that_fails_is_dropped(
+    at_close: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    memory, fails = MemoryRecorder(), Fails(at_close)
+    run = simulate(two_robot_tpg([]), NOMINAL, seed=0, recorders=[fails, memory])
+    assert run.outcome == "completed"
+    assert memory.events[-1].kind == "finished"
+    assert "disk full" in caplog.text
+    assert at_close or fails.told == 3
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"policy": "parallel"}, {"queue_depth": 0}, {"latency_s": -1.0}],
+)
+def test_arguments_out_of_range_are_refused(wrong: dict) -> None:
+    with pytest.raises(TwinError):
+        Simulator(two_robot_tpg([]), NOMINAL, **wrong)
+
+
+def test_a_tpg_without_work_ends_at_once() -> None:
+    empty = replace(two_robot_tpg([]), chains=())
+    run = simulate(empty, NOMINAL, seed=0, recorders=[MemoryRecorder()])
+    assert (run.outcome, run.makespan_ns) == ("completed", 0)
+    assert simulate(empty, NOMINAL, seed=0).makespan_ns == 0

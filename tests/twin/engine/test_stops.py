@@ -1,0 +1,415 @@
+"""Stops by the clock: emergency stops and breakdowns; and tasks that fail for good."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.drawn_runs import ANYTHING, STOPS, TPGS, VARIED
+from tests.twin.recorded_events import story
+from tests.twin.twin_toys import random_tpg, two_robot_tpg
+from twin.durations import Fixed, SkillDurations, Uniform
+from twin.engine.engine import Simulator, simulate
+from twin.engine.halts import Halts, Stop
+from twin.engine.pace import Pace
+from twin.recorders.memory import MemoryRecorder
+from twin.run.lanes import FAILED, STOPPED, robot_lanes
+from twin.run.run import Run
+from twin.run.trajectory import object_placements, robot_trajectories
+from twin.uncertainty.disturbances import (
+    Breakdowns,
+    Disturbances,
+    EmergencyStop,
+    SkillFailure,
+    StallRate,
+)
+
+NOMINAL = SkillDurations({})
+
+
+def stopped_at(*intervals: tuple[int, int]) -> Halts:
+    return Halts([Stop(a, b, "") for a, b in intervals])
+
+
+# The calendar of one robot, against counting instant by instant
+
+
+INTERVALS = st.lists(
+    st.tuples(st.integers(0, 30), st.integers(0, 8)).map(lambda p: (p[0], sum(p))),
+    max_size=5,
+)
+
+
+@given(INTERVALS, st.integers(0, 40), st.integers(0, 20))
+def test_work_advances_only_while_not_stopped(
+    intervals: list[tuple[int, int]], begin: int, busy: int
+) -> None:
+    halts = stopped_at(*intervals)
+    stopped = {t for a, b in intervals for t in range(a, b)}
+    expected = begin
+    while expected in stopped:
+        expected += 1
+    assert halts.after(begin) == expected
+    start, left = expected, busy
+    while left:
+        left -= expected not in stopped
+        expected += 1
+    while expected in stopped:  # what would be done when a stop begins is done after it
+        expected += 1
+    assert halts.advance(start, busy) == expected
+    assert halts.expand(np.array([start]), np.array([busy])).tolist() == [expected]
+
+
+@given(INTERVALS, st.integers(0, 60))
+def test_own_time_stands_while_stopped(
+    intervals: list[tuple[int, int]], t: int
+) -> None:
+    halts = stopped_at(*intervals)
+    pace = Pace(halts.intervals(10**6))
+    stopped = {s for a, b in intervals for s in range(a, b)}
+    own = int(pace.own(np.array([t]))[0])
+    assert own == sum(s not in stopped for s in range(t))
+    back = int(pace.real(np.array([own]))[0])
+    assert back >= t
+    assert back not in stopped
+    assert all(s in stopped for s in range(t, back))
+
+
+def test_breakdowns_by_the_clock_are_the_same_however_they_are_asked_for() -> None:
+    def fresh() -> Halts:
+        return Halts([], Breakdowns(10.0, 3.0, "run"), robot="left", seed=4)
+
+    late = fresh()
+    late.after(10**12)
+    early = fresh()
+    for t in range(0, 10**12, 10**10):
+        early.after(t)
+    assert early.intervals(10**12) == late.intervals(10**12)
+    spans = late.intervals(10**12)
+    assert len(spans) > 40
+    up = np.diff([0, *(t for span in spans for t in span)])[::2] / 1e9
+    assert np.mean(up) == pytest.approx(10.0, rel=0.4)
+
+
+# Runs
+
+
+def test_a_stop_freezes_a_node_and_the_others_wait_for_it() -> None:
+    """robot_1 waits for node 1 of robot_0, which stops in the middle of it."""
+    recorder = MemoryRecorder()
+    run = simulate(
+        two_robot_tpg([(0, 1, 1, 0)]),
+        NOMINAL,
+        seed=0,
+        disturbances=Disturbances(
+            emergency_stops=(EmergencyStop("robot_0", 1.5, 10.0),)
+        ),
+        recorders=[recorder],
+    )
+    assert (run.end_ns[0] / 1e9).tolist() == [1.0, 12.0, 13.0]
+    assert (run.start_ns[1] / 1e9).tolist() == [12.0, 13.0, 14.0]
+    assert run.wait_ns(0) == 0
+    rows = [row for row in story(recorder.events) if row[2] in ("stopped", "resumed")]
+    assert rows == [(1.5, "robot_0", "stopped", 1), (11.5, "robot_0", "resumed", 1)]
+    times = [event.t_ns for event in recorder.events]
+    assert times == sorted(times)
+
+
+def test_everyone_stops_also_who_waits() -> None:
+    run = simulate(
+        two_robot_tpg([(0, 0, 1, 0)]),
+        NOMINAL,
+        seed=0,
+        disturbances=Disturbances(emergency_stops=(EmergencyStop(None, 1.0, 5.0),)),
+    )
+    # At the instant of the stop nothing is complete any more.
+    assert (run.end_ns[0] / 1e9).tolist() == [6.0, 7.0, 8.0]
+    assert (run.start_ns[1] / 1e9).tolist() == [6.0, 7.0, 8.0]
+    assert run.halts_ns == (((10**9, 6 * 10**9),),) * 2
+
+
+def test_a_stop_after_the_end_changes_nothing() -> None:
+    tpg = two_robot_tpg([])
+    late = Disturbances(emergency_stops=(EmergencyStop(None, 100.0, 5.0),))
+    recorder = MemoryRecorder()
+    run = simulate(tpg, NOMINAL, seed=0, disturbances=late, recorders=[recorder])
+    assert run.makespan_s == 3.0
+    assert run.halts_ns == ((), ())
+    assert "stopped" not in {event.kind for event in recorder.events}
+
+
+def dependent_nodes(tpg: TemporalPlanGraph, sources: list[tuple[int, int]]) -> set:
+    """Every node that can be reached from some, themselves included, by brute force."""
+    graph = nx.DiGraph()
+    for k, chain in enumerate(tpg.chains):
+        graph.add_nodes_from((k, n) for n in range(len(chain)))
+        graph.add_edges_from(pairwise((k, n) for n in range(len(chain))))
+    graph.add_edges_from(((a, m), (b, n)) for a, m, b, n in tpg.edges.tolist())
+    reached = set(sources)
+    for source in sources:
+        reached |= nx.descendants(graph, source)
+    return reached
+
+
+@settings(max_examples=60, deadline=None)
+@given(TPGS, st.integers(0, 100), st.floats(0.0, 30.0), st.booleans())
+def test_when_one_robot_stops_the_others_go_on_as_far_as_the_graph_allows(
+    tpg: TemporalPlanGraph, seed: int, at_s: float, watched: bool
+) -> None:
+    """A stop of months: whatever does not depend on the rest of its nodes happens at once."""
+    simulator = Simulator(
+        tpg,
+        VARIED,
+        disturbances=Disturbances(
+            emergency_stops=(EmergencyStop("robot_0", at_s, 1e7),)
+        ),
+    )
+    run = simulator.run(seed=seed, recorders=[MemoryRecorder()] if watched else [])
+    free = simulate(tpg, VARIED, seed=seed)
+    stop_ns = round(at_s * 1e9)
+    left = [(0, n) for n in range(len(tpg.chains[0])) if run.end_ns[0][n] >= stop_ns]
+    blocked = dependent_nodes(tpg, left)
+    assert set(left) == {
+        (0, n) for n in range(len(tpg.chains[0])) if free.end_ns[0][n] >= stop_ns
+    }
+    for k in range(1, len(tpg.chains)):
+        for node in range(len(tpg.chains[k])):
+            if (k, node) in blocked:
+                assert run.start_ns[k][node] >= stop_ns + 10**16
+            else:
+                assert run.end_ns[k][node] == free.end_ns[k][node]
+    assert run.outcome == "completed"
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    TPGS,
+    st.integers(0, 100),
+    ANYTHING,
+    st.sampled_from(["asynchronous", "sequential", "open-loop"]),
+)
+def test_watched_and_contracted_runs_are_the_same(
+    tpg: TemporalPlanGraph, seed: int, disturbances: Disturbances, policy: str
+) -> None:
+    simulator = Simulator(
+        tpg,
+        VARIED,
+        policy=policy,  # type: ignore[arg-type]
+        disturbances=disturbances,
+    )
+    recorder = MemoryRecorder()
+    quick, watched = (
+        simulator.run(seed=seed),
+        simulator.run(seed=seed, recorders=[recorder]),
+    )
+    assert quick.outcome == watched.outcome
+    assert quick.makespan_ns == watched.makespan_ns
+    assert all(map(np.array_equal, quick.start_ns, watched.start_ns))
+    assert all(map(np.array_equal, quick.end_ns, watched.end_ns))
+    assert quick.failure == watched.failure
+    assert quick.halts_ns == watched.halts_ns
+    times = [event.t_ns for event in recorder.events]
+    assert times == sorted(times)
+    _check_trajectories(tpg, watched)
+
+
+def _check_trajectories(tpg: TemporalPlanGraph, run: Run) -> None:
+    """Robots stand while stopped, arrive when nodes end, and never jump."""
+    for k, motion in enumerate(robot_trajectories(tpg, run)):
+        assert (motion.t_ns[0], motion.t_ns[-1]) == (0, run.makespan_ns)
+        assert np.all(np.diff(motion.t_ns) >= 0)
+        still = np.diff(motion.t_ns) == 0
+        moved = np.any(np.abs(np.diff(motion.q, axis=0)) > 1e-9, axis=1)
+        durations = np.append(run.duration_ns[k], 1)
+        assert not np.any(still & moved & (durations[motion.node[1:]] != 0))
+        for low, high in run.halts_ns[k] if run.halts_ns else ():
+            times = np.linspace(low, high, 5).astype(np.int64)[1:-1]
+            if len(set(times.tolist())) == 3:
+                q = motion.at(times)
+                assert np.abs(q - q[0]).max() < 1e-9
+        done = np.flatnonzero(run.end_ns[k] >= 0)
+        for node in done.tolist():
+            chain = tpg.chains[k]
+            goal = chain.waypoints[chain.first[node + 1] - 1]
+            rows = motion.t_ns == run.end_ns[k][node]
+            assert np.abs(motion.q[rows] - goal).max(axis=1).min() < 1e-9
+    for lane in robot_lanes(tpg, run):
+        edges = [(span.start_ns, span.end_ns) for span in lane.spans]
+        assert all(a[1] == b[0] for a, b in pairwise(edges))
+        if edges:
+            assert (edges[0][0], edges[-1][1]) == (0, run.makespan_ns)
+
+
+@settings(max_examples=30, deadline=None)
+@given(TPGS, st.integers(0, 100), STOPS)
+def test_objects_change_hands_when_the_log_says_so(
+    tpg: TemporalPlanGraph, seed: int, stops: list[EmergencyStop]
+) -> None:
+    recorder = MemoryRecorder()
+    disturbances = Disturbances(
+        emergency_stops=tuple(stops), failures={"pick": SkillFailure(0.5, 1)}
+    )
+    run = simulate(
+        tpg, VARIED, seed=seed, disturbances=disturbances, recorders=[recorder]
+    )
+    told = [
+        (event.t_ns, event.object)
+        for event in recorder.events
+        if event.kind in ("attached", "detached")
+    ]
+    placed = [(p.t_ns, p.object) for p in object_placements(tpg, run)]
+    assert told == placed[len(tpg.cell.objects) :]
+
+
+def test_lanes_show_stops_and_failures() -> None:
+    tpg = random_tpg(16, tasks=20)
+    run = simulate(
+        tpg,
+        VARIED,
+        seed=0,
+        disturbances=Disturbances(
+            emergency_stops=(EmergencyStop(None, 5.0, 3.0),),
+            failures={"pick": SkillFailure(1.0, 1)},
+        ),
+    )
+    for lane in robot_lanes(tpg, run):
+        stopped = [s for s in lane.spans if s.state == STOPPED]
+        assert [(s.start_ns, s.end_ns) for s in stopped] == [(5 * 10**9, 8 * 10**9)]
+    assert any(s.state == FAILED for lane in robot_lanes(tpg, run) for s in lane.spans)
+
+
+# Tasks that fail
+
+
+def failing_run(retries: int = 1) -> tuple[TemporalPlanGraph, Run, MemoryRecorder]:
+    tpg = random_tpg(16, tasks=20)
+    recorder = MemoryRecorder()
+    run = simulate(
+        tpg,
+        VARIED,
+        seed=0,
+        disturbances=Disturbances(
+            failures={"pick": SkillFailure(1.0, retries, Fixed(2.0))}
+        ),
+        recorders=[recorder],
+    )
+    return tpg, run, recorder
+
+
+def test_a_task_that_fails_for_good_is_named() -> None:
+    tpg, run, recorder = failing_run()
+    assert run.outcome == "failed"
+    failed = [event for event in recorder.events if event.kind == "failed"]
+    assert len(failed) == sum(node >= 0 for node in run.failed_nodes) > 0
+    for event in failed:
+        assert tpg.tasks[event.task].kind == "pick"
+        assert f"task {event.task} ({tpg.tasks[event.task].label})" in run.failure
+        assert event.detail.endswith("attempt 2 of 2 failed")
+        own = [
+            (e.kind, e.detail)
+            for e in recorder.events
+            if (e.robot, e.node) == (event.robot, event.node) and e.kind != "waiting"
+        ]
+        assert own[:3] == [
+            ("released", ""),
+            ("started", ""),
+            ("retried", "attempt 1 failed after 2.000 s"),
+        ]
+        start = next(
+            e.t_ns
+            for e in recorder.events
+            if (e.robot, e.node, e.kind) == (event.robot, event.node, "started")
+        )
+        assert event.t_ns == start + 4 * 10**9
+    assert recorder.events[-1].detail == "failed"
+
+
+@settings(max_examples=40, deadline=None)
+@given(TPGS, st.integers(0, 100))
+def test_when_a_task_fails_the_others_go_on_as_far_as_the_graph_allows(
+    tpg: TemporalPlanGraph, seed: int
+) -> None:
+    failing = Disturbances(failures={"pick": SkillFailure(0.6, 0)})
+    run = simulate(tpg, VARIED, seed=seed, disturbances=failing)
+    sources = [(k, node) for k, node in enumerate(run.failed_nodes) if node >= 0]
+    blocked = dependent_nodes(tpg, sources)
+    for k in range(len(tpg.chains)):
+        for node in range(len(tpg.chains[k])):
+            assert (run.end_ns[k][node] < 0) == ((k, node) in blocked)
+    assert run.outcome == ("failed" if sources else "completed")
+
+
+def test_two_policies_see_the_same_failures_and_durations() -> None:
+    tpg = random_tpg(16, tasks=20)
+    disturbances = Disturbances(
+        jitter=Uniform(0.0, 0.1),
+        stall_rate=StallRate(300.0, Uniform(1.0, 2.0)),
+        breakdowns=Breakdowns(30.0, 5.0),
+        failures={"pick": SkillFailure(0.4, 5)},
+    )
+    runs = [
+        simulate(tpg, VARIED, seed=3, policy=policy, disturbances=disturbances)
+        for policy in ("asynchronous", "sequential", "open-loop")
+    ]
+    for run in runs[1:]:
+        assert run.standstills == runs[0].standstills
+        assert all(map(np.array_equal, run.duration_ns, runs[0].duration_ns))
+    assert len({run.makespan_ns for run in runs}) > 1
+
+
+# Messages
+
+
+def test_latencies_of_either_way_add_up() -> None:
+    """Released at 0, received at 0.1, complete at 1.1, known and released again at 1.4."""
+    run = simulate(
+        two_robot_tpg([]),
+        NOMINAL,
+        seed=0,
+        report_latency_s=0.3,
+        release_latency_s=0.1,
+    )
+    assert (run.start_ns[0] / 1e9).tolist() == pytest.approx([0.1, 1.5, 2.9])
+    only = simulate(
+        two_robot_tpg([]), NOMINAL, seed=0, latency_s=0.2, report_latency_s=0.0
+    )
+    assert (only.start_ns[0] / 1e9).tolist() == pytest.approx([0.2, 1.4, 2.6])
+
+
+# Open loop
+
+
+def test_in_open_loop_nobody_waits_for_anybody() -> None:
+    """robot_0 is late; robot_1, which the graph lets wait for it, keeps to its clock."""
+    tpg = two_robot_tpg([(0, 1, 1, 0)])
+    recorder = MemoryRecorder()
+    run = simulate(
+        tpg,
+        NOMINAL,
+        seed=0,
+        policy="open-loop",
+        disturbances=Disturbances(speed={"robot_0": Fixed(0.5)}),
+        recorders=[recorder],
+    )
+    assert (run.start_ns[0] / 1e9).tolist() == [0.0, 2.0, 4.0]
+    assert (run.start_ns[1] / 1e9).tolist() == [2.0, 3.0, 4.0]
+    assert run.start_ns[1][0] < run.end_ns[0][1]  # what the graph forbids
+    waiting = [event for event in recorder.events if event.kind == "waiting"]
+    assert [e.detail for e in waiting] == ["waits for its planned start at 2.000 s"]
+    assert "released" not in {event.kind for event in recorder.events}
+
+
+@settings(max_examples=30, deadline=None)
+@given(TPGS)
+def test_in_open_loop_undisturbed_nodes_keep_the_planned_clock(
+    tpg: TemporalPlanGraph,
+) -> None:
+    planned = simulate(tpg, NOMINAL, seed=0)
+    run = simulate(tpg, NOMINAL, seed=0, policy="open-loop")
+    assert all(map(np.array_equal, run.start_ns, planned.start_ns))

@@ -1,0 +1,84 @@
+"""What robots did, told from the event log, against the lanes that the twin draws from the run."""
+
+from __future__ import annotations
+
+from itertools import groupby, pairwise
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
+from tests.twin.twin_toys import two_robot_tpg
+from twin.engine.engine import Simulator
+from twin.exports.activities import Activity, robot_activities
+from twin.recorders.memory import MemoryRecorder
+from twin.run.events import Event
+from twin.run.lanes import IDLE, STOPPED, WAITING, Span, robot_lanes
+from twin.uncertainty.disturbances import Disturbances
+
+Stretch = tuple[str, int, int, int]
+
+
+def _stretch(item: Activity | Span) -> Stretch:
+    """Return a stretch; lanes do not say what a robot waits or stands for that never goes on."""
+    standing = item.state in (WAITING, STOPPED)
+    return item.state, item.start_ns, item.end_ns, -1 if standing else item.task
+
+
+def merged(stretches: list[Stretch]) -> list[Stretch]:
+    """Join neighbours of one state and task."""
+    out = []
+    for _, group in groupby(stretches, key=lambda s: (s[0], s[3])):
+        items = list(group)
+        out.append((items[0][0], items[0][1], items[-1][2], items[0][3]))
+    return out
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    TPGS,
+    st.integers(0, 100),
+    ANYTHING,
+    st.sampled_from(["asynchronous", "sequential", "open-loop"]),
+)
+def test_the_log_tells_the_same_as_the_run(
+    tpg: TemporalPlanGraph, seed: int, disturbances: Disturbances, policy: str
+) -> None:
+    recorder = MemoryRecorder()
+    simulator = Simulator(tpg, VARIED, policy=policy, disturbances=disturbances)
+    run = simulator.run(seed=seed, recorders=[recorder])
+    told = robot_activities(tpg, recorder.events)
+    lanes = {lane.robot: lane for lane in robot_lanes(tpg, run)}
+    for robot, activities in told.items():
+        spans = [s for s in lanes[robot].spans if s.state != IDLE]
+        expected = merged([_stretch(s) for s in spans])
+        found = merged([_stretch(a) for a in activities])
+        assert found == expected
+        _check_nodes(tpg, robot, activities)
+        single = robot_activities(tpg, recorder.events, nodes=True)[robot]
+        assert sum(a.duration_ns for a in single) == sum(
+            a.duration_ns for a in activities
+        )
+        assert all(a.first == a.last for a in single)
+
+
+def _check_nodes(
+    tpg: TemporalPlanGraph, robot: str, activities: tuple[Activity, ...]
+) -> None:
+    """Stretches touch each other, and their nodes belong to their tasks."""
+    chain = next(c for c in tpg.chains if c.robot == robot)
+    for before, after in pairwise(activities):
+        assert before.end_ns == after.start_ns
+    for item in activities:
+        assert item.duration_ns > 0
+        if item.task >= 0:
+            assert set(chain.task[item.first : item.last + 1].tolist()) == {item.task}
+
+
+def test_a_robot_that_has_done_nothing_yet_waits() -> None:
+    tpg = two_robot_tpg([])
+    events = [Event(0, "robot_0", "started", 0, 0), Event(5, "", "stopped")]
+    told = robot_activities(tpg, events)
+    assert told["robot_0"] == (Activity("transit", 0, 5, 0, 0, 0),)
+    assert told["robot_1"] == (Activity(WAITING, 0, 5, 1, 0, 0),)

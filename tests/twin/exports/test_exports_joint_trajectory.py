@@ -1,0 +1,138 @@
+"""Segments hold every waypoint once, and keeping to their order is keeping to the graph."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scheduling.rollout import earliest_times
+from tests.twin.exports.exported_runs import exported, toy_run
+from twin.durations import to_nanoseconds
+from twin.exports.recorded_run import RecordedRun
+from twin.run.run import Run
+
+POINT = {"positions", "velocities", "accelerations", "effort", "time_from_start"}
+
+
+@pytest.fixture(params=[3, 8, 21])
+def case(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[RecordedRun, Run]:
+    return toy_run(tmp_path, request.param)
+
+
+def segments_of(run: RecordedRun) -> list[dict[str, Any]]:
+    document = json.loads(exported(run, "joint-trajectory")["joint_trajectories.json"])
+    assert document["format"] == "assembly-twin joint trajectories"
+    found: list[dict[str, Any]] = document["segments"]
+    return found
+
+
+def nanoseconds(stamp: dict[str, int]) -> int:
+    assert set(stamp) == {"sec", "nanosec"}
+    assert 0 <= stamp["nanosec"] < 10**9
+    return stamp["sec"] * 10**9 + stamp["nanosec"]
+
+
+def of_robot(segments: list[dict[str, Any]], robot: str) -> Iterator[dict[str, Any]]:
+    return (s for s in segments if s["robot"] == robot)
+
+
+def test_segments_have_the_shape_of_the_message(case: tuple[RecordedRun, Run]) -> None:
+    run, _ = case
+    segments = segments_of(run)
+    assert len({s["id"] for s in segments}) == len(segments) > 5
+    for segment in segments:
+        message = segment["joint_trajectory"]
+        assert set(message) == {"header", "joint_names", "points"}
+        joints = run.tpg.cell.robot(segment["robot"]).model.joint_names
+        assert tuple(message["joint_names"]) == joints
+        times = [nanoseconds(p["time_from_start"]) for p in message["points"]]
+        assert times == sorted(times)
+        assert times[0] == 0
+        for point in message["points"]:
+            assert set(point) == POINT
+            assert len(point["positions"]) == len(joints)
+            assert (
+                point["velocities"] == point["accelerations"] == point["effort"] == []
+            )
+
+
+def test_the_points_are_the_path(case: tuple[RecordedRun, Run]) -> None:
+    run, _ = case
+    segments = segments_of(run)
+    for chain in run.tpg.chains:
+        at = chain.start.tolist()
+        path: list[list[float]] = []
+        node = 0
+        for segment in of_robot(segments, chain.robot):
+            points = [p["positions"] for p in segment["joint_trajectory"]["points"]]
+            assert points[0] == at
+            path += points[1:]
+            at = points[-1]
+            assert segment["nodes"][0] == node
+            node = segment["nodes"][1] + 1
+            tasks = chain.task[segment["nodes"][0] : node]
+            assert set(tasks.tolist()) == {segment["task"]["index"]}
+        assert node == len(chain)
+        assert np.array_equal(np.array(path), chain.waypoints)
+
+
+def test_whoever_keeps_to_the_order_of_segments_keeps_to_the_graph(
+    case: tuple[RecordedRun, Run],
+) -> None:
+    """Every segment as early as its ``after`` lets it: the same as the graph's rollout."""
+    run, _ = case
+    segments = {s["id"]: s for s in segments_of(run)}
+    length = {
+        key: nanoseconds(s["joint_trajectory"]["points"][-1]["time_from_start"])
+        for key, s in segments.items()
+    }
+    starts: dict[str, int] = {}
+
+    def start(key: str) -> int:
+        if key not in starts:
+            ends = [
+                start(a["segment"]) + length[a["segment"]]
+                for a in segments[key]["after"]
+            ]
+            starts[key] = max(ends, default=0)
+        return starts[key]
+
+    durations = [to_nanoseconds(chain.duration) for chain in run.tpg.chains]
+    rollout = earliest_times(run.tpg, durations)
+    robots = [chain.robot for chain in run.tpg.chains]
+    for key, segment in segments.items():
+        k = robots.index(segment["robot"])
+        first, last = segment["nodes"]
+        assert start(key) == rollout.start[k][first]
+        assert start(key) + length[key] == rollout.end[k][last]
+    causes = {a["cause"] for s in segments.values() for a in s["after"]}
+    assert causes == {"same robot", "motion conflict"}
+
+
+def test_segments_tell_when_they_were_executed(case: tuple[RecordedRun, Run]) -> None:
+    recorded, run = case
+    robots = [chain.robot for chain in recorded.tpg.chains]
+    for segment in segments_of(recorded):
+        k = robots.index(segment["robot"])
+        first, last = segment["nodes"]
+        begun, done = (
+            -1 if t is None else round(t * 1e9) for t in segment["executed_s"]
+        )
+        assert (begun, done) == (run.start_ns[k][first], run.end_ns[k][last])
+
+
+def test_objects_change_hands_within_segments(case: tuple[RecordedRun, Run]) -> None:
+    run, _ = case
+    told = [h for s in segments_of(run) for h in s["handlings"]]
+    assert sorted(h["object"] for h in told) == sorted(
+        h.object for h in run.tpg.handlings
+    )
+    for segment in segments_of(run):
+        end = nanoseconds(segment["joint_trajectory"]["points"][-1]["time_from_start"])
+        for item in segment["handlings"]:
+            assert 0 <= nanoseconds(item["time_from_start"]) <= end

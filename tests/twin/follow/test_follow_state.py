@@ -1,0 +1,202 @@
+"""The state of a followed run, and what is flagged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
+from tests.twin.twin_toys import random_tpg, two_robot_tpg
+from twin.durations import SkillDurations
+from twin.engine.engine import simulate
+from twin.follow.state import FollowedRun
+from twin.recorders.jsonl import event_line
+from twin.recorders.memory import MemoryRecorder
+from twin.run.event_log import EventLogError, parse_event
+from twin.run.events import Event
+from twin.uncertainty.disturbances import Disturbances
+
+NOMINAL = SkillDurations({})
+
+
+def events_of(tpg: TemporalPlanGraph, **options: object) -> list[Event]:
+    recorder = MemoryRecorder()
+    simulate(tpg, VARIED, seed=0, recorders=[recorder], **options)  # type: ignore[arg-type]
+    return recorder.events
+
+
+def texts(run: FollowedRun) -> list[str]:
+    return [violation.text for violation in run.violations]
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    TPGS,
+    st.integers(0, 100),
+    ANYTHING,
+    st.sampled_from(["asynchronous", "sequential"]),
+    st.sampled_from([0.0, 0.2]),
+    st.integers(1, 3),
+)
+def test_the_state_equals_the_run_and_nothing_is_flagged(
+    tpg: TemporalPlanGraph,
+    seed: int,
+    disturbances: Disturbances,
+    policy: str,
+    latency: float,
+    depth: int,
+) -> None:
+    recorder = MemoryRecorder()
+    run = simulate(
+        tpg,
+        VARIED,
+        seed=seed,
+        policy=policy,  # type: ignore[arg-type]
+        latency_s=latency,
+        queue_depth=depth,
+        disturbances=disturbances,
+        recorders=[recorder],
+    )
+    followed = FollowedRun(tpg)
+    for event in recorder.events:
+        followed.apply(parse_event(event_line(event)))
+    assert texts(followed) == []
+    assert followed.outcome == run.outcome
+    for k, robot in enumerate(followed.robots):
+        assert np.array_equal(robot.start_ns, run.start_ns[k])
+        assert np.array_equal(robot.end_ns, run.end_ns[k])
+        assert robot.failed == (run.failed_nodes[k] >= 0)
+        if not run.halts_ns:
+            done = run.end_ns[k] >= 0
+            retried = {e.node for e in run.standstills[k] if e.cause == "retry"}
+            for node in np.flatnonzero(done).tolist():
+                if node not in retried:
+                    assert robot.stood_ns[node] == run.stall_ns[k][node]
+
+
+def test_an_event_that_the_graph_forbids_is_named_with_its_edge() -> None:
+    tpg = two_robot_tpg([(0, 1, 1, 0), (0, 2, 1, 2)])
+    followed = FollowedRun(tpg)
+    assert not followed.apply(Event(0, "robot_0", "started", 0, 0))
+    (found,) = followed.apply(Event(5, "robot_1", "started", 1, 0))
+    assert (found.robot, found.node, found.task) == ("robot_1", 0, 1)
+    assert found.edges == (("robot_0", 1),)
+    assert found.text == (
+        "0.000 s: robot_1 started node 0 (transit 1), but the plan lets it wait for"
+        " node 1 of robot_0 (transit 0; motion conflict)"
+    )
+    # The state goes on being that of the run.
+    assert not followed.apply(Event(9, "robot_1", "completed", 1, 0))
+    assert followed.robots[1].completed == 1
+    assert followed.nodes_done == 1
+    (late,) = followed.apply(Event(10, "robot_0", "completed", 0, 2))
+    assert "node 2 (transit 0), but node 2 has not started" in late.text
+    assert followed.robots[0].completed == 3
+    assert not followed.apply(Event(11, "robot_1", "started", 1, 1))
+
+
+def test_every_forbidden_swap_of_a_start_is_flagged() -> None:
+    """Move each first start that waited for another robot to time 0: the graph says no."""
+    tpg = random_tpg(16, dofs=(1, 2, 3), tasks=12, edges=25)
+    events = events_of(tpg)
+    waited = [e for e in events if e.kind == "waiting"]
+    assert len(waited) >= 3
+    for event in waited:
+        followed = FollowedRun(tpg)
+        for other in events:
+            followed.apply(other)
+            if other is event:
+                break
+        found = followed.apply(replace(event, kind="started"))
+        assert len(found) == 1
+        assert found[0].edges
+        for robot, node in found[0].edges:
+            assert f"robot_{robot[-1]} to complete node {node} " in event.detail
+
+
+@pytest.mark.parametrize(
+    ("events", "text"),
+    [
+        ([Event(0, "robot_7", "started", 0, 0)], "no robot of the plan"),
+        ([Event(0, "robot_0", "started", 0, 99)], "it has nodes 0 to 2"),
+        ([Event(0, "robot_0", "started", 1, 0)], "node 0 is of task 0"),
+        ([Event(0, "robot_0", "started", 0, 1)], "node 0 comes next"),
+        ([Event(0, "robot_0", "started", -1, -1)], "it names no node"),
+        ([Event(0, "robot_0", "started", 0, 0)] * 2, "node 0 has started before"),
+        (
+            [
+                Event(0, "robot_0", "started", 0, 0),
+                Event(1, "robot_0", "completed", 0, 0),
+                Event(1, "robot_0", "completed", 0, 0),
+            ],
+            "node 0 is complete already",
+        ),
+        (
+            [Event(0, "robot_0", "stopped"), Event(1, "robot_0", "started", 0, 0)],
+            "the robot is stopped",
+        ),
+        (
+            [Event(9, "robot_0", "started", 0, 0), Event(8, "robot_1", "stopped")],
+            "comes after an event of 0.000 s",
+        ),
+        (
+            [
+                Event(0, "robot_0", "started", 0, 0),
+                Event(1, "robot_0", "attached", 0, 0, "brick_0"),
+            ],
+            "the plan does not handle 'brick_0' in node 0",
+        ),
+    ],
+)
+def test_what_cannot_be_is_flagged(events: list[Event], text: str) -> None:
+    followed = FollowedRun(two_robot_tpg([]))
+    for event in events:
+        followed.apply(event)
+    assert len(followed.violations) == 1
+    assert text in texts(followed)[0]
+
+
+def test_an_open_loop_run_breaks_the_graph() -> None:
+    tpg = two_robot_tpg([(0, 1, 1, 0)])
+    recorder = MemoryRecorder()
+    from twin.durations import Fixed
+
+    simulate(
+        tpg,
+        NOMINAL,
+        seed=0,
+        policy="open-loop",
+        disturbances=Disturbances(speed={"robot_0": Fixed(0.5)}),
+        recorders=[recorder],
+    )
+    followed = FollowedRun(tpg)
+    for event in recorder.events:
+        followed.apply(event)
+    assert [v.edges for v in followed.violations] == [(("robot_0", 1),)]
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        ("{", "not JSON"),
+        ("[]", "not an object"),
+        ('{"t_s": 1.0, "kind": "started"}', "no 'robot'"),
+        ('{"t_s": 1.0, "robot": "a", "kind": "exploded"}', "unknown kind 'exploded'"),
+        ('{"t_s": "x", "robot": "a", "kind": "started"}', "t_s is no number"),
+        ('{"t_s": -1, "robot": "a", "kind": "started"}', "at least 0"),
+        ('{"t_s": 1, "robot": "a", "kind": "started", "node": "3"}', "whole numbers"),
+    ],
+)
+def test_lines_that_are_no_events_say_why(line: str, text: str) -> None:
+    with pytest.raises(EventLogError, match=text):
+        parse_event(line)
+
+
+def test_times_are_read_exactly() -> None:
+    event = Event(12_345_678_901_234_567, "left", "started", 3, 4, "b", 'a "b"\n')
+    assert parse_event(event_line(event)) == event

@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from decimal import Decimal
+from pathlib import Path
+
+import pytest
+
+from planning.errors import OutputError
+from tests.twin.drawn_runs import VARIED
+from tests.twin.twin_toys import random_tpg
+from twin.engine.engine import simulate
+from twin.recorders.jsonl import JsonlRecorder, event_line
+from twin.recorders.memory import MemoryRecorder
+from twin.run.events import Event
+from twin.uncertainty.disturbances import Disturbances, RandomStalls
+
+
+def log_of(path: Path, seed: int) -> bytes:
+    simulate(
+        random_tpg(8, tasks=12),
+        VARIED,
+        seed=seed,
+        disturbances=Disturbances(stalls=RandomStalls(1)),
+        recorders=[JsonlRecorder(path)],
+    )
+    return path.read_bytes()
+
+
+def test_a_line_holds_the_exact_time_and_any_text() -> None:
+    event = Event(12_345_000_000_001, 'le"ft', "waiting", 3, 4, "brick é", "a\nb")
+    line = event_line(event)
+    assert line.count("\n") == 1
+    assert line.startswith('{"t_s": 12345.000000001, "robot": ')
+    assert json.loads(line, parse_float=Decimal) == {
+        "t_s": Decimal("12345.000000001"),
+        "robot": 'le"ft',
+        "kind": "waiting",
+        "task": 3,
+        "node": 4,
+        "object": "brick é",
+        "detail": "a\nb",
+    }
+
+
+def test_the_log_holds_every_event(tmp_path: Path) -> None:
+    memory = MemoryRecorder()
+    path = tmp_path / "events.jsonl"
+    simulate(random_tpg(8), VARIED, seed=0, recorders=[JsonlRecorder(path), memory])
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    assert [(r["robot"], r["kind"], r["node"]) for r in rows] == [
+        (e.robot, e.kind, e.node) for e in memory.events
+    ]
+
+
+def test_same_seed_same_bytes(tmp_path: Path) -> None:
+    first, again = log_of(tmp_path / "a", 1), log_of(tmp_path / "b", 1)
+    assert first == again
+    assert log_of(tmp_path / "c", 2) != first
+
+
+def test_same_bytes_in_a_process_that_hashes_differently(tmp_path: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path;"
+        "from tests.twin.recorders.test_event_log import log_of; log_of(Path(sys.argv[1]), 1)"
+    )
+    other = tmp_path / "other"
+    subprocess.run(
+        [sys.executable, "-c", code, str(other)],
+        check=True,
+        cwd=Path(__file__).parents[3],
+        env={**os.environ, "PYTHONHASHSEED": "123"},
+    )
+    assert other.read_bytes() == log_of(tmp_path / "here", 1)
+
+
+def test_a_killed_run_leaves_a_readable_log(tmp_path: Path) -> None:
+    """The process dies without a chance to close its files."""
+    code = """
+import os, signal, sys
+from pathlib import Path
+from tests.twin.twin_toys import random_tpg
+from tests.twin.drawn_runs import VARIED
+from twin.engine.engine import simulate
+from twin.recorders.jsonl import JsonlRecorder
+
+class Kills:
+    left = 10
+    def record(self, event):
+        self.left -= 1
+        if self.left == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+    def close(self):
+        pass
+
+log = JsonlRecorder(Path(sys.argv[1]))
+simulate(random_tpg(8), VARIED, seed=0, recorders=[log, Kills()])
+"""
+    path = tmp_path / "events.jsonl"
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(path)],
+        check=False,
+        cwd=Path(__file__).parents[3],
+    )
+    assert done.returncode == -signal.SIGKILL
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    assert len(rows) == 10
+
+
+def test_a_log_that_cannot_be_opened_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="missing"):
+        JsonlRecorder(tmp_path / "missing" / "events.jsonl")

@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from rerun.chunk import RrdReader
+
+from planning.geometry.chain import joint_poses
+from planning.robots.registry import robot_model
+from planning.transforms import from_quat_wxyz, from_rpy
+from planning.workcell import PlacedRobot
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.drawn_runs import VARIED
+from tests.twin.twin_toys import random_tpg
+from twin.engine.engine import simulate
+from twin.recorders.memory import MemoryRecorder
+from twin.recorders.rerun_recording import write_recording
+from twin.recorders.rerun_robots import frame_times
+from twin.run.gantt import draw_gantt
+from twin.run.lanes import robot_lanes
+from twin.run.run import Run
+from twin.run.trajectory import object_placements, robot_trajectories
+
+
+def gp4_tpg() -> TemporalPlanGraph:
+    """Two GP4 that face each other, in random motion."""
+    tpg = random_tpg(3, dofs=(6, 6), tasks=6)
+    model = robot_model("gp4")
+    bases = (from_rpy((0, 0, 0.9), (0, 0, 0)), from_rpy((0.9, 0, 0.9), (0, 0, np.pi)))
+    robots = tuple(
+        PlacedRobot(f"robot_{k}", model, base, model.home)
+        for k, base in enumerate(bases)
+    )
+    return replace(tpg, cell=replace(tpg.cell, robots=robots))
+
+
+@pytest.fixture(scope="module")
+def recorded(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[TemporalPlanGraph, Run, MemoryRecorder, Path]:
+    tpg, memory = gp4_tpg(), MemoryRecorder()
+    run = simulate(tpg, VARIED, seed=1, recorders=[memory])
+    path = tmp_path_factory.mktemp("recording") / "run.rrd"
+    write_recording(path, tpg, run, memory.events, name="toy")
+    return tpg, run, memory, path
+
+
+def rows(path: Path, entity: str, column: str) -> list[tuple[int, list]]:
+    """Return (time [ns], cell) of a temporal column of an entity, by time."""
+    found = []
+    stream = RrdReader(path).store().stream()
+    for chunk in stream.filter(content=entity, has_timeline="sim_time"):
+        batch = chunk.to_record_batch()
+        if column in batch.schema.names:
+            times = batch.column("sim_time").cast(pa.int64()).to_pylist()
+            found += zip(times, batch.column(column).to_pylist(), strict=True)
+    return sorted(found, key=lambda row: row[0])
+
+
+def test_the_file_verifies(recorded: tuple) -> None:
+    program = Path(sys.executable).parent / "rerun"
+    done = subprocess.run(
+        [program, "rrd", "verify", str(recorded[-1])],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_layout_travels_with_the_file(recorded: tuple) -> None:
+    assert len(list(RrdReader(recorded[-1]).blueprints())) == 1
+
+
+def test_the_recording_holds_the_event_rows(recorded: tuple) -> None:
+    _, _, memory, path = recorded
+    for column in ("robot", "kind", "node", "object", "detail"):
+        cells = rows(path, "/events", column)
+        assert [t for t, _ in cells] == [e.t_ns for e in memory.events]
+        assert [cell[0] for _, cell in cells] == [
+            getattr(e, column) for e in memory.events
+        ]
+
+
+def test_lanes_show_what_each_robot_does(recorded: tuple) -> None:
+    tpg, run, _, path = recorded
+    for lane in robot_lanes(tpg, run):
+        assert (lane.spans[0].start_ns, lane.spans[-1].end_ns) == (0, run.makespan_ns)
+        cells = rows(path, f"/lanes/{lane.robot}", "StateChange:state")
+        shown = {t: cell[0] for t, cell in cells}
+        for before, after in zip(lane.spans, lane.spans[1:], strict=False):
+            assert before.end_ns == after.start_ns
+            if before.state != after.state:
+                assert shown[after.start_ns] == after.state
+
+
+def test_objects_hang_on_what_holds_them(recorded: tuple) -> None:
+    tpg, run, _, path = recorded
+    placements = object_placements(tpg, run)
+    assert len(placements) == 3
+    parents = rows(path, "/objects/brick_0/pose", "Transform3D:parent_frame")
+    assert parents == [
+        (p.t_ns, ["world" if p.holder is None else f"{p.holder}/@flange"])
+        for p in placements
+    ]
+
+
+def test_joints_move_as_the_kinematics_says(recorded: tuple) -> None:
+    """The chain of recorded joint transforms ends where the planner's kinematics does."""
+    tpg, run, _, path = recorded
+    for robot, motion in zip(
+        tpg.cell.robots, robot_trajectories(tpg, run), strict=True
+    ):
+        joints = [
+            (
+                rows(path, entity, "Transform3D:translation"),
+                rows(path, entity, "Transform3D:quaternion"),
+            )
+            for entity in (
+                f"/robot-{robot.name}/joints/{name}" for name in robot.model.joint_names
+            )
+        ]
+        for t in frame_times(motion)[::23]:
+            pose = robot.base
+            for moves, turns in joints:
+                xyz = [cell[0] for time, cell in moves if time <= t][-1]
+                x, y, z, w = [cell[0] for time, cell in turns if time <= t][-1]
+                pose = pose @ from_quat_wxyz(xyz, (w, x, y, z))
+            chain = robot.model.chain
+            out = np.empty((robot.model.dof + 1, 4, 4))
+            q = motion.at(np.array([t]))[0]
+            joint_poses(
+                chain.placement, chain.axis, chain.prismatic, robot.base, q, out
+            )
+            assert pose == pytest.approx(out[-1], abs=2e-5)
+
+
+def test_motion_is_cut_fine_and_standing_is_not(recorded: tuple) -> None:
+    tpg, run, _, _ = recorded
+    for motion in robot_trajectories(tpg, run):
+        times = frame_times(motion)
+        assert set(motion.t_ns.tolist()) <= set(times.tolist())
+        q = motion.at(times)
+        step = np.max(np.abs(np.diff(q, axis=0)), axis=1)
+        span = np.diff(times)
+        assert np.all((step <= 0.02 + 1e-9) | (span <= 5e7 + 1))
+        still = np.flatnonzero(np.all(np.diff(motion.q, axis=0) == 0, axis=1))
+        for k in still:
+            inside = (times > motion.t_ns[k]) & (times < motion.t_ns[k + 1])
+            assert not np.any(inside)
+
+
+def test_meshes_of_other_packages_are_found(tmp_path: Path) -> None:
+    """The Panda's description names its meshes by a package that nobody can look up."""
+    tpg = random_tpg(3, dofs=(7,), tasks=2)
+    model = robot_model("panda")
+    robot = PlacedRobot("robot_0", model, np.eye(4), model.home)
+    tpg = replace(tpg, cell=replace(tpg.cell, robots=(robot,)))
+    path = tmp_path / "run.rrd"
+    write_recording(path, tpg, simulate(tpg, VARIED, seed=0), ())
+    assert path.stat().st_size > 2_000_000
+
+
+def test_a_gantt_chart_is_drawn(recorded: tuple, tmp_path: Path) -> None:
+    from matplotlib.image import imread
+
+    tpg, run, _, _ = recorded
+    path = tmp_path / "gantt.png"
+    draw_gantt(path, tpg, run, title="toy")
+    picture = imread(path)
+    assert picture.shape[1] > 1500
+    colours = np.unique(picture.reshape(-1, picture.shape[2])[::7], axis=0)
+    assert len(colours) > 20
+
+
+def test_long_runs_wrap_into_rows(tmp_path: Path) -> None:
+    from matplotlib.image import imread
+
+    heights = []
+    for tasks in (10, 300):
+        tpg = random_tpg(1, dofs=(2, 2), tasks=tasks, nodes_per_transit=1)
+        path = tmp_path / f"{tasks}.png"
+        draw_gantt(path, tpg, simulate(tpg, VARIED, seed=0))
+        heights.append(imread(path).shape[0])
+    assert heights[1] > 2 * heights[0]

@@ -1,0 +1,365 @@
+"""A scenario file is refused for what is wrong with it, all at once, each at its place."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from twin.scenario.file import load_scenario, scenario_schema
+from twin.scenario.problems import InvalidScenarioError
+from twin.scenario.scenario import Scenario, fingerprint, resolved
+
+ROOT = Path(__file__).parents[3]
+
+GOOD = """\
+version: 1
+name: tiny
+cell:
+  robots:
+    - name: left
+      model: gp4
+      base: {xyz_m: [0, 0, 0.9246]}
+  fixtures:
+    - {name: table, size_m: [1, 1, 0.1], pose: {xyz_m: [0, 0, 0]}}
+assembly:
+  kind: lego
+  plate: {pose: {xyz_m: [0.4, 0, 1.1]}}
+  stock:
+    - {name: b1, brick: 2x4, at: [0, 0, 1]}
+    - {name: b2, brick: 2x4, at: [4, 0, 1]}
+    - {name: b3, brick: 1x2, at: [8, 0, 1], fixed: true}
+  steps:
+    - {brick: 2x4, at: [24, 24, 1], press: {side: 1, offset: 1}}
+    - {brick: 2x4, at: [24, 26, 2]}
+execution:
+  skills:
+    pick: {kind: lognormal, median_s: 1e1, p95_s: 12}
+    handover: {kind: empirical, csv: handover.csv}
+  stalls: {count_per_robot: 2}
+"""
+
+
+def write(folder: Path, text: str) -> Path:
+    (folder / "handover.csv").write_text("duration_s\n8.5\n9\n")
+    path = folder / "tiny.yaml"
+    path.write_text(text)
+    return path
+
+
+def problems(folder: Path, text: str) -> list[tuple[int, int, str]]:
+    with pytest.raises(InvalidScenarioError) as caught:
+        load_scenario(write(folder, text))
+    return [(p.mark.line, p.mark.column, p.message) for p in caught.value.problems]
+
+
+def edited(old: str, new: str) -> str:
+    assert GOOD.count(old) == 1, old
+    return GOOD.replace(old, new)
+
+
+def test_a_good_file_loads_with_defaults(tmp_path: Path) -> None:
+    scenario = load_scenario(write(tmp_path, GOOD))
+    assert scenario.seed == 0
+    assert scenario.cell.clearance.robot_robot_m == 0.001
+    assert scenario.assembly.plate.studs == (48, 48)
+    assert scenario.assembly.twist_deg.place_down == 16.0
+    assert scenario.execution.stalls.duration_s == (1.0, 20.0)
+    assert scenario.execution.skills["pick"].median_s == 10.0  # type: ignore[union-attr]
+
+
+def test_the_resolved_scenario_reads_back_and_names_itself(tmp_path: Path) -> None:
+    scenario = load_scenario(write(tmp_path, GOOD))
+    again = Scenario.model_validate_json(json.dumps(resolved(scenario)))
+    assert again == scenario
+    assert fingerprint(again) == fingerprint(scenario)
+    other = load_scenario(write(tmp_path, edited("[4, 0, 1]", "[4, 1, 1]")))
+    assert fingerprint(other) != fingerprint(scenario)
+    spelled = load_scenario(write(tmp_path, GOOD + "seed: 0\n"))
+    assert fingerprint(spelled) == fingerprint(scenario)
+
+
+# What is changed in the good file, the text at the place of the one problem, and its words.
+ONE_PROBLEM = {
+    "misspelt key": (
+        "      model:",
+        "      modle:",
+        "modle: gp4",
+        "did you mean 'model'?",
+    ),
+    "wrong unit": (
+        "base: {xyz_m:",
+        "base: {xyz_mm:",
+        "xyz_mm: [0, 0,",
+        "in metres, as 'xyz_m'",
+    ),
+    "unknown key": (
+        "median_s: 1e1",
+        "median_s: 1e1, wobble: 2",
+        "wobble: 2, p95",
+        "'wobble'",
+    ),
+    "missing key": ("      model: gp4\n", "", "name: left", "key 'model' is missing"),
+    "version": ("version: 1", "version: 2", "2", "1 expected, not 2"),
+    "kind": ("kind: lego", "kind: lgo", "lgo", "lego"),
+    "unknown model": ("model: gp4", "model: gp5", "gp5", "did you mean 'gp4'?"),
+    "missing urdf": ("model: gp4", "model: no.urdf", "no.urdf", "no.urdf"),
+    "home length": (
+        "base: {xyz_m: [0, 0, 0.9246]}",
+        "base: {xyz_m: [0, 0, 0.9246]}\n      home_deg: [1, 2]",
+        "[1, 2]",
+        "2 values for the 6 joints",
+    ),
+    "two rotations": (
+        "{xyz_m: [0, 0, 0]}",
+        "{xyz_m: [0, 0, 0], rpy_deg: [0, 0, 0], quat_wxyz: [1, 0, 0, 0]}",
+        "{xyz_m: [0, 0,",
+        "not both",
+    ),
+    "zero quaternion": (
+        "{xyz_m: [0, 0, 0]}",
+        "{xyz_m: [0, 0, 0], quat_wxyz: [0, 0, 0, 0]}",
+        "{xyz_m: [0, 0,",
+        "must not be zero",
+    ),
+    "text for a number": (
+        "[1, 1, 0.1]",
+        "[1, on, 0.1]",
+        "on, 0.1], pose",
+        "a number expected",
+    ),
+    "not finite": (
+        "[1, 1, 0.1]",
+        "[1, .nan, 0.1]",
+        ".nan, 0.1], po",
+        "finite number expected",
+    ),
+    "flat box": (
+        "[1, 1, 0.1]",
+        "[1, 1, 0]",
+        "0], pose: {xyz",
+        "must be greater than 0, not 0",
+    ),
+    "two numbers": (
+        "[1, 1, 0.1]",
+        "[1, 1]",
+        "[1, 1], pose: ",
+        "3 entries expected, not 2",
+    ),
+    "number for text": (
+        "b1, brick: 2x4",
+        "b1, brick: 24",
+        "24, at: [0, 0,",
+        'quotes, "24"',
+    ),
+    "half a stud": (
+        "[0, 0, 1]}",
+        "[0, 0.5, 1]}",
+        "0.5, 1]}",
+        "a whole number expected",
+    ),
+    "name": ("name: b1", "name: b/1", "b/1, brick: 2x", "is no name"),
+    "name taken": ("name: b2", "name: b1", "name: b1, bric", "'b1' is already taken"),
+    "name of fixture": (
+        "name: b2",
+        "name: table",
+        "name: table, b",
+        "is already taken",
+    ),
+    "name of robot": ("name: b2", "name: left", "name: left, br", "is that of a robot"),
+    "brick type": (
+        "b1, brick: 2x4",
+        "b1, brick: 2x5",
+        "2x5, at: [0, 0",
+        "unknown brick type",
+    ),
+    "same place": (
+        "[4, 0, 1]",
+        "[1, 3, 1]",
+        "[1, 3, 1]}",
+        "b2 stands where b1 already",
+    ),
+    "off the plate": (
+        "[4, 0, 1]",
+        "[47, 0, 1]",
+        "[47, 0, 1]}",
+        "beyond the plate of 48 x 48",
+    ),
+    "under the plate": (
+        "[4, 0, 1]",
+        "[4, 0, 0]",
+        "[4, 0, 0]}",
+        "the lowest layer is 1",
+    ),
+    "stock floats": ("[8, 0, 1]", "[8, 0, 2]", "[8, 0, 2], fix", "b3 floats"),
+    "fixed station": (
+        "fixed: true",
+        "fixed: true, station: true",
+        "{name: b3, bri",
+        "not both",
+    ),
+    "goal taken": (
+        "[24, 26, 2]",
+        "[24, 27, 1]",
+        "[24, 27, 1]}",
+        "where step 1 already is",
+    ),
+    "goal on stock": ("[24, 26, 2]", "[8, 1, 1]", "[8, 1, 1]}", "where b3 already is"),
+    "goal floats": ("[24, 26, 2]", "[24, 28, 2]", "[24, 28, 2]}", "step 2 would float"),
+    "nothing above": (
+        "at: [24, 26, 2]",
+        "at: [24, 26, 2], place: up, press_cell: {at: [24, 26, 1]}, support: {at: [24, 30, 3], orientation: 0}",
+        "[24, 26, 2], p",
+        "no brick placed before is above it",
+    ),
+    "support taken": (
+        "[24, 26, 2]}",
+        "[24, 26, 2], support: {at: [24, 27, 1], orientation: 0}}",
+        "[24, 27, 1], o",
+        "the support goes where step 1 is",
+    ),
+    "press offset": ("offset: 1", "offset: 3", "3}}", "an offset of at most 2 fits"),
+    "stock of a step": (
+        "at: [24, 26, 2]",
+        "at: [24, 26, 2], stock: b9",
+        "b9}",
+        "unknown stock brick 'b9'",
+    ),
+    "fixed stock": (
+        "{brick: 2x4, at: [24, 26, 2]",
+        "{brick: 1x2, at: [24, 26, 2], stock: b3",
+        "b3}",
+        "b3 is fixed",
+    ),
+    "wrong stock": (
+        "{brick: 2x4, at: [24, 26, 2]",
+        "{brick: 2x4, at: [24, 26, 2], stock: b3",
+        "b3}",
+        "b3 is a 1x2, step 2 needs a 2x4",
+    ),
+    "supply": (
+        "{brick: 2x4, at: [24, 26, 2]}",
+        "{brick: 2x4, at: [24, 26, 2]}\n    - {brick: 2x4, at: [30, 26, 1]}",
+        "2x4, at: [30, ",
+        "step 3 is the 3rd to need a 2x4, but the stock has 2",
+    ),
+    "negative duration": (
+        "median_s: 1e1",
+        "median_s: -1",
+        "-1, p95_s: 12}",
+        "greater than 0",
+    ),
+    "percentile": ("p95_s: 12", "p95_s: 9", "{kind: lognorm", "p95_s must not be less"),
+    "distribution": ("kind: lognormal", "kind: logn", "logn, m", "mean 'lognormal'?"),
+    "no distribution": (
+        "kind: lognormal, ",
+        "",
+        "{median_s: 1e1",
+        "key 'kind' is missing",
+    ),
+    "skill": ("    pick:", "    pikc:", "pikc: {kind: l", "did you mean 'pick'?"),
+    "missing csv": ("csv: handover.csv", "csv: no.csv", "no.csv}", "no such file"),
+    "csv column": (
+        "csv: handover.csv",
+        "csv: handover.csv, column: time",
+        "handover.csv, ",
+        "no column 'time' (valid: duration_s)",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ONE_PROBLEM, ids=lambda c: c.replace(" ", "-"))
+def test_one_mistake_one_message_at_its_place(case: str, tmp_path: Path) -> None:
+    old, new, at, words = ONE_PROBLEM[case]
+    text = edited(old, new)
+    [(line, column, message)] = problems(tmp_path, text)
+    assert text.splitlines()[line - 1][column - 1 :].startswith(at)
+    assert words in message
+
+
+def test_all_mistakes_are_reported_at_once(tmp_path: Path) -> None:
+    text = GOOD
+    for old, new in (
+        ("version: 1", "version: 3"),
+        ("model: gp4", "modle: gp4"),
+        ("[1, 1, 0.1]", "[1, 1, -1]"),
+        ("p95_s", "p95"),
+    ):
+        text = text.replace(old, new)
+    found = problems(tmp_path, text + "cell: {}\n")
+    assert [f[0] for f in found] == [1, 6, 9, 22, 25]
+
+
+def test_places_of_bricks_taken_from_named_stock_are_free_again(tmp_path: Path) -> None:
+    text = edited("press: {side: 1, offset: 1}}", "stock: b1}")
+    text = text.replace("{brick: 2x4, at: [24, 26, 2]}", "{brick: 2x4, at: [0, 1, 1]}")
+    assert load_scenario(write(tmp_path, text)).assembly.steps[1].at == (0, 1, 1)
+
+
+def test_a_station_never_runs_out(tmp_path: Path) -> None:
+    text = edited("[4, 0, 1]}", "[4, 0, 1], station: true}")
+    text = text.replace(
+        "    - {brick: 2x4, at: [24, 26, 2]}\n",
+        "".join(f"    - {{brick: 2x4, at: [24, 26, {z}]}}\n" for z in range(2, 9)),
+    )
+    assert len(load_scenario(write(tmp_path, text)).assembly.steps) == 8
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "the file is empty"),
+        (b"- 1\n- 2\n", "a mapping (key: value) expected, not a list"),
+        (b"hello\n", "a mapping (key: value) expected"),
+        (b"a: [\n", "not valid YAML"),
+        (b"\xff\xfe\x00", "not a UTF-8 text file"),
+        (b"PK\x03\x04 zip \x00\x01", "not a text file"),
+    ],
+)
+def test_files_that_are_no_scenario(content: bytes, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "file.yaml"
+    path.write_bytes(content)
+    with pytest.raises(InvalidScenarioError) as caught:
+        load_scenario(path)
+    assert words in str(caught.value)
+    assert str(caught.value).startswith(f"{path}:")
+
+
+def test_a_missing_file_and_a_folder_say_so(tmp_path: Path) -> None:
+    with pytest.raises(InvalidScenarioError, match="no such file"):
+        load_scenario(tmp_path / "none.yaml")
+    with pytest.raises(InvalidScenarioError, match="this is a folder"):
+        load_scenario(tmp_path)
+
+
+def test_the_report_shows_the_line_with_a_caret(tmp_path: Path) -> None:
+    path = write(tmp_path, edited("p95_s: 12", "p95: 12"))
+    with pytest.raises(InvalidScenarioError) as caught:
+        load_scenario(path)
+    head, line, caret = caught.value.report().splitlines()
+    assert head.startswith(f"{path}:22:44: unknown key 'p95'")
+    assert line[caret.index("^") :].startswith("p95: 12")
+
+
+def test_long_lines_are_cut_around_the_caret(tmp_path: Path) -> None:
+    text = GOOD + "description: {" + "x" * 300 + ": 1, y: 2}\n"
+    with pytest.raises(InvalidScenarioError) as caught:
+        load_scenario(write(tmp_path, text))
+    assert all(len(line) < 130 for line in caught.value.report().splitlines()[1:])
+
+
+def test_the_committed_schema_is_current() -> None:
+    committed = json.loads(
+        (ROOT / "twin" / "scenario" / "scenario.schema.json").read_text()
+    )
+    assert committed == scenario_schema(), (
+        "run: twin schema > twin/scenario/scenario.schema.json"
+    )
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "scenarios").rglob("*.yaml")), ids=lambda p: p.stem
+)
+def test_shipped_scenarios_are_valid(path: Path) -> None:
+    assert load_scenario(path).name == path.stem

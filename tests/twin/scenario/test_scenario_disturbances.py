@@ -1,0 +1,155 @@
+"""Disturbances in a scenario file: what they become, and what is wrong with them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.twin.turning_arms import SCENARIO
+from twin.durations import Fixed, Lognormal, Uniform
+from twin.scenario.execution import ExecutionSection
+from twin.scenario.file import load_scenario
+from twin.scenario.problems import InvalidScenarioError
+from twin.uncertainty.disturbance_models import (
+    needs_event_engine,
+    scenario_disturbances,
+)
+from twin.uncertainty.disturbances import (
+    Breakdowns,
+    Disturbances,
+    EmergencyStop,
+    RandomStalls,
+    SkillFailure,
+    StallRate,
+)
+
+ROBOTS = ("left", "right")
+EVERYTHING = """\
+  queue_depth: 3
+  latency_s: 0.1
+  report_latency_s: 0.02
+  speed:
+    factor: {kind: uniform, low: 0.7, high: 1.0}
+    robots:
+      left: {kind: lognormal, median: 0.9, p95: 1.2}
+  jitter: {kind: uniform, low_s: 0, high_s: 0.01}
+  stalls:
+    count_per_robot: 2
+    rate_per_h: 60
+    duration: {kind: fixed, value_s: 3}
+  breakdowns: {mtbf_s: 120, mttr_s: 20, robots: [right]}
+  failures:
+    pick: {probability: 0.2, retries: 3, retry: {kind: fixed, value_s: 4}}
+    handover: {probability: 0.1}
+  emergency_stops:
+    - {at_s: 40, duration_s: 10}
+    - {robot: left, at_s: 100.5, duration_s: 30}
+"""
+
+
+def execution(text: str) -> ExecutionSection:
+    return ExecutionSection.model_validate_json(text)
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "two.yaml"
+    path.write_text(SCENARIO + text)
+    return path
+
+
+def test_a_scenario_says_all_that_may_go_wrong(tmp_path: Path) -> None:
+    scenario = load_scenario(written(tmp_path, EVERYTHING))
+    found = scenario_disturbances(scenario.execution, ROBOTS, tmp_path)
+    three = Fixed(3.0)
+    assert found == Disturbances(
+        speed={"left": Lognormal(0.9, 1.2), "right": Uniform(0.7, 1.0)},
+        jitter=Uniform(0.0, 0.01),
+        stalls=RandomStalls(2, (1.0, 20.0), three),
+        stall_rate=StallRate(60.0, three),
+        breakdowns=Breakdowns(120.0, 20.0, "busy", ("right",)),
+        failures={
+            "pick": SkillFailure(0.2, 3, Fixed(4.0)),
+            "handover": SkillFailure(0.1, 2, None),
+        },
+        emergency_stops=(
+            EmergencyStop(None, 40.0, 10.0),
+            EmergencyStop("left", 100.5, 30.0),
+        ),
+    )
+
+
+def test_a_scenario_without_a_word_is_undisturbed() -> None:
+    assert scenario_disturbances(execution("{}"), ROBOTS) == Disturbances()
+
+
+def test_stalls_at_a_rate_take_the_interval_when_they_have_no_distribution() -> None:
+    section = execution('{"stalls": {"rate_per_h": 5, "duration_s": [2, 4]}}')
+    found = scenario_disturbances(section, ROBOTS)
+    assert found.stalls is None
+    assert found.stall_rate == StallRate(5.0, Uniform(2.0, 4.0))
+
+
+@pytest.mark.parametrize(
+    ("content", "reasons"),
+    [
+        ({}, 0),
+        ({"queue_depth": 9, "jitter": {"kind": "fixed", "value_s": 1}}, 0),
+        ({"breakdowns": {"mtbf_s": 1, "mttr_s": 1}}, 0),
+        ({"failures": {"pick": {"probability": 1}}}, 0),
+        ({"latency_s": 0.1}, 1),
+        ({"latency_s": 0.1, "report_latency_s": 0, "release_latency_s": 0}, 0),
+        ({"report_latency_s": 0.1, "release_latency_s": 0.2}, 2),
+        ({"breakdowns": {"mtbf_s": 1, "mttr_s": 1, "clock": "run"}}, 1),
+        ({"emergency_stops": [{"at_s": 1, "duration_s": 1}], "latency_s": 1}, 2),
+    ],
+)
+def test_what_only_the_event_engine_can_do(
+    content: dict[str, object], reasons: int
+) -> None:
+    found = needs_event_engine(execution(json.dumps(content)))
+    assert len(found) == reasons
+    assert all(
+        reason.split()[0] in str(ExecutionSection.model_fields) for reason in found
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "words"),
+    [
+        (
+            "  breakdowns: {mtbf_s: 9, mttr_s: 1, robots: [rigth]}\n",
+            "17:47",
+            "unknown robot 'rigth'; did you mean 'right'? (valid: left, right)",
+        ),
+        (
+            "  emergency_stops: [{robot: north, at_s: 1, duration_s: 1}]\n",
+            "17:29",
+            "unknown robot 'north'",
+        ),
+        (
+            "  speed: {robots: {lefty: {kind: fixed, value: 1}}}\n",
+            "17:27",
+            "unknown robot 'lefty'; did you mean 'left'?",
+        ),
+        ("  speed: {factor: {kind: fixed, value: 0}}\n", "17:40", "0.001"),
+        ("  speed: {factor: {kind: uniform, low: 2, high: 1}}\n", "17:19", "low"),
+        ("  failures: {pick: {probability: 1.5}}\n", "17:34", "1"),
+        ("  failures: {pikc: {probability: 0.5}}\n", "17:14", "did you mean 'pick'"),
+        ("  breakdowns: {mtbf_s: 0, mttr_s: 1}\n", "17:24", "0"),
+        ("  breakdowns: {mtbf_s: 5}\n", "17:15", "mttr_s"),
+        ("  emergency_stops: [{at_s: 1, duration_s: 0}]\n", "17:43", "0"),
+        ("  stalls: {rate_per_hour: 3}\n", "17:12", "rate_per_h"),
+        ("  policy: openloop\n", "17:11", "open-loop"),
+        ("  report_latency_s: -1\n", "17:21", "0"),
+    ],
+)
+def test_what_cannot_be_is_named_with_its_place(
+    tmp_path: Path, text: str, place: str, words: str
+) -> None:
+    with pytest.raises(InvalidScenarioError) as caught:
+        load_scenario(written(tmp_path, text))
+    report = caught.value.report()
+    assert f"two.yaml:{place}: " in report
+    assert words in report

@@ -1,0 +1,388 @@
+"""Durations in a scenario file: what each section means, and where a wrong one is reported."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from pydantic import TypeAdapter, ValidationError
+
+from planning.errors import ScenarioError
+from planning.task_graph import SKILLS
+from tests.twin.twin_toys import random_tpg
+from twin.durations import (
+    DurationModel,
+    DurationOverride,
+    Empirical,
+    Exponential,
+    Fixed,
+    Gamma,
+    Lognormal,
+    Pert,
+    Retries,
+    Scaled,
+    Shifted,
+    SkillDurations,
+    Triangular,
+    TruncatedNormal,
+    Uniform,
+    Weibull,
+    packaged_timings,
+)
+from twin.scenario.durations import AnyDuration, DurationSection, Skill
+from twin.scenario.file import load_scenario
+from twin.scenario.problems import InvalidScenarioError
+from twin.scenario.scenario import Scenario, resolved
+from twin.uncertainty.duration_models import (
+    duration_model,
+    skill_durations,
+    skill_models,
+)
+
+SECTION: TypeAdapter[AnyDuration] = TypeAdapter(DurationSection)
+
+SMALL = """\
+version: 1
+name: small
+cell:
+  robots:
+    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
+    - {name: right, model: gp4, base: {xyz_m: [1, 0, 0.9246]}}
+assembly:
+  kind: lego
+  plate: {pose: {xyz_m: [0.4, 0, 1.1145]}}
+  stock:
+    - {name: b1, brick: 2x4, at: [4, 24, 1]}
+    - {name: b2, brick: 1x2, at: [4, 30, 1]}
+  steps:
+    - {brick: 2x4, at: [24, 24, 1]}
+execution:
+  skills:
+    pick: {kind: fixed, value_s: 2}
+"""
+
+LAST = "    pick: {kind: fixed, value_s: 2}\n"
+
+
+def section(content: dict[str, object]) -> AnyDuration:
+    return SECTION.validate_json(json.dumps(content))
+
+
+def problem(folder: Path, text: str) -> tuple[str, str]:
+    """Return the text at the place of the only problem, and what is said about it."""
+    path = folder / "small.yaml"
+    path.write_text(text)
+    with pytest.raises(InvalidScenarioError) as caught:
+        load_scenario(path)
+    (found,) = caught.value.problems
+    line = text.splitlines()[found.mark.line - 1]
+    return line[found.mark.column - 1 :], found.message
+
+
+MEANT: list[tuple[dict[str, object], DurationModel]] = [
+    ({"kind": "fixed", "value_s": 2}, Fixed(2.0)),
+    ({"kind": "uniform", "low_s": 2, "high_s": 3}, Uniform(2.0, 3.0)),
+    (
+        {"kind": "triangular", "low_s": 2, "mode_s": 3, "high_s": 5},
+        Triangular(2.0, 3.0, 5.0),
+    ),
+    ({"kind": "pert", "low_s": 2, "mode_s": 3, "high_s": 5}, Pert(2.0, 3.0, 5.0)),
+    ({"kind": "normal", "mean_s": 5, "sd_s": 1}, TruncatedNormal(5.0, 1.0)),
+    (
+        {"kind": "normal", "mean_s": 5, "sd_s": 1, "low_s": 4, "high_s": 7},
+        TruncatedNormal(5.0, 1.0, 4.0, 7.0),
+    ),
+    ({"kind": "lognormal", "median_s": 5, "p95_s": 7}, Lognormal(5.0, 7.0)),
+    (
+        {"kind": "lognormal", "mean_s": 5, "cv": 0.2},
+        Lognormal.from_mean(5.0, 0.2),
+    ),
+    ({"kind": "exponential", "mean_s": 5}, Exponential(5.0)),
+    ({"kind": "gamma", "shape": 5, "scale_s": 2}, Gamma(5.0, 2.0)),
+    ({"kind": "gamma", "mean_s": 5, "cv": 0.2}, Gamma.from_mean(5.0, 0.2)),
+    ({"kind": "weibull", "shape": 5, "scale_s": 2}, Weibull(5.0, 2.0)),
+    (
+        {
+            "kind": "shifted",
+            "offset_s": 3,
+            "model": {"kind": "gamma", "shape": 5, "scale_s": 2, "scale": 2},
+        },
+        Shifted(Scaled(Gamma(5.0, 2.0), 2.0), 3.0),
+    ),
+    (
+        {
+            "kind": "retries",
+            "attempt": {"kind": "fixed", "value_s": 5},
+            "probability": 0.2,
+        },
+        Retries(Fixed(5.0), 0.2, 2),
+    ),
+    (
+        {
+            "kind": "retries",
+            "attempt": {"kind": "fixed", "value_s": 5},
+            "probability": 0.2,
+            "retries": 1,
+            "retry": {"kind": "fixed", "value_s": 3},
+            "scale": 1.5,
+        },
+        Scaled(Retries(Fixed(5.0), 0.2, 1, Fixed(3.0)), 1.5),
+    ),
+]
+
+
+@pytest.mark.parametrize(("content", "model"), MEANT, ids=lambda v: str(v)[:40])
+def test_each_section_is_its_model(
+    content: dict[str, object], model: DurationModel
+) -> None:
+    assert duration_model(section(content), Path()) == model
+
+
+def test_every_kind_is_tried() -> None:
+    kinds = set(SECTION.json_schema()["discriminator"]["mapping"])
+    assert kinds == {c["kind"] for c, _ in MEANT} | {"empirical", "packaged"}
+
+
+def test_measured_and_packaged_times(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("s\n2\n1\n")
+    own = section({"kind": "empirical", "csv": "t.csv", "column": "s", "scale": 3})
+    assert duration_model(own, tmp_path).ppf(np.array([0.1, 0.9])).tolist() == [3, 6]
+    packaged = duration_model(section({"kind": "packaged", "skill": "pick"}), tmp_path)
+    assert isinstance(packaged, Empirical)
+    expected = packaged_timings()["pick"]
+    assert isinstance(expected, Empirical)
+    assert np.array_equal(packaged.values_s, expected.values_s)
+
+
+WRONG = {
+    "negative": ("{kind: fixed, value_s: -2}", "-2}", "must be at least 0"),
+    "mode outside": (
+        "{kind: pert, low_s: 2, mode_s: 7, high_s: 5}",
+        "{kind: pert",
+        "low_s <= mode_s <= high_s expected",
+    ),
+    "no width": (
+        "{kind: triangular, low_s: 2, mode_s: 2, high_s: 2}",
+        "{kind: tri",
+        "low_s below high_s",
+    ),
+    "half a pair": (
+        "{kind: lognormal, median_s: 2}",
+        "{kind: log",
+        "give median_s and p95_s, or mean_s and cv",
+    ),
+    "two pairs": (
+        "{kind: gamma, shape: 2, scale_s: 2, mean_s: 2, cv: 1}",
+        "{kind: gamma",
+        "give shape and scale_s, or mean_s and cv",
+    ),
+    "no scale": (
+        "{kind: fixed, value_s: 2, scale: 0}",
+        "0}",
+        "must be at least 0.001, not 0",
+    ),
+    "unit": (
+        "{kind: weibull, shape: 2, scale_ms: 2}",
+        "scale_ms",
+        "this quantity is in seconds, as 'scale_s'",
+    ),
+    "kind": ("{kind: erlang}", "erlang", "unknown kind 'erlang'"),
+    "cut off": (
+        "{kind: normal, mean_s: 2, sd_s: 1, low_s: 9}",
+        "{kind: normal",
+        "less than 1 % of mean 2.0",
+    ),
+    "shifted below 0": (
+        "{kind: shifted, offset_s: -3, model: {kind: uniform, low_s: 2, high_s: 4}}",
+        "{kind: shifted",
+        "makes durations negative: the shortest of the model is 2 s",
+    ),
+    "inner kind": (
+        "{kind: shifted, offset_s: 3, model: {kind: unifrom, low_s: 2, high_s: 4}}",
+        "unifrom, low_s",
+        "did you mean 'uniform'?",
+    ),
+    "inner value": (
+        "{kind: retries, probability: 0.1, attempt: {kind: fixed, value_s: -4}}",
+        "-4}}",
+        "must be at least 0, not -4",
+    ),
+    "inner file": (
+        "{kind: retries, probability: 0.1, attempt: {kind: empirical, csv: no.csv}}",
+        "no.csv}}",
+        "no such file",
+    ),
+    "inner sum": (
+        "{kind: retries, probability: 0.1, attempt: "
+        "{kind: shifted, offset_s: -3, model: {kind: fixed, value_s: 1}}}",
+        "{kind: shifted",
+        "makes durations negative",
+    ),
+    "certain failure": (
+        "{kind: retries, probability: 1, attempt: {kind: fixed, value_s: 4}}",
+        "1, attempt",
+        "must be less than 1, not 1",
+    ),
+    "unknown skill": ("{kind: packaged, skill: pik}", "pik}", "did you mean 'pick'?"),
+}
+
+
+@pytest.mark.parametrize(("entry", "at", "says"), WRONG.values(), ids=WRONG.keys())
+def test_a_wrong_duration_is_reported_at_its_place(
+    tmp_path: Path, entry: str, at: str, says: str
+) -> None:
+    text = SMALL.replace(LAST, f"    pick: {entry}\n")
+    found, message = problem(tmp_path, text)
+    assert found.startswith(at)
+    assert says in message
+
+
+def test_durations_of_disturbances_are_checked_too(tmp_path: Path) -> None:
+    text = SMALL + "  jitter: {kind: empirical, csv: no.csv}\n"
+    assert problem(tmp_path, text) == (
+        "no.csv}",
+        f"no such file: {tmp_path / 'no.csv'}",
+    )
+
+
+OVERRIDES = """\
+  skill_overrides:
+    - {skill: pick, robot: left, duration: {kind: fixed, value_s: 3}}
+    - {skill: pick, object: 1x2, duration: {kind: fixed, value_s: 4}}
+    - {skill: pick, robot: right, object: 1x2, duration: {kind: fixed, value_s: 5}}
+"""
+
+WRONG_OVERRIDES = {
+    "robot": ("robot: left", "robot: lefd", "lefd", "did you mean 'left'?"),
+    "object": ("object: 1x2, d", "object: 2x2, d", "2x2", "unknown type of object"),
+    "nobody": (
+        "robot: left, ",
+        "",
+        "{skill: pick, duration",
+        "name a robot, an object or both",
+    ),
+    "twice": (
+        "robot: left",
+        "object: 1x2",
+        "{skill: pick, object: 1x2, duration: {kind: fixed, value_s: 4",
+        "the same exception as entry 1",
+    ),
+    "skill": ("skill: pick, robot: left", "skill: pik, robot: left", "pik", "'pick'"),
+}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "at", "says"), WRONG_OVERRIDES.values(), ids=WRONG_OVERRIDES.keys()
+)
+def test_a_wrong_exception_is_reported_at_its_place(
+    tmp_path: Path, old: str, new: str, at: str, says: str
+) -> None:
+    found, message = problem(tmp_path, SMALL + OVERRIDES.replace(old, new, 1))
+    assert found.startswith(at)
+    assert says in message
+
+
+def test_the_strongest_exception_wins(tmp_path: Path) -> None:
+    path = tmp_path / "small.yaml"
+    path.write_text(SMALL + OVERRIDES)
+    durations = skill_durations(load_scenario(path))
+    cases = {
+        ("left", "2x4"): 3.0,
+        ("left", "1x2"): 3.0,
+        ("left", None): 3.0,
+        ("right", "2x4"): 2.0,
+        ("right", "1x2"): 5.0,
+        ("third", "1x2"): 4.0,
+        ("third", None): 2.0,
+    }
+    for (robot, kind), seconds in cases.items():
+        assert durations.model_of("pick", robot, kind) == Fixed(seconds)
+    assert isinstance(durations.model_of("handover", "left", "1x2"), Empirical)
+
+
+def test_exceptions_reach_the_tasks_of_a_plan() -> None:
+    tpg = random_tpg(3, tasks=40)
+    durations = SkillDurations(
+        {skill: Fixed(1.0) for skill in SKILLS},
+        tuple(DurationOverride(s, Fixed(2.0), robot="robot_1") for s in SKILLS),
+    )
+    tasks, totals = durations.sample_totals(tpg, seed=0, replications=[0])
+    robots = [tpg.tasks[index].robot for index in tasks]
+    assert set(robots) == {"robot_0", "robot_1"}
+    assert totals[0].tolist() == [
+        2_000_000_000 if robot == "robot_1" else 1_000_000_000 for robot in robots
+    ]
+
+
+def test_what_a_file_leaves_out_is_packaged_and_can_be_scaled(tmp_path: Path) -> None:
+    path = tmp_path / "small.yaml"
+    path.write_text(SMALL)
+    scenario = load_scenario(path)
+    assert set(scenario.execution.skills) == set(SKILLS) == set(get_args(Skill))
+    content = resolved(scenario)
+    assert content["execution"]["skills"]["handover"] == {
+        "kind": "packaged",
+        "skill": "handover",
+        "scale": 1.0,
+    }
+    content["execution"]["skills"]["handover"]["scale"] = 1.5
+    slower = Scenario.model_validate_json(json.dumps(content))
+    assert skill_models(slower)["handover"].mean == pytest.approx(
+        1.5 * packaged_timings()["handover"].mean
+    )
+    assert skill_models(slower)["pick"] == Fixed(2.0)
+
+
+# --- whatever is written -----------------------------------------------------------------
+
+NUMBER = st.one_of(
+    st.floats(-2, 20), st.sampled_from([0.0, -1.0, 1.0, 2.0, 3.0, 1e6, 1e-9])
+)
+
+
+def with_numbers(content: dict[str, object]) -> st.SearchStrategy[dict[str, object]]:
+    """Put any numbers where the section has numbers, in rising order as often as not."""
+    keys = [k for k, v in content.items() if isinstance(v, int | float)]
+    lists = st.lists(NUMBER, min_size=len(keys), max_size=len(keys))
+    return st.one_of(lists, lists.map(sorted)).map(
+        lambda numbers: {**content, **dict(zip(keys, numbers, strict=True))}
+    )
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.sampled_from([content for content, _ in MEANT]).flatmap(with_numbers))
+@example({"kind": "normal", "mean_s": -1.0, "sd_s": 1.0})
+@example({"kind": "normal", "mean_s": 1.0, "sd_s": 1e-190})
+@example({"kind": "lognormal", "median_s": 5e-324, "p95_s": 1.0})
+@example({"kind": "gamma", "mean_s": 1.0, "cv": 0.001})
+def test_a_section_is_refused_or_has_durations_from_0(
+    content: dict[str, object],
+) -> None:
+    try:
+        model = duration_model(section(content), Path())
+    except (ValidationError, ScenarioError):
+        return
+    quantiles = model.ppf(np.array([1e-9, 0.5, 1 - 1e-9]))
+    assert np.all(np.isfinite(quantiles))
+    assert 0 <= quantiles[0] <= quantiles[1] <= quantiles[2]
+    assert 0 <= model.minimum <= model.mean * (1 + 1e-9)
+    assert np.isfinite(model.sd)
+
+
+def test_the_lines_of_the_guide_are_a_scenarios(tmp_path: Path) -> None:
+    page = Path(__file__).parents[3] / "docs" / "guides" / "durations.md"
+    blocks = page.read_text(encoding="utf-8").split("```yaml\n")[1:]
+    (lines,) = (b.split("```")[0] for b in blocks if "skill_overrides" in b)
+    text = SMALL[: SMALL.index("execution:")] + lines
+    (tmp_path / "timings").mkdir()
+    (tmp_path / "timings" / "pick.csv").write_text("duration_s\n5\n6\n")
+    (tmp_path / "small.yaml").write_text(text)
+    durations = skill_durations(load_scenario(tmp_path / "small.yaml"), tmp_path)
+    assert durations.model_of("pick", "left", "1x2") == Triangular(5.0, 6.0, 9.0)
+    assert durations.model_of("pick", "right", "1x2") == Pert(6.0, 7.0, 12.0)
+    assert isinstance(durations.models["handover"], Retries)

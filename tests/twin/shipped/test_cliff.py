@@ -1,0 +1,91 @@
+"""The bundled cliff, from its file to runs that nothing can be held against."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.stalled_runs import run_with_stalls
+from planning.task_graph import TRANSIT
+from scheduling.verification import verify_plan
+from twin.engine.adversary import audit_standing_states
+from twin.pipeline import Planned, plan_scenario
+from twin.run.folder import prepare_run_folder
+from twin.scenario.file import load_scenario
+from twin.scenario.scenario import Scenario
+from twin.trial import Keep, Trial, try_plan
+
+FILE = Path(__file__).parents[3] / "scenarios" / "lego" / "cliff.yaml"
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    return load_scenario(FILE)
+
+
+@pytest.fixture(scope="module")
+def planned(scenario: Scenario) -> Planned:
+    return plan_scenario(scenario, FILE.parent)
+
+
+@pytest.fixture(scope="module")
+def trial(
+    scenario: Scenario, planned: Planned, tmp_path_factory: pytest.TempPathFactory
+) -> Trial:
+    folder = prepare_run_folder(tmp_path_factory.mktemp("cliff") / "run", "cliff")
+    return try_plan(
+        scenario, planned.tpg, folder, base=FILE.parent, keep=Keep(recording=False)
+    )
+
+
+def test_it_is_what_it_says(planned: Planned) -> None:
+    kinds = {task.kind for task in planned.tpg.tasks}
+    assert len(planned.assembly.steps) == 11
+    assert {"support-bottom", "place-up", "handover", "support-top"} <= kinds
+
+
+def test_the_run_is_complete_clean_and_a_quarter_faster(trial: Trial) -> None:
+    summary = trial.summary
+    assert summary["outcome"] == "completed"
+    assert summary["audit"]["configurations"] > 5_000
+    assert summary["audit"]["violations"] == []
+    assert summary["makespan_s"] <= 0.75 * summary["makespan_sequential_s"]
+
+
+def test_the_sequential_baseline_is_close_to_straight_lines(planned: Planned) -> None:
+    taken = straight = 0.0
+    for task, motion in zip(
+        planned.motion_plan.tasks, planned.motion_plan.motions, strict=True
+    ):
+        seconds = motion.time[-1] - motion.time[0]
+        taken += seconds
+        straight += (
+            np.abs(motion.path[-1] - motion.path[0]).sum()
+            if task.kind == TRANSIT
+            else seconds
+        )
+    assert taken <= 1.1 * straight
+
+
+def test_every_pair_that_may_happen_at_once_is_apart(planned: Planned) -> None:
+    report = verify_plan(planned.tpg)
+    assert report.pairs_checked > 100_000
+    assert report.problems == ()
+
+
+def test_a_robot_that_never_goes_on_is_not_run_into(planned: Planned) -> None:
+    report = audit_standing_states(planned.tpg)
+    assert report.states >= len(planned.tpg.edges)
+    assert report.violations == ()
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_stalls_neither_block_it_nor_make_anything_touch(
+    scenario: Scenario, planned: Planned, trial: Trial, seed: int
+) -> None:
+    run = run_with_stalls(scenario, planned.tpg, FILE.parent, seed, stalls=20)
+    assert run.outcome == "completed"
+    assert run.violations == ()
+    assert run.makespan_s > trial.summary["makespan_s"]

@@ -1,0 +1,244 @@
+"""Constructions in scenario files: what the shipped ones describe, and what cannot be."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from planning.construction.problem import ConstructionProblem, SkillSeconds
+from planning.errors import ConstructionError, ScenarioError
+from twin.assemblies.construction import ConstructionKind
+from twin.assemblies.kinds import assembly_kind
+from twin.cell import build_workcell
+from twin.cli import app
+from twin.scenario.cell import choose_robots
+from twin.scenario.file import load_scenario
+from twin.scenario.problems import InvalidScenarioError
+from twin.scenario.scenario import Scenario, resolved
+
+FOLDER = Path(__file__).parents[3] / "scenarios" / "construction"
+
+OWN = """
+version: 1
+name: steps
+cell:
+  team: {model: mobile-manipulator, count: 2, name: mover, ring: {radius_m: 4.0, start_deg: 90}}
+assembly:
+  kind: construction
+  parts:
+    - {name: low, size_m: [0.4, 0.3, 0.2], goal: {xyz_m: [0, 0, 0.1]}, mass_kg: 8}
+    - name: high
+      size_m: [0.4, 0.3, 0.2]
+      goal: {xyz_m: [0.1, 0, 0.3], rpy_deg: [0, 0, 30]}
+      start: {xyz_m: [2, 1, 0.15], rpy_deg: [90, 0, 0]}
+      faces: [+y, +z]
+      insertion: [0, 0, -2]
+      colour: [10, 20, 30]
+  supply: {layout: rows, first_m: [2.5, 0], columns: 2, pitch_m: [0.8, 0.6]}
+"""
+
+
+def problem_of(path: Path) -> ConstructionProblem:
+    scenario = load_scenario(path)
+    kind = assembly_kind(scenario.assembly)
+    assert isinstance(kind, ConstructionKind)
+    return kind.problem(build_workcell(scenario), SkillSeconds(1.0, 2.0, 3.0), 7)
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "steps.yaml"
+    path.write_text(text)
+    return path
+
+
+def edited(folder: Path, old: str, new: str) -> Path:
+    assert OWN.count(old) == 1, old
+    return written(folder, OWN.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("name", "parts", "robots"),
+    [
+        ("tower", 15, 5),
+        ("wall", 36, 5),
+        ("well", 52, 5),
+        ("pavilion", 113, 5),
+        ("handover", 15, 4),
+    ],
+)
+def test_shipped_constructions_can_be_built(name: str, parts: int, robots: int) -> None:
+    problem = problem_of(FOLDER / f"{name}.yaml")
+    assert len(problem.parts) == len(problem.cell.objects) == parts
+    assert len(problem.team) == robots
+    assert [item.mass > 0.0 for item in problem.cell.objects] == [True] * parts
+    for robot in problem.robots():
+        assert np.array_equal(problem.speeds[robot.name], robot.model.velocity)
+
+
+def test_own_parts_are_taken_as_they_are_written(tmp_path: Path) -> None:
+    problem = problem_of(written(tmp_path, OWN))
+    assert problem.team == ("mover1", "mover2")
+    assert np.allclose(problem.cell.robot("mover1").home[:3], (0.0, 4.0, -np.pi / 2))
+    assert np.allclose(problem.cell.robot("mover2").home[:3], (0.0, -4.0, np.pi / 2))
+    low, high = (problem.cell.object(part.name) for part in problem.parts)
+    assert np.allclose(low.start[:3, 3], (2.5, -0.4, 0.1))
+    assert np.allclose(high.start[:3, 3], (2.0, 1.0, 0.15))
+    assert (high.colour, low.mass) == ((10, 20, 30), 8.0)
+    assert [grip.words for grip in problem.part("high").grips] == ["on +y", "on +z"]
+    assert np.allclose(problem.part("high").insertion, (0.0, 0.0, -1.0))
+    assert problem.graph.carriers["high"] == {"low"}
+    assert (problem.seed, problem.seconds) == (7, SkillSeconds(1.0, 2.0, 3.0))
+
+
+def test_another_size_of_team(tmp_path: Path) -> None:
+    content = resolved(load_scenario(written(tmp_path, OWN)))
+    choose_robots(content["cell"], 5)
+    again = Scenario.model_validate_json(json.dumps(content))
+    assert [r.name for r in again.cell.robots] == [f"mover{k}" for k in range(1, 6)]
+    lego = resolved(load_scenario(FOLDER.parent / "lego" / "cliff.yaml"))
+    first = lego["cell"]["robots"][0]
+    choose_robots(lego["cell"], 1)
+    assert lego["cell"]["robots"] == [first]
+    with pytest.raises(ScenarioError, match="--robots 3: the cell has 1 robots"):
+        choose_robots(lego["cell"], 3)
+
+
+# What is changed in the file, and the words of the one problem.
+PROBLEMS = {
+    "model and parts": (
+        "  supply:",
+        "  model: {name: tower}\n  supply:",
+        "give 'model' or 'parts', one of them",
+    ),
+    "a team of what cannot drive": (
+        "model: mobile-manipulator",
+        "model: gp4",
+        "gp4 cannot park: its first joints do not drive it",
+    ),
+    "unknown model of a team": (
+        "mobile-manipulator",
+        "mobile-manipulater",
+        "did you mean 'mobile-manipulator'?",
+    ),
+    "no robots": (
+        "  team: {model: mobile-manipulator, count: 2, name: mover, "
+        "ring: {radius_m: 4.0, start_deg: 90}}",
+        "  fixtures: []",
+        "a cell needs robots, or a team",
+    ),
+    "the floor's name": ("name: low", "name: ground", "is that of the floor"),
+    "a robot's name": ("name: low", "name: mover2", "is that of a robot"),
+    "unknown face": ("[+y, +z]", "[up]", "unknown value 'up' (valid: +x, -x,"),
+}
+
+
+@pytest.mark.parametrize("case", PROBLEMS)
+def test_problems_of_the_file_are_found_when_it_is_read(
+    case: str, tmp_path: Path
+) -> None:
+    old, new, words = PROBLEMS[case]
+    with pytest.raises(InvalidScenarioError) as caught:
+        load_scenario(edited(tmp_path, old, new))
+    assert len(caught.value.problems) == 1
+    assert words in caught.value.problems[0].message
+
+
+# What is changed in the file, and the words of the error.
+IMPOSSIBLE = {
+    "overlap": ("[0, 0, 0.1]", "[0, 0, 0.15]", "low and high would overlap by 50 mm"),
+    "hanging": ("[0.1, 0, 0.3]", "[0.1, 0, 0.5]", "nothing connects high to the grou"),
+    "supply": ("[2, 1, 0.15]", "[2.5, -0.4, 0.15]", "high and low overlap by"),
+    "too far": ("[2, 1, 0.15]", "[20, 1, 0.15]", "high cannot be picked: none of mov"),
+    "too high": ("[0, 0, 0.1]}", "[0, 0, 0.1]}, faces: [-z]", "low cannot be placed"),
+}
+
+
+@pytest.mark.parametrize("case", IMPOSSIBLE)
+def test_what_cannot_be_built_is_said_with_names(case: str, tmp_path: Path) -> None:
+    old, new, words = IMPOSSIBLE[case]
+    with pytest.raises(ConstructionError, match=words):
+        problem_of(edited(tmp_path, old, new))
+
+
+HANDOVER = (FOLDER / "handover.yaml").read_text()
+CRANE = "".join(HANDOVER.partition("  robots:\n")[1:]).partition("  team:\n")[0]
+
+# What is changed in a shipped or in the own file, and what `twin run` says in the end.
+BAD_INPUT = {
+    "unreachable part": (
+        OWN,
+        [("[2, 1, 0.15]", "[20, 1, 0.15]")],
+        "high cannot be picked: none of mover1, mover2 reaches it where it lies",
+    ),
+    "unreachable place": (
+        OWN,
+        [("[0, 0, 0.1]}", "[0, 0, 0.1]}, faces: [-z]")],
+        "low cannot be placed: none of mover1, mover2 reaches its place",
+    ),
+    "not connected to the ground": (
+        OWN,
+        [("[0.1, 0, 0.3]", "[0.1, 0, 0.5]")],
+        "nothing connects high to the ground",
+    ),
+    "overlapping goal poses": (
+        OWN,
+        [("[0, 0, 0.1]", "[0, 0, 0.15]")],
+        "low and high would overlap by 50 mm where they belong",
+    ),
+    "supply poses in collision": (
+        OWN,
+        [("[2, 1, 0.15]", "[2.5, -0.4, 0.15]")],
+        "high and low overlap by",
+    ),
+    "robot in the supply": (
+        OWN,
+        [("[2, 1, 0.15]", "[0, 4, 0.15]")],
+        "mover1 cannot stand at HOME at the start: mover1/arm",
+    ),
+    "team without its crane": (
+        HANDOVER,
+        [(CRANE, "")],
+        "beam13 cannot be placed: none of arm1, arm2, arm3 reaches its place",
+    ),
+    "no handover chain": (
+        HANDOVER,
+        [("[0.0, 0.25, -0.25]", "[0.0]")],
+        "the team cannot build beam13, beam14, beam15: arm1, arm2, arm3 can pick beam13,"
+        " only crane can place it, and no handover between them was found",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def compiled() -> None:
+    """What the checks need is compiled: nobody waits for that twice."""
+    problem_of(FOLDER / "handover.yaml")
+
+
+@pytest.mark.parametrize("case", BAD_INPUT)
+@pytest.mark.usefixtures("compiled")
+def test_bad_input_ends_a_run_with_names_within_seconds(
+    case: str, tmp_path: Path
+) -> None:
+    text, changes, words = BAD_INPUT[case]
+    for old, new in changes:
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    begin = time.process_time()
+    result = CliRunner().invoke(app, ["run", str(written(tmp_path, text))])
+    assert time.process_time() - begin < 10.0
+    assert result.exit_code != 0
+    assert words in " ".join(result.output.split())
+    assert "Traceback" not in result.output
+
+
+def test_more_robots_than_there_are_is_refused() -> None:
+    file = FOLDER.parent / "lego" / "cliff.yaml"
+    result = CliRunner().invoke(app, ["run", str(file), "--robots", "3"])
+    assert result.exit_code == 2
+    assert "--robots 3: the cell has 2 robots and no team" in result.output

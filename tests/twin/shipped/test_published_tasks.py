@@ -1,0 +1,45 @@
+"""The published APEX-MR tasks: imported, planned, executed, audited and proved safe."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from scheduling.verification import verify_plan
+from twin.cli import app
+from twin.pipeline import plan_scenario
+from twin.run.folder import prepare_run_folder
+from twin.scenario.file import load_scenario
+from twin.trial import Keep, try_plan
+
+DATA = Path(
+    os.environ.get(
+        "ASSEMBLY_TWIN_APEX_DATA",
+        Path(__file__).parents[4] / "shared" / "data" / "apex-mr",
+    )
+)
+pytestmark = [
+    pytest.mark.skipif(not DATA.exists(), reason="the published files are not here"),
+    pytest.mark.expensive,
+]
+
+
+@pytest.mark.parametrize(("task", "most"), [("cliff", 0.75), ("faucet", 0.8)])
+def test_a_published_task_runs_clean(task: str, most: float, tmp_path: Path) -> None:
+    target = tmp_path / f"{task}.yaml"
+    result = CliRunner().invoke(
+        app, ["import", "apex-mr", str(DATA), "--task", task, "-o", str(target)]
+    )
+    assert result.exit_code == 0, result.output
+    scenario = load_scenario(target)
+    planned = plan_scenario(scenario, tmp_path)
+    assert verify_plan(planned.tpg).problems == ()
+    folder = prepare_run_folder(tmp_path / "run", task)
+    trial = try_plan(scenario, planned.tpg, folder, keep=Keep(recording=False))
+    summary = trial.summary
+    assert summary["outcome"] == "completed"
+    assert summary["audit"]["violations"] == []
+    assert summary["makespan_s"] <= most * summary["makespan_sequential_s"]

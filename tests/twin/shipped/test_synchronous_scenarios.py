@@ -1,0 +1,101 @@
+"""Scenarios planned in slots, from their files to clean runs under either policy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scheduling.plan_files import load_plan, save_plan
+from scheduling.verification import verify_plan
+from twin.durations import NANOSECONDS
+from twin.pipeline import Planned, plan_scenario
+from twin.scenario.file import load_scenario
+from twin.scenario.problems import InvalidScenarioError
+from twin.scenario.scenario import Scenario, resolved
+from twin.trial import Keep, try_plan
+
+FOLDER = Path(__file__).parents[3] / "scenarios" / "multi_arm"
+NAMES = ("rearrangement", "multi_goal")
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def planned(request: pytest.FixtureRequest) -> tuple[Scenario, Planned]:
+    scenario = load_scenario(FOLDER / f"{request.param}.yaml")
+    planning = scenario.planning.model_copy(update={"shortcut_candidates": 0})
+    scenario = scenario.model_copy(update={"planning": planning})
+    return scenario, plan_scenario(scenario, FOLDER)
+
+
+def test_robots_do_move_at_once(planned: tuple[Scenario, Planned]) -> None:
+    scenario, plan = planned
+    robots = len(scenario.cell.robots)
+    counts = np.bincount(plan.tpg.slots)
+    assert counts.max() == robots
+    assert plan.turns is not None
+    alone = sum(float(np.sum(chain.duration)) for chain in plan.turns.chains)
+    together = max(float(motion.time[-1]) for motion in plan.motion_plan.motions)
+    assert 40.0 < together < 100.0
+    assert together < 0.5 * alone
+
+
+@pytest.mark.parametrize("policy", ["asynchronous", "synchronous"])
+def test_stalled_runs_are_clean(
+    planned: tuple[Scenario, Planned], policy: str, tmp_path: Path
+) -> None:
+    scenario, plan = planned
+    content = resolved(scenario)
+    content["execution"]["policy"] = policy
+    content["execution"]["stalls"]["count_per_robot"] = 2
+    changed = type(scenario).model_validate(content, strict=False)
+    keep = Keep(recording=False)
+    trial = try_plan(changed, plan.tpg, tmp_path, turns=plan.turns, keep=keep)
+    assert trial.passed
+    assert trial.summary["makespan_s"] < trial.summary["makespan_sequential_s"]
+    if policy == "synchronous":
+        order = np.argsort(plan.tpg.slots, kind="stable")
+        tasks = [plan.tpg.tasks[k].index for k in order]
+        slot = dict(zip(tasks, plan.tpg.slots[order].tolist(), strict=True))
+        last = 0
+        for number in range(int(plan.tpg.slots.max()) + 1):
+            starts, ends = [], []
+            for k, chain in enumerate(plan.tpg.chains):
+                own = np.array([slot[t] for t in chain.task.tolist()]) == number
+                starts += trial.run.start_ns[k][own].tolist()
+                ends += trial.run.end_ns[k][own].tolist()
+            assert not starts or min(starts) >= last
+            last = max([last, *ends])
+        assert last == round(trial.summary["makespan_s"] * NANOSECONDS)
+
+
+def test_the_proof_apart_agrees(planned: tuple[Scenario, Planned]) -> None:
+    if len(planned[1].cell.robots) > 3:
+        pytest.skip("takes too long for the tests")
+    assert verify_plan(planned[1].tpg).ok
+
+
+def test_slots_are_saved_with_the_plan(
+    planned: tuple[Scenario, Planned], tmp_path: Path
+) -> None:
+    save_plan(planned[1].tpg, tmp_path)
+    assert np.array_equal(load_plan(tmp_path).slots, planned[1].tpg.slots)
+
+
+def test_a_synchronous_run_needs_a_synchronous_plan(tmp_path: Path) -> None:
+    text = (FOLDER / "multi_goal.yaml").read_text()
+    file = tmp_path / "bad.yaml"
+    file.write_text(
+        text.replace("coordination: synchronous", "coordination: sequential")
+        + "\nexecution:\n  policy: synchronous\n"
+    )
+    with pytest.raises(InvalidScenarioError, match="coordination"):
+        load_scenario(file)
+
+
+def test_a_move_of_an_unknown_robot_names_the_robots(tmp_path: Path) -> None:
+    text = (FOLDER / "multi_goal.yaml").read_text()
+    file = tmp_path / "bad.yaml"
+    file.write_text(text.replace("{robot: east, to", "{robot: eats, to", 1))
+    with pytest.raises(InvalidScenarioError, match="east"):
+        load_scenario(file)

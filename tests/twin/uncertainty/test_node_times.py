@@ -1,0 +1,291 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.errors import ScenarioError
+from scheduling.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.drawn_runs import TPGS, VARIED
+from tests.twin.twin_toys import random_tpg
+from twin.durations import Fixed, Uniform
+from twin.engine.contraction import contract
+from twin.uncertainty.chain_draws import choose
+from twin.uncertainty.disturbances import (
+    Breakdowns,
+    Disturbances,
+    EmergencyStop,
+    RandomStalls,
+    SkillFailure,
+    StallRate,
+)
+from twin.uncertainty.draws import uniform
+from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, sample_node_times
+
+TPG = random_tpg(16, tasks=20)
+EVERYTHING = Disturbances(
+    speed={"robot_0": Uniform(0.5, 1.0)},
+    jitter=Uniform(0.0, 0.1),
+    stalls=RandomStalls(2),
+    stall_rate=StallRate(600.0, Uniform(1.0, 2.0)),
+    breakdowns=Breakdowns(10.0, 5.0),
+    failures={"pick": SkillFailure(0.5, 3), "handover": SkillFailure(0.9, 1)},
+)
+
+
+def times(disturbances: Disturbances, replication: int = 0, seed: int = 1) -> NodeTimes:
+    return sample_node_times(
+        TPG, VARIED, disturbances, seed=seed, replication=replication
+    )
+
+
+def test_nothing_disturbs_unless_asked_for() -> None:
+    plain = VARIED.sample(TPG, seed=1)
+    for found in (times(Disturbances()), sample_node_times(TPG, VARIED, seed=1)):
+        assert all(map(np.array_equal, found.motion, plain))
+        assert not any(stall.any() for stall in found.stall)
+        assert found.failed == (-1, -1)
+
+
+def test_stall_is_the_sum_of_standstills() -> None:
+    found = times(EVERYTHING)
+    for stall, stands in zip(found.stall, found.standstills, strict=True):
+        total = np.zeros(len(stall), dtype=np.int64)
+        for entry in stands:
+            total[entry.node] += entry.duration_ns
+        assert np.array_equal(total, stall)
+        assert [e.node for e in stands] == sorted(e.node for e in stands)
+    causes = {e.cause for stands in found.standstills for e in stands}
+    assert causes == {"stall", "breakdown", "retry"}
+
+
+def test_a_speed_factor_is_drawn_once_a_transit_and_divides_its_nodes() -> None:
+    found = times(Disturbances(speed={"robot_0": Uniform(0.5, 1.0)}))
+    plain = VARIED.sample(TPG, seed=1)
+    chain = TPG.chains[0]
+    for node in np.flatnonzero(~chain.skill).tolist():
+        task = int(chain.task[node])
+        u = uniform(1, 0, "robot_0", task, "transit", "speed")
+        expected = round(chain.duration[node] / (0.5 + 0.5 * u) * 1e9)
+        assert found.motion[0][node] == expected
+    assert np.array_equal(found.motion[0][chain.skill], plain[0][chain.skill])
+    assert np.array_equal(found.motion[1], plain[1])
+
+
+def test_jitter_lengthens_every_node_by_its_own_draw() -> None:
+    extra = [
+        a - b
+        for a, b in zip(
+            times(Disturbances(jitter=Uniform(0.1, 0.2))).motion,
+            VARIED.sample(TPG, seed=1),
+            strict=True,
+        )
+    ]
+    joined = np.concatenate(extra)
+    assert joined.min() >= 1e8
+    assert joined.max() <= 2e8
+    assert len(np.unique(joined)) == len(joined)
+
+
+def test_stalls_come_at_their_rate() -> None:
+    """Counts of a Poisson process: mean and variance are rate times busy time."""
+    rate = Disturbances(stall_rate=StallRate(360.0, Fixed(1.0)))
+    runs = [times(rate, replication) for replication in range(400)]
+    counts = np.array([len(run.standstills[0]) for run in runs])
+    busy_h = np.mean([run.motion[0].sum() for run in runs]) / 3600e9
+    expected = 360.0 * busy_h
+    assert abs(counts.mean() - expected) < 4 * np.sqrt(expected / 400)
+    assert counts.var() == pytest.approx(expected, rel=0.3)
+    longer = np.zeros(2)
+    for run in runs:  # a node that takes longer is hit more often
+        short = run.motion[0] < np.median(run.motion[0])
+        hit = np.array([entry.node for entry in run.standstills[0]], dtype=int)
+        longer += [np.sum(short[hit]), np.sum(~short[hit])]
+    assert longer[1] > 3 * longer[0]
+
+
+def test_breakdowns_take_exponential_times_and_hit_only_whom_they_may() -> None:
+    broken = Disturbances(breakdowns=Breakdowns(20.0, 7.0, robots=("robot_1",)))
+    runs = [times(broken, replication) for replication in range(300)]
+    assert all(not run.standstills[0] for run in runs)
+    repairs = [e.duration_ns / 1e9 for run in runs for e in run.standstills[1]]
+    assert len(repairs) > 200
+    assert np.mean(repairs) == pytest.approx(7.0, rel=0.2)
+    assert np.std(repairs) == pytest.approx(7.0, rel=0.3)
+    by_clock = replace(broken, breakdowns=Breakdowns(20.0, 7.0, "run"))
+    assert not any(times(by_clock).standstills)
+    assert by_clock.at_absolute_times
+    assert not broken.at_absolute_times
+
+
+def test_attempts_fail_as_often_as_they_should_and_then_for_good() -> None:
+    failing = Disturbances(failures={"pick": SkillFailure(0.3, 1, Fixed(2.5))})
+    picks = [
+        k
+        for k, chain in enumerate(TPG.chains)
+        for t in set(chain.task.tolist())
+        if TPG.tasks[t].kind == "pick"
+    ]
+    runs = [times(failing, replication) for replication in range(500)]
+    first, both = 0, 0
+    for run in runs:
+        for stands in run.standstills:
+            nodes = [entry.node for entry in stands]
+            assert all(entry.duration_ns == 2_500_000_000 for entry in stands)
+            first += len(set(nodes))
+            both += len(nodes) - len(set(nodes))
+        for k, failed in enumerate(run.failed):
+            twice = [
+                n
+                for n in {e.node for e in run.standstills[k]}
+                if [e.node for e in run.standstills[k]].count(n) == 2
+            ]
+            assert failed == min(twice, default=-1)
+    n = 500 * len(picks)
+    assert picks
+    assert abs(first / n - 0.3) < 4 * np.sqrt(0.3 * 0.7 / n)
+    assert abs(both / n - 0.09) < 4 * np.sqrt(0.09 * 0.91 / n)
+
+
+def test_a_failed_attempt_takes_as_long_as_the_skill_unless_said() -> None:
+    run = times(Disturbances(failures={"pick": SkillFailure(1.0, 2)}))
+    for k, stands in enumerate(run.standstills):
+        for entry in stands:
+            assert entry.duration_ns == run.motion[k][entry.node]
+
+
+def test_draws_do_not_depend_on_other_disturbances() -> None:
+    """Common random numbers: one more disturbance leaves the others as they are."""
+    both = times(EVERYTHING)
+    alone = times(replace(EVERYTHING, jitter=None, speed={}, stall_rate=None))
+    for cause in ("retry",):
+        for k in range(2):
+            nodes = [
+                [e.node for e in run.standstills[k] if e.cause == cause]
+                for run in (both, alone)
+            ]
+            assert nodes[0] == nodes[1]
+    again = times(EVERYTHING)
+    assert all(map(np.array_equal, both.motion, again.motion))
+    assert both.standstills == again.standstills
+    other = times(EVERYTHING, replication=1)
+    assert both.standstills != other.standstills
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: StallRate(-1.0, Fixed(1.0)),
+        lambda: Breakdowns(0.0, 1.0),
+        lambda: Breakdowns(1.0, -1.0),
+        lambda: SkillFailure(1.5),
+        lambda: SkillFailure(0.5, -1),
+        lambda: EmergencyStop(None, -1.0, 1.0),
+        lambda: EmergencyStop(None, 1.0, 0.0),
+    ],
+)
+def test_impossible_disturbances_are_refused(make: object) -> None:
+    with pytest.raises(ScenarioError):
+        make()  # type: ignore[operator]
+
+
+# Many replications at once, and against a sampler that is slow and obvious
+
+
+@settings(max_examples=25, deadline=None)
+@given(TPGS, st.integers(0, 100))
+def test_segments_of_many_replications_are_the_sums_of_each(
+    tpg: TemporalPlanGraph, seed: int
+) -> None:
+    sampler = NodeTimeSampler(tpg, VARIED, EVERYTHING)
+    contraction = contract(tpg)
+    numbers = [4, 0, 17, 5]
+    bulk = sampler.sample_segments(contraction, seed=seed, replications=numbers)
+    for column, replication in enumerate(numbers):
+        one = sampler.sample(seed=seed, replication=replication)
+        busy = [m + s for m, s in zip(one.motion, one.stall, strict=True)]
+        sums = np.concatenate(contraction.sums(busy))
+        assert np.array_equal(bulk.busy_ns[:, column], sums)
+        assert bulk.fails[column] == any(node >= 0 for node in one.failed)
+
+
+def test_pieces_of_replications_make_no_difference(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    sampler = NodeTimeSampler(TPG, VARIED, EVERYTHING)
+    contraction = contract(TPG)
+    whole = sampler.sample_segments(contraction, seed=3, replications=range(25))
+    monkeypatch.setattr(
+        "twin.uncertainty.node_times._MOST_VALUES", 7 * len(TPG.chains[0])
+    )
+    pieces = sampler.sample_segments(contraction, seed=3, replications=range(25))
+    assert np.array_equal(whole.busy_ns, pieces.busy_ns)
+    assert np.array_equal(whole.fails, pieces.fails)
+
+
+def standstills_of_chain(k: int, motion: list[int], replication: int) -> list[tuple]:
+    """Rate stalls, breakdowns and failed attempts, one draw after the other."""
+    chain, found = TPG.chains[k], []
+
+    def draw(task: int, purpose: str, index: int) -> float:
+        kind = TPG.tasks[task].kind
+        return uniform(1, replication, chain.robot, task, kind, purpose, index)
+
+    for task in dict.fromkeys(chain.task.tolist()):
+        nodes = np.flatnonzero(chain.task == task).tolist()
+        for cause, mean_s in (("stall", 6.0), ("breakdown", 10.0)):
+            clock, index = 0.0, 0
+            while True:
+                clock -= mean_s * 1e9 * np.log(draw(task, f"{cause}-gap", index))
+                if clock >= sum(motion[n] for n in nodes):
+                    break
+                u = draw(task, f"{cause}-duration", index)
+                seconds = 1.0 + u if cause == "stall" else -5.0 * np.log1p(-u)
+                node = next(
+                    n for n in nodes if clock < sum(motion[m] for m in nodes if m <= n)
+                )
+                found.append((node, cause, round(seconds * 1e9)))
+                index += 1
+        limit = {"pick": (0.5, 3), "handover": (0.9, 1)}.get(TPG.tasks[task].kind)
+        if limit:
+            node = next(n for n in nodes if chain.skill[n])
+            for attempt in range(limit[1] + 1):
+                if draw(task, "failure", attempt) >= limit[0]:
+                    break
+                cost = sum(motion[n] for n in nodes if chain.skill[n])
+                found.append((node, "retry", cost))
+    return found
+
+
+@pytest.mark.parametrize("replication", range(6))
+def test_standstills_are_those_of_a_slow_sampler(replication: int) -> None:
+    quiet = replace(EVERYTHING, stalls=None)
+    run = times(quiet, replication)
+    for k, stands in enumerate(run.standstills):
+        slow = standstills_of_chain(k, run.motion[k].tolist(), replication)
+        fast = [(e.node, e.cause, e.duration_ns) for e in stands]
+        assert sorted(fast) == sorted(slow)
+
+
+@given(st.integers(1, 12), st.data())
+def test_choices_are_distinct_and_those_of_floyds_algorithm(
+    n: int, data: st.DataObject
+) -> None:
+    count = data.draw(st.integers(0, n))
+    u = np.array(
+        data.draw(
+            st.lists(st.floats(0.001, 0.999), min_size=3 * count, max_size=3 * count)
+        )
+    ).reshape(count, 3)
+    found = choose(n, u)
+    for column in range(3):
+        chosen: list[int] = []
+        for k in range(count):
+            last = n - count + k
+            pick = min(int(u[k, column] * (last + 1)), last)
+            chosen.append(last if pick in chosen else pick)
+        assert found[:, column].tolist() == chosen
+        assert len(set(chosen)) == count
