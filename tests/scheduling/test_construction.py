@@ -12,10 +12,8 @@ from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
-from planning.motion_plan import MotionPlan, TaskMotion
-from planning.task_graph import Task
-from planning.transforms import Array, rotation, translation
-from planning.workcell import Clearances, PlacedRobot, Workcell
+from planning.motion_plan import TaskMotion
+from planning.transforms import Array
 from scheduling.conflicts import CapsuleChecker
 from scheduling.construction import build_chains, build_tpg, dependency_edges
 from scheduling.invariant import check_invariant
@@ -27,7 +25,8 @@ from scheduling.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from tests.scheduling.algorithm_one import PlainGraph
-from tests.scheduling.mini_world import planar_arm, random_plan
+from tests.scheduling.corner_arms import one_joint_plan
+from tests.scheduling.mini_world import random_plan
 
 CASES = [(2, 0), (2, 4), (2, 7), (2, 10), (3, 3), (3, 5), (3, 11), (4, 1), (5, 2)]
 
@@ -88,33 +87,6 @@ def test_capsules_alone_wait_for_at_least_as_much() -> None:
 
 
 # --- two single-joint arms that sweep the same corner --------------------------------------
-
-
-def two_arms() -> Workcell:
-    arm = planar_arm(1)
-    robots = (
-        PlacedRobot("left", arm, translation(0.0, 0.0, 0.0), np.zeros(1)),
-        PlacedRobot(
-            "right",
-            arm,
-            translation(0.45, 0.0, 0.0) @ rotation("z", np.pi),
-            np.zeros(1),
-        ),
-    )
-    return Workcell(robots, (), (), Clearances(0.001, 0.0))
-
-
-def one_joint_plan(*moves: tuple[str, list[float]]) -> MotionPlan:
-    """Sequential transits of one-joint arms through the given angles, 1 s a waypoint."""
-    tasks, motions, time = [], [], 0.0
-    for index, (robot, angles) in enumerate(moves):
-        path = np.array(angles)[:, None]
-        times = time + np.arange(len(path), dtype=float)
-        time = float(times[-1])
-        tasks.append(Task(index, robot, "transit", 1, f"move {index}", path[1:]))
-        motions.append(TaskMotion(path, times))
-    none = np.empty((0, 2), dtype=np.int64)
-    return MotionPlan(two_arms(), tuple(tasks), tuple(motions), none, ())
 
 
 def _poses_touch(plain: PlainGraph, left: Array, right: Array) -> bool:

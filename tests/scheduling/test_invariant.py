@@ -14,30 +14,11 @@ from planning.task_graph import AllowedContact, Handling
 from planning.transforms import translation
 from planning.workcell import CellObject
 from scheduling.construction import build_tpg
-from scheduling.dispatcher import Dispatcher
 from scheduling.invariant import check_invariant
-from scheduling.temporal_plan_graph import TemporalPlanGraph
-from tests.scheduling.algorithm_one import Piece, PlainGraph
+from tests.scheduling.algorithm_one import PlainGraph
+from tests.scheduling.corner_arms import one_joint_plan
 from tests.scheduling.mini_world import random_plan
-from tests.scheduling.test_construction import one_joint_plan
-
-
-def _random_point(
-    plain: PlainGraph, robot: int, node: int, rng: np.random.Generator
-) -> list[tuple[Piece, np.ndarray]]:
-    """Bodies of a node, each somewhere on its motion (a skill node: in any of its parts)."""
-    share = rng.random()
-    path = plain.path((robot, node))
-    k = int(rng.integers(len(path) - 1))
-    q = path[k] + share * (path[k + 1] - path[k])
-    out = []
-    for piece in plain.pieces[(robot, node)]:
-        if piece.solid.carrier is None or (
-            np.array_equal(piece.q_a, path[k])
-            and np.array_equal(piece.q_b, path[k + 1])
-        ):
-            out.append((piece, q))
-    return out
+from tests.scheduling.random_dispatch import run_at_random
 
 
 @pytest.mark.parametrize(("robots", "seed"), [(2, 0), (2, 4), (3, 5), (3, 11), (4, 1)])
@@ -50,71 +31,6 @@ def test_no_delay_brings_two_robots_together(robots: int, seed: int) -> None:
     for _ in range(6):
         run_at_random(tpg, plain, rng, met)
     assert len(met) > 100
-
-
-def run_at_random(
-    tpg: TemporalPlanGraph,
-    plain: PlainGraph,
-    rng: np.random.Generator,
-    met: set[tuple[object, object]],
-) -> None:
-    """Start and complete nodes in any order the dispatcher allows; look at every pair."""
-    dispatcher = Dispatcher(tpg)
-    active: dict[int, int] = {}
-    favourite = int(rng.integers(len(tpg.chains)))
-    while not dispatcher.finished:
-        ready = [n for n in dispatcher.ready() if n[0] not in active]
-        moves = [("start", n) for n in ready]
-        moves += [("complete", (r, n)) for r, n in active.items()]
-        assert moves, "deadlock"
-        # One robot is much quicker than the others, so delays are long.
-        quick = [m for m in moves if m[1][0] == favourite]
-        if quick and rng.random() < 0.8:
-            moves = quick
-        elif rng.random() < 0.1:
-            favourite = int(rng.integers(len(tpg.chains)))
-        what, (robot, node) = moves[int(rng.integers(len(moves)))]
-        if what == "complete":
-            del active[robot]
-            dispatcher.complete(robot, node)
-            continue
-        active[robot] = node
-        for other in range(len(tpg.chains)):
-            if other == robot:
-                continue
-            if other in active:
-                key = ((other, active[other]), (robot, node))
-                if key not in met:
-                    met.add(key)
-                    u, v = sorted(key, key=plain.place.__getitem__)
-                    assert (u, v) not in plain.conflicts
-            else:
-                hold = dispatcher.completed(other) - 1
-                key = (("hold", other, hold), (robot, node))
-                if key not in met:
-                    met.add(key)
-                    _check_hold(plain, other, hold, (robot, node), rng)
-
-
-def _check_hold(
-    plain: PlainGraph,
-    other: int,
-    hold: int,
-    node: tuple[int, int],
-    rng: np.random.Generator,
-) -> None:
-    stands = plain.stands(other, hold)
-    tasks = plain.tpg.chains[other].task
-    near = {int(tasks[k]) for k in (hold, hold + 1) if 0 <= k < len(tasks)}
-    for _ in range(2):
-        for piece, q in _random_point(plain, *node, rng):
-            for still in plain.hold_pieces(other, hold):
-                if any(
-                    plain.may_touch(piece.entity, still.entity, (plain.task(node), t))
-                    for t in near
-                ):
-                    continue
-                assert not plain.overlap(piece, q, still, stands)
 
 
 def test_a_dropped_edge_is_noticed() -> None:

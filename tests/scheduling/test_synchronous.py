@@ -29,7 +29,7 @@ from scheduling.task_conflicts import SweptTaskConflicts
 from scheduling.temporal_plan_graph import TemporalPlanGraph
 from tests.scheduling.algorithm_one import PlainGraph
 from tests.scheduling.mini_world import planar_cell, random_plan
-from tests.scheduling.test_invariant import run_at_random
+from tests.scheduling.random_dispatch import run_at_random
 
 STEP = 0.15
 

@@ -20,7 +20,7 @@ from planning.construction.building import Building, nothing_built
 from planning.construction.candidates import robot_groups
 from planning.construction.fine_check import check_construction
 from planning.construction.fixed_time import FixedTimeSolver, plan_fixed_time
-from planning.construction.models import ModelPart, tower
+from planning.construction.models import tower
 from planning.construction.object_order import rank_parts, ready_at
 from planning.construction.part_contacts import PartContacts
 from planning.construction.part_graph import PartGraph
@@ -30,7 +30,7 @@ from planning.construction.planner import (
     plan_construction,
     plan_with,
 )
-from planning.construction.problem import ConstructionProblem, Part
+from planning.construction.problem import Part
 from planning.construction.site import build_problem, ground_fixture, part_objects
 from planning.construction.skeletons import HANDOVER, in_words, skeletons
 from planning.construction.stopwatch import Stopwatch
@@ -41,35 +41,9 @@ from planning.kinematics import frame_pose
 from planning.robots.registry import robot_model
 from planning.transforms import identity, readonly, translation
 from planning.workcell import Fixture, PlacedRobot, Workcell
+from tests.planning.construction.toy_sites import CHEST, toy_part, toy_problem
 
 ROOT = Path(__file__).parents[3]
-
-
-def _problem(
-    parts: tuple[ModelPart, ...], robots: int, seed: int = 0
-) -> ConstructionProblem:
-    model = robot_model("mobile-manipulator")
-    team = []
-    for k in range(robots):
-        at = 2.0 * np.pi * k / robots
-        home = np.array(model.home)
-        home[:3] = 5.0 * np.cos(at), 5.0 * np.sin(at), at
-        team.append(PlacedRobot(f"robot{k + 1}", model, identity(), readonly(home)))
-    cell = Workcell(tuple(team), (ground_fixture(),), part_objects(parts, Spiral()))
-    return build_problem(cell, parts, seed=seed)
-
-
-def _box(name: str, size: tuple[float, ...], at: tuple[float, ...]) -> ModelPart:
-    return ModelPart(name, readonly(size), 1.0, readonly(translation(*at)))
-
-
-CHEST = (
-    _box("post1", (0.12, 0.3, 0.4), (-0.4, 0.0, 0.2)),
-    _box("post2", (0.12, 0.3, 0.4), (0.4, 0.0, 0.2)),
-    _box("chest", (0.4, 0.25, 0.2), (0.0, 0.0, 0.1)),
-    _box("slab", (1.0, 0.3, 0.1), (0.0, 0.0, 0.45)),
-)
-"""A chest under a slab on two posts: gripped from above, it must come before the slab."""
 
 
 def _check(plan: ConstructionPlan) -> None:
@@ -128,8 +102,8 @@ def test_shortest_sequences_come_first() -> None:
     assert chains == set(permutations("abc"))
 
 
-_SEVEN = _problem(
-    tuple(_box(f"p{k}", (0.2, 0.1, 0.1), (float(k), 0.0, 0.1)) for k in range(7)), 1
+_SEVEN = toy_problem(
+    tuple(toy_part(f"p{k}", (0.2, 0.1, 0.1), (float(k), 0.0, 0.1)) for k in range(7)), 1
 )
 
 
@@ -164,7 +138,7 @@ def test_order_of_parts_is_that_of_eq_6(seed: int) -> None:
 
 
 def test_parts_that_would_wall_others_in_wait() -> None:
-    problem = _problem(CHEST, 1)
+    problem = toy_problem(CHEST, 1)
     placed = {"post1": 1.0, "post2": 2.0}
     rng = np.random.default_rng(0)
     assert rank_parts(problem, placed, {}, rng)[0] == "slab"
@@ -173,7 +147,7 @@ def test_parts_that_would_wall_others_in_wait() -> None:
 
 
 def test_robots_that_are_free_earliest_come_first() -> None:
-    problem = _problem(CHEST, 3)
+    problem = toy_problem(CHEST, 3)
     world = nothing_built(problem)
     busy = world.moved(
         "robot1", np.array([0.0, 4.0]), np.tile(problem.robots()[0].home, (2, 1))
@@ -190,7 +164,7 @@ def test_robots_that_are_free_earliest_come_first() -> None:
 
 
 def test_placements_are_taken_back_for_a_part_that_was_built_in() -> None:
-    plan = plan_construction(_problem(CHEST, 2, seed=3))
+    plan = plan_construction(toy_problem(CHEST, 2, seed=3))
     order = [w.part for w in plan.building.work if w.holder is None]
     assert sorted(order) == ["chest", "post1", "post2", "slab"]
     assert plan.rewound >= 1
@@ -202,7 +176,7 @@ def test_placements_are_taken_back_for_a_part_that_was_built_in() -> None:
 
 @pytest.fixture(scope="module")
 def small_tower() -> ConstructionPlan:
-    return plan_construction(_problem(tower(3), 2))
+    return plan_construction(toy_problem(tower(3), 2))
 
 
 def test_plans_keep_speeds_order_and_poses(small_tower: ConstructionPlan) -> None:
@@ -223,7 +197,7 @@ def test_a_handover_is_found_where_nobody_can_do_it_alone() -> None:
         readonly(translation(0.0, 0.0, 0.5 * height)),
         box_body("plinth", size),
     )
-    beam = _box("beam", (0.7, 0.2, 0.096), (0.0, 0.0, height + 0.048))
+    beam = toy_part("beam", (0.7, 0.2, 0.096), (0.0, 0.0, height + 0.048))
     cell = Workcell(
         (
             PlacedRobot(
@@ -254,7 +228,7 @@ def test_a_handover_is_found_where_nobody_can_do_it_alone() -> None:
 
 
 def test_a_seed_means_one_plan(small_tower: ConstructionPlan) -> None:
-    again = plan_construction(_problem(tower(3), 2))
+    again = plan_construction(toy_problem(tower(3), 2))
     for name, line in small_tower.building.world.robots.items():
         assert np.array_equal(line.time, again.building.world.robots[name].time)
         assert np.array_equal(line.path, again.building.world.robots[name].path)
@@ -263,8 +237,8 @@ def test_a_seed_means_one_plan(small_tower: ConstructionPlan) -> None:
 _DIGEST = """
 import hashlib, sys
 from planning.construction.planner import plan_construction
-from tests.planning.construction.test_construction_search import CHEST, _problem
-plan = plan_construction(_problem(CHEST[:2] + CHEST[3:], 2))
+from tests.planning.construction.toy_sites import CHEST, toy_problem
+plan = plan_construction(toy_problem(CHEST[:2] + CHEST[3:], 2))
 digest = hashlib.sha256()
 for name, line in sorted(plan.building.world.robots.items()):
     digest.update(line.time.tobytes() + line.path.tobytes())
@@ -292,7 +266,7 @@ def test_two_processes_make_the_same_plan() -> None:
 
 def test_actions_of_a_fixed_duration_begin_at_its_multiples() -> None:
     duration = 9.0
-    plan = plan_fixed_time(_problem(tower(2), 2), duration)
+    plan = plan_fixed_time(toy_problem(tower(2), 2), duration)
     _check(plan)
     for robot in plan.problem.team:
         free = 0.0
@@ -307,7 +281,7 @@ def test_actions_of_a_fixed_duration_begin_at_its_multiples() -> None:
 
 @pytest.mark.parametrize("fixed", [False, True])
 def test_a_way_that_loses_too_much_is_of_no_use(fixed: bool) -> None:
-    problem = _problem(tower(3), 3)
+    problem = toy_problem(tower(3), 3)
     bounds = ReachBounds(problem)
     args = (problem, bounds, PartContacts(problem), PlannerSettings().subproblem)
     watch = Stopwatch()
@@ -364,7 +338,7 @@ class _Late(_Told):
 
 
 def test_where_a_robot_is_late_others_are_asked_and_the_soonest_does_it() -> None:
-    problem = _problem(CHEST[:3], 4)  # two parts at a time for four robots
+    problem = toy_problem(CHEST[:3], 4)  # two parts at a time for four robots
     bounds, settings = ReachBounds(problem), PlannerSettings()
     solver = _Late(
         problem, bounds, PartContacts(problem), settings.subproblem, Stopwatch()
@@ -403,9 +377,9 @@ def test_where_a_robot_loses_time_it_places_the_part_with_which_it_loses_least()
     None
 ):
     boxes = tuple(
-        _box(f"p{k}", (0.2, 0.1, 0.1), (0.5 * k - 1.0, 0.0, 0.05)) for k in range(5)
+        toy_part(f"p{k}", (0.2, 0.1, 0.1), (0.5 * k - 1.0, 0.0, 0.05)) for k in range(5)
     )
-    problem = _problem(boxes, 2)
+    problem = toy_problem(boxes, 2)
     bounds, settings = ReachBounds(problem), PlannerSettings()
     solver = _Lossy(
         problem, bounds, PartContacts(problem), settings.subproblem, Stopwatch()

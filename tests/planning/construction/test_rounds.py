@@ -13,11 +13,14 @@ from planning.construction.problem import Part
 from planning.construction.rounds import Round, Rounds
 from planning.construction.search_settings import SearchSettings
 from planning.construction.subproblem import Solution
-from tests.planning.construction.test_construction_search import _box, _problem
+from tests.planning.construction.toy_sites import toy_part, toy_problem
 
 PARTS = 7
-PROBLEM = _problem(
-    tuple(_box(f"p{k}", (0.2, 0.1, 0.1), (float(k), 0.0, 0.1)) for k in range(PARTS)), 3
+PROBLEM = toy_problem(
+    tuple(
+        toy_part(f"p{k}", (0.2, 0.1, 0.1), (float(k), 0.0, 0.1)) for k in range(PARTS)
+    ),
+    3,
 )
 
 
