@@ -14,8 +14,8 @@ import numpy as np
 from numba import njit
 
 from planning.construction.arena import Arena, Integers
-from planning.construction.rrt_kernel import Query
-from planning.construction.space_time_kernel import still_clear_until
+from planning.construction.space_time_query import Query
+from planning.construction.still_checks import still_clear_until
 from planning.transforms import Array
 
 SPACING = 0.25

@@ -10,11 +10,9 @@ import numpy.typing as npt
 from numba import njit
 
 from planning.construction.arena import Arena, column, row, table
-from planning.construction.body_checks import clear_of_pieces
-from planning.construction.space_time_kernel import (
-    clear_throughout,
-    still_clear_until,
-)
+from planning.construction.motion_checks import clear_throughout
+from planning.construction.movers import sweep_between
+from planning.construction.piece_checks import clear_of_pieces
 from planning.construction.space_time_scene import (
     AROUND,
     BEGIN,
@@ -27,8 +25,8 @@ from planning.construction.space_time_scene import (
     TRACK_FIRST,
     WIDEST,
     apart,
-    sweep_between,
 )
+from planning.construction.still_checks import still_clear_until
 from planning.construction.tracks import pieces_at
 from planning.transforms import Array
 

@@ -11,8 +11,9 @@ import numpy as np
 from numba import njit
 
 from planning.construction.arena import Arena, Integers
-from planning.construction.rrt_kernel import Query, next_arrival
-from planning.construction.space_time_kernel import clear_until, still_clear_until
+from planning.construction.motion_checks import clear_until
+from planning.construction.space_time_query import Query, next_arrival
+from planning.construction.still_checks import still_clear_until
 from planning.transforms import Array
 
 _PLACES = 8

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from numba import njit
 
 from planning.construction.arena import Arena, Integers, column, row, table
-from planning.construction.body_checks import capsules_meet, proved_apart
+from planning.construction.body_pairs import capsules_meet, proved_apart
 from planning.construction.space_time_scene import (
     BODY_ENTITY,
     BODY_FIRST,

@@ -12,9 +12,9 @@ from itertools import pairwise
 import numpy as np
 
 from planning.construction.retiming import dense, earliest_along, latest_along
-from planning.construction.rrt_kernel import Query
 from planning.construction.space_time_checker import SpaceTimeChecker
 from planning.construction.space_time_path import SpaceTimePath
+from planning.construction.space_time_query import Query
 from planning.transforms import Array
 
 _GAIN = 1e-6

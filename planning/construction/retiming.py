@@ -11,9 +11,8 @@ from numba import njit
 
 from planning.construction.arena import Arena, Integers
 from planning.construction.free_cells import spans_of, strike_out
-from planning.construction.roadmap_kernel import arrive
-from planning.construction.rrt_kernel import Query, next_arrival
-from planning.construction.space_time_kernel import motion_clear
+from planning.construction.motion_checks import motion_clear
+from planning.construction.space_time_query import Query, arrive, next_arrival
 from planning.transforms import Array
 
 _TINY = 1e-9

@@ -9,36 +9,20 @@ space-time has to be lucky to find: any wait at any vertex.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from planning.construction.arena import Arena, Integers, column
-from planning.construction.free_cells import spans_of, strike_out
+from planning.construction.arena import Arena, column
+from planning.construction.motion_checks import motion_clear
 from planning.construction.motion_queue import Motions, no_motions, pop, push
-from planning.construction.rrt_kernel import (
-    Query,
-    least_time,
-    next_arrival,
-    random_share,
-    sample_between,
-)
-from planning.construction.space_time_kernel import (
-    left_by_robots,
-    lies_throughout,
-    met_by_robots,
-    motion_clear,
-    still_clear_until,
-)
+from planning.construction.moving_checks import left_by_robots, met_by_robots
+from planning.construction.roadmap import SPANS, Roadmap, draw_roadmap, find_stands
+from planning.construction.space_time_query import Query, arrive, next_arrival
 from planning.construction.space_time_scene import BEGIN
+from planning.construction.still_checks import lies_throughout, still_clear_until
 from planning.transforms import Array
 
 _TINY = 1e-9
-_SPANS = 12
-"""Spans kept at one vertex."""
-
 _TRIES = 5
 """Departures tried from one span to another."""
 
@@ -56,55 +40,6 @@ _CLEAR, _NOT_NOW, _BLOCKED = 1, 0, -1
 
 _GREED = 1.0
 """Weight of the time that is left against the time that has passed."""
-
-
-@njit(cache=True, nogil=True)
-def arrive(query: Query, a: Array, t: float, b: Array) -> float:
-    """Return when one can be at ``b`` who leaves ``a`` at time ``t`` [s]."""
-    out = t
-    for j in range(len(a)):
-        travel = abs(b[j] - a[j])
-        if travel > 0.0:
-            out = max(out, max(t, query.begin[j]) + travel / query.velocity[j])
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _normal(state: npt.NDArray[np.uint64]) -> float:
-    """Return a random number that is nearly normal: the sum of a few uniform ones."""
-    total = -3.0
-    for _ in range(6):
-        total += random_share(state)
-    return 1.4142 * total
-
-
-class Roadmap(NamedTuple):
-    """Vertices, and how far the search has come at each.
-
-    Attributes:
-        q: shape (v, n).
-        number: spans of each vertex, -1 where they are not known yet, shape (v,).
-        spans: when one may stand there, shape (v, _SPANS, 2) [s].
-        come: when one is there, infinity where that is not known, shape (v, _SPANS) [s].
-        left: when one left the vertex before, likewise [s].
-        parent: which span of which vertex that was, likewise.
-        rest: least time from there to a goal, shape (v,) [s].
-        blocked: motions that are not clear of what lies still, shape (v, v).
-        still: departure from which on, for _LEEWAY, a motion is clear of it, infinity where that
-            is not known, shape (v, v) [s].
-        free: room to work in, shape (cells,).
-    """
-
-    q: Array
-    number: Integers
-    spans: Array
-    come: Array
-    left: Array
-    parent: Integers
-    rest: Array
-    blocked: npt.NDArray[np.bool_]
-    still: Array
-    free: npt.NDArray[np.bool_]
 
 
 @njit(cache=True, nogil=True)
@@ -144,9 +79,9 @@ def search_roadmap(
     start = np.min(query.begin)
     first = int(np.floor(start / step + 1e-6))
     cells = max(int(np.ceil(bound / step)) - first, 1)
-    road = _draw(scene, query, extra, vertices, cells, wide, seed)
+    road = draw_roadmap(scene, query, extra, vertices, cells, wide, seed)
     # It begins where it stands, even where it has to leave at once.
-    _stand(scene, road, 0, first, step)
+    find_stands(scene, road, 0, first, step)
     if road.number[0] == 0 or road.spans[0, 0, 0] > start + _TINY:
         road.spans[0, 0] = start
         road.number[0] = 1
@@ -159,7 +94,7 @@ def search_roadmap(
     order = np.empty(len(road.q))
     known = goals + len(extra)
     while True:
-        v, i = state // _SPANS, state % _SPANS
+        v, i = state // SPANS, state % SPANS
         if 1 <= v <= goals:
             at = next_arrival(query, v - 1, road.come[v, i])
             if at <= road.spans[v, i, 1] + _TINY and at < best - _TINY:
@@ -187,7 +122,7 @@ def search_roadmap(
                 _offer_unknown(query, road, heap, state, u, road.come[v, i], best)
             for j in range(road.number[u]):
                 _offer(
-                    query, road, heap, state, u * _SPANS + j, road.come[v, i], 0, best
+                    query, road, heap, state, u * SPANS + j, road.come[v, i], 0, best
                 )
         state = -1
         while heap.size[0] > 0 and checked < checks and heap.key[0] < best - _TINY:
@@ -198,14 +133,14 @@ def search_roadmap(
                 heap.edge[0, 2],
             )
             pop(heap)
-            v, u, j = source // _SPANS, target // _SPANS, target % _SPANS
+            v, u, j = source // SPANS, target // SPANS, target % SPANS
             if road.blocked[v, u]:
                 continue
             if tries == _UNKNOWN:
                 if road.number[u] < 0:
-                    _stand(scene, road, u, first, step)
+                    find_stands(scene, road, u, first, step)
                 for k in range(road.number[u]):
-                    _offer(query, road, heap, source, u * _SPANS + k, depart, 0, best)
+                    _offer(query, road, heap, source, u * SPANS + k, depart, 0, best)
                 continue
             if road.come[u, j] < np.inf:
                 continue
@@ -234,84 +169,7 @@ def search_roadmap(
         return np.empty(0), np.empty((0, n)), -1, checked
     times, path = _trace(road, last, best)
     times[0] = start
-    return times, path, last // _SPANS - 1, checked
-
-
-@njit(cache=True, nogil=True)
-def _draw(
-    scene: Arena,
-    query: Query,
-    extra: Array,
-    vertices: int,
-    cells: int,
-    wide: float,
-    seed: int,
-) -> Roadmap:
-    """Draw the vertices: start, goals, extra ones, and random ones."""
-    n, goals = len(query.start), len(query.goals)
-    state = np.zeros(1, dtype=np.uint64)
-    state[0] = np.uint64(seed) * np.uint64(7919) + np.uint64(11)
-    start = np.min(query.begin)
-    q = np.empty((vertices, n))
-    q[0] = query.start
-    q[1 : 1 + goals] = query.goals
-    number = 1 + goals
-    for e in range(len(extra)):
-        if number < vertices:
-            q[number] = extra[e]
-            number += 1
-    tries = 0
-    while number < vertices and tries < 3 * vertices:
-        tries += 1
-        goal = int(random_share(state) * goals)
-        kind = random_share(state)
-        if kind < 0.35:
-            # Where it must leave soon, or can only come late, short ways are what is free; and
-            # an arm that reaches over something leaves by driving away, as it is.
-            near = int(random_share(state) * (1 + goals))
-            far = 0.2 + 2.0 * random_share(state)
-            drives = random_share(state) < 0.6 and not np.all(query.leans)
-            for j in range(n):
-                at = 2.0 * random_share(state) - 1.0
-                if drives and query.leans[j]:
-                    at = 0.0
-                at = q[near, j] + far * query.velocity[j] * at
-                q[number, j] = min(max(at, query.lower[j]), query.upper[j])
-        elif kind < 0.85:
-            sample_between(query, goal, wide, state, q[number])
-        else:
-            share = random_share(state)
-            spread = 0.25 * random_share(state)
-            for j in range(n):
-                middle = query.start[j] + share * (
-                    query.goals[goal, j] - query.start[j]
-                )
-                far = spread * min(
-                    query.upper[j] - query.lower[j],
-                    query.velocity[j] * max(wide - query.begin[j], 0.0),
-                )
-                at = middle + far * _normal(state)
-                q[number, j] = min(max(at, query.lower[j]), query.upper[j])
-        clear, _ = still_clear_until(scene, q[number], start, q[number], start, 0.0)
-        if clear:
-            number += 1
-    q, vertices = q[:number], number
-    rest = np.full(vertices, np.inf)
-    for k in range(vertices):
-        for g in range(goals):
-            rest[k] = min(rest[k], least_time(query, q[k], start, g) - start)
-    return Roadmap(
-        q,
-        np.full(vertices, -1, dtype=np.int64),
-        np.empty((vertices, _SPANS, 2)),
-        np.full((vertices, _SPANS), np.inf),
-        np.full((vertices, _SPANS), np.inf),
-        np.full((vertices, _SPANS), -1, dtype=np.int64),
-        rest,
-        np.zeros((vertices, vertices), dtype=np.bool_),
-        np.full((vertices, vertices), np.inf),
-        np.empty(cells, dtype=np.bool_),
-    )
+    return times, path, last // SPANS - 1, checked
 
 
 @njit(cache=True, nogil=True)
@@ -346,14 +204,6 @@ def _look(
 
 
 @njit(cache=True, nogil=True)
-def _stand(scene: Arena, road: Roadmap, v: int, first: int, step: float) -> None:
-    """Work out when one may stand at a vertex."""
-    road.free[:] = True
-    strike_out(scene, road.q[v], road.q[v], first, step, road.free)
-    road.number[v] = spans_of(road.free, first, step, road.spans[v])
-
-
-@njit(cache=True, nogil=True)
 def _offer(
     query: Query,
     road: Roadmap,
@@ -365,8 +215,8 @@ def _offer(
     bound: float,
 ) -> None:
     """Let a motion wait to be looked at, if it may be of use."""
-    v, i = source // _SPANS, source % _SPANS
-    u, j = target // _SPANS, target % _SPANS
+    v, i = source // SPANS, source % SPANS
+    u, j = target // SPANS, target % SPANS
     lo, hi = road.spans[u, j]
     arrival = arrive(query, road.q[v], depart, road.q[u])
     if arrival < lo:
@@ -394,10 +244,10 @@ def _offer_unknown(
     bound: float,
 ) -> None:
     """Let a motion to a vertex wait until it matters when one may stand there."""
-    arrival = arrive(query, road.q[source // _SPANS], depart, road.q[u])
+    arrival = arrive(query, road.q[source // SPANS], depart, road.q[u])
     if arrival + road.rest[u] < bound - _TINY:
         key = arrival + _GREED * road.rest[u]
-        push(heap, key, depart, source, u * _SPANS, _UNKNOWN)
+        push(heap, key, depart, source, u * SPANS, _UNKNOWN)
 
 
 @njit(cache=True, nogil=True)
@@ -405,14 +255,14 @@ def _trace(road: Roadmap, last: int, best: float) -> tuple[Array, Array]:
     """Return the path that leads to a span of a vertex."""
     count = 1
     k = last
-    while road.parent[k // _SPANS, k % _SPANS] >= 0:
+    while road.parent[k // SPANS, k % SPANS] >= 0:
         count += 1
-        k = road.parent[k // _SPANS, k % _SPANS]
+        k = road.parent[k // SPANS, k % SPANS]
     times, path = np.empty(2 * count), np.empty((2 * count, road.q.shape[1]))
     k = last
     leave = best
     for c in range(count - 1, -1, -1):
-        v, i = k // _SPANS, k % _SPANS
+        v, i = k // SPANS, k % SPANS
         times[2 * c], times[2 * c + 1] = road.come[v, i], leave
         path[2 * c], path[2 * c + 1] = road.q[v], road.q[v]
         leave = road.left[v, i]

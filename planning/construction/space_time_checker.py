@@ -10,18 +10,18 @@ import numpy as np
 from planning.construction.body_limits import body_limits
 from planning.construction.fixed_world import FixedWorld
 from planning.construction.fleet import Carrier, Integers, build_fleet
+from planning.construction.motion_checks import (
+    clear_throughout,
+    clear_until,
+    configuration_clear,
+    motion_clear,
+)
 from planning.construction.motion_pieces import cut_timeline
 from planning.construction.object_spans import (
     Rest,
     entity_numbers,
     hand_changes,
     rests_of,
-)
-from planning.construction.space_time_kernel import (
-    clear_throughout,
-    clear_until,
-    configuration_clear,
-    motion_clear,
 )
 from planning.construction.space_time_scene import StillBoxes, lay_out
 from planning.construction.swept_track import SweptTrack, carriers_of, sweep_track

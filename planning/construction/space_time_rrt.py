@@ -12,15 +12,10 @@ from planning.construction.drive_ways import drive_way
 from planning.construction.leaning_ways import leaning_ways
 from planning.construction.postprocess import delayed, hasten, retimed, shorten
 from planning.construction.roadmap_kernel import search_roadmap
-from planning.construction.rrt_kernel import (
-    Limits,
-    Query,
-    grow,
-    least_time,
-    next_arrival,
-)
+from planning.construction.rrt_kernel import Limits, grow
 from planning.construction.space_time_checker import SpaceTimeChecker
 from planning.construction.space_time_path import SpaceTimePath
+from planning.construction.space_time_query import Query, least_time, next_arrival
 from planning.robots.mobile import is_mobile
 from planning.transforms import Array
 

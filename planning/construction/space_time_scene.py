@@ -20,12 +20,10 @@ from planning.construction.arena import (
     truths,
 )
 from planning.construction.fleet import Fleet
-from planning.construction.swept_track import bound_capsules
 from planning.construction.tracks import Tracks
 from planning.geometry.hull_table import HullTable
 from planning.geometry.kernel import RobotKernel
 from planning.geometry.separation import Scratch
-from planning.geometry.swept import place_capsules
 from planning.transforms import Array
 
 SKIP = -1.0
@@ -299,60 +297,6 @@ def scratch_of(scene: Arena) -> Scratch:
         joints[5:],
         column(scene, HULL_DIRECTION),
     )
-
-
-@njit(cache=True, nogil=True)
-def sweep_own(scene: Arena, lo: float, hi: float) -> None:
-    """Sweep the movers from OWN_QA to OWN_QB in the span from ``lo`` to ``hi``.
-
-    Movers that are not free to move by then are nowhere.
-    """
-    joints, bodies = row(scene, JOINT_FIRST), row(scene, BODY_FIRST)
-    capsules = row(scene, CAPSULE_FIRST)
-    q_a, q_b = column(scene, OWN_QA), column(scene, OWN_QB)
-    start, end = table(scene, OWN_A), table(scene, OWN_B)
-    moved = table(scene, OWN_MOVED)
-    radius, bare = column(scene, OWN_RADIUS), column(scene, RADIUS)
-    box, around = table(scene, OWN_BOX), column(scene, AROUND)
-    begin = column(scene, BEGIN)
-    poses = table(scene, POSES)
-    for r in range(3):
-        around[r] = np.inf
-        around[r + 3] = -np.inf
-    for m in range(len(begin)):
-        if begin[m] > lo + 1e-9 and begin[m] >= hi - 1e-9:
-            for o in range(bodies[m], bodies[m + 1]):
-                for r in range(3):
-                    box[o, r] = np.inf
-                    box[o, r + 3] = -np.inf
-            continue
-        j0, j1 = joints[m], joints[m + 1]
-        c0, c1 = capsules[bodies[m]], capsules[bodies[m + 1]]
-        place_capsules(
-            kernel_of(scene, m),
-            q_a[j0:j1],
-            q_b[j0:j1],
-            poses.reshape(poses.shape[0] // 4, 4, 4),
-            column(scene, MIDDLE)[: j1 - j0],
-            start[c0:c1],
-            end[c0:c1],
-            moved[c0:c1],
-        )
-        for c in range(c0, c1):
-            radius[c] = bare[c] + moved[c, 0]
-        for o in range(bodies[m], bodies[m + 1]):
-            bound_capsules(start, end, radius, capsules[o], capsules[o + 1], box[o])
-            for r in range(3):
-                around[r] = min(around[r], box[o, r])
-                around[r + 3] = max(around[r + 3], box[o, r + 3])
-
-
-@njit(cache=True, nogil=True)
-def sweep_between(scene: Arena, q0: Array, q1: Array, lo: float, hi: float) -> None:
-    """Sweep the movers from one configuration to another, both of shape (n,); see ``sweep_own``."""
-    column(scene, OWN_QA)[:] = q0
-    column(scene, OWN_QB)[:] = q1
-    sweep_own(scene, lo, hi)
 
 
 @njit(cache=True, inline="always")

@@ -19,8 +19,8 @@ from planning.construction.drive_ways import (
     stand_at,
 )
 from planning.construction.fixed_world import FixedWorld
-from planning.construction.rrt_kernel import Query
 from planning.construction.space_time_checker import SpaceTimeChecker
+from planning.construction.space_time_query import Query
 from planning.construction.space_time_rrt import RrtSettings, space_time_rrt
 from planning.transforms import Array
 from planning.workcell import Fixture
