@@ -15,21 +15,14 @@ from numba import njit
 
 from planning.geometry.hull_table import HullTable
 from planning.geometry.stretches import Stretch, make_stretch
+from scheduling.block_pairs import close_blocks, touching_bodies, wide_gap
+from scheduling.close_bodies import PROVED, Descent, keep_close_bodies, start_descent
 from scheduling.conflicts import ConflictChecker, proof_slack
 from scheduling.contacts import ContactTable
 from scheduling.occupancy import Occupancy
 from scheduling.order import nodes_before
 from scheduling.reduction import NodeOrder
-from scheduling.staircase import (
-    PROVED,
-    Descent,
-    close_blocks,
-    keep_close_bodies,
-    raise_floor,
-    start_descent,
-    touching_bodies,
-    wide_gap,
-)
+from scheduling.staircase import raise_floor
 from scheduling.swept_sequence import SweptSequence, bound_leaf, room_for_capsules
 from scheduling.temporal_plan_graph import Indices
 

@@ -18,12 +18,13 @@ import numpy.typing as npt
 
 from planning.geometry.exact import come_close, distance_at
 from planning.transforms import Array
+from scheduling.close_bodies import start_descent
 from scheduling.contacts import ContactTable
 from scheduling.occupancy import Occupancy
 from scheduling.order import nodes_before
 from scheduling.reduction import NodeOrder
 from scheduling.side_by_side import side_by_side
-from scheduling.staircase import next_proposal, raise_floor, start_descent
+from scheduling.staircase import next_proposal, raise_floor
 from scheduling.temporal_plan_graph import Indices
 
 _MOST_HITS = 32768
