@@ -8,11 +8,9 @@ import pytest
 
 from benchmarks.stalled_runs import run_with_stalls
 from scheduling.verification import verify_plan
-from twin.pipeline import Planned, plan_scenario
-from twin.run.folder import prepare_run_folder
-from twin.scenario.file import load_scenario
+from twin.pipeline import Planned
 from twin.scenario.scenario import Scenario
-from twin.trial import Keep, Trial, try_plan
+from twin.trial import Trial
 
 FILE = Path(__file__).parents[3] / "scenarios" / "multi_arm" / "assembly.yaml"
 
@@ -20,23 +18,8 @@ pytestmark = pytest.mark.expensive
 
 
 @pytest.fixture(scope="module")
-def scenario() -> Scenario:
-    return load_scenario(FILE)
-
-
-@pytest.fixture(scope="module")
-def planned(scenario: Scenario) -> Planned:
-    return plan_scenario(scenario, FILE.parent)
-
-
-@pytest.fixture(scope="module")
-def trial(
-    scenario: Scenario, planned: Planned, tmp_path_factory: pytest.TempPathFactory
-) -> Trial:
-    folder = prepare_run_folder(tmp_path_factory.mktemp("boat") / "run", "boat")
-    return try_plan(
-        scenario, planned.tpg, folder, base=FILE.parent, keep=Keep(recording=False)
-    )
+def file() -> Path:
+    return FILE
 
 
 def test_three_arms_share_seventeen_steps(planned: Planned) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scheduling.verification import verify_plan
-from twin.pipeline import Planned, plan_scenario
+from twin.pipeline import Planned
 from twin.scenario.file import load_scenario
 from twin.scenario.problems import InvalidScenarioError
 from twin.trial import Keep, try_plan
@@ -43,11 +43,6 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("stored") / "stored.yaml"
     path.write_text(SCENARIO)
     return path
-
-
-@pytest.fixture(scope="module")
-def planned(file: Path) -> Planned:
-    return plan_scenario(load_scenario(file), file.parent)
 
 
 def test_stock_and_scaffolding_stand_on_their_plates(planned: Planned) -> None:

@@ -11,33 +11,16 @@ from benchmarks.stalled_runs import run_with_stalls
 from planning.task_graph import TRANSIT
 from scheduling.verification import verify_plan
 from twin.engine.adversary import audit_standing_states
-from twin.pipeline import Planned, plan_scenario
-from twin.run.folder import prepare_run_folder
-from twin.scenario.file import load_scenario
+from twin.pipeline import Planned
 from twin.scenario.scenario import Scenario
-from twin.trial import Keep, Trial, try_plan
+from twin.trial import Trial
 
 FILE = Path(__file__).parents[3] / "scenarios" / "lego" / "cliff.yaml"
 
 
 @pytest.fixture(scope="module")
-def scenario() -> Scenario:
-    return load_scenario(FILE)
-
-
-@pytest.fixture(scope="module")
-def planned(scenario: Scenario) -> Planned:
-    return plan_scenario(scenario, FILE.parent)
-
-
-@pytest.fixture(scope="module")
-def trial(
-    scenario: Scenario, planned: Planned, tmp_path_factory: pytest.TempPathFactory
-) -> Trial:
-    folder = prepare_run_folder(tmp_path_factory.mktemp("cliff") / "run", "cliff")
-    return try_plan(
-        scenario, planned.tpg, folder, base=FILE.parent, keep=Keep(recording=False)
-    )
+def file() -> Path:
+    return FILE
 
 
 def test_it_is_what_it_says(planned: Planned) -> None:
