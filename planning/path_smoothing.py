@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from planning.motion_checker import MotionChecker
 from planning.speed import SpeedModel, path_duration
 from planning.transforms import Array
-
-if TYPE_CHECKING:
-    from planning.transit import MotionChecker
 
 _GAIN = 1e-6
 

@@ -10,23 +10,12 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
+from planning.motion_checker import MotionChecker
 from planning.path_smoothing import smooth_path
 from planning.speed import SpeedModel, path_duration
 from planning.transforms import Array
 
 ou.setLogLevel(ou.LogLevel.LOG_NONE)
-
-
-class MotionChecker(Protocol):
-    """What a planner asks of the scene."""
-
-    def configuration_free(self, q: Array) -> bool:
-        """Tell whether the robot may stand at ``q``."""
-        ...
-
-    def motion_free(self, q_a: Array, q_b: Array) -> bool:
-        """Tell whether the straight line from ``q_a`` to ``q_b`` is free."""
-        ...
 
 
 class TransitPlanner(Protocol):

@@ -12,9 +12,10 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from planning.construction.entities import entity_numbers
 from planning.construction.fleet import Carrier, build_fleet
+from planning.construction.hands import hand_changes
 from planning.construction.motion_pieces import Pieces, cut_timeline
-from planning.construction.object_spans import entity_numbers, hand_changes
 from planning.construction.piece_conflicts import conflicting_pieces, contact_keys
 from planning.construction.planned_task import PlannedTask, world_of
 from planning.construction.space_time_checker import HALVINGS, STEP, no_boxes
@@ -121,7 +122,7 @@ def _cut(cell: Workcell, tasks: Sequence[PlannedTask], step: float) -> _Cut:
         which: list[npt.NDArray[np.int64]] = []
         for robot in cell.robots:
             own = [k for k, task in enumerate(tasks) if task.robot == robot.name]
-            changes = hand_changes(world, robot.name)
+            changes = hand_changes(world.objects, robot.name)
             bounds = [t for k in own for t in (tasks[k].start, tasks[k].end)]
             pieces = cut_timeline(
                 world.robots[robot.name],

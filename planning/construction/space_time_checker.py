@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from planning.construction.body_limits import body_limits
+from planning.construction.entities import entity_numbers
 from planning.construction.fixed_world import FixedWorld
 from planning.construction.fleet import Carrier, Integers, build_fleet
+from planning.construction.hands import hand_changes
 from planning.construction.motion_checks import (
     clear_throughout,
     clear_until,
@@ -17,12 +19,7 @@ from planning.construction.motion_checks import (
     motion_clear,
 )
 from planning.construction.motion_pieces import cut_timeline
-from planning.construction.object_spans import (
-    Rest,
-    entity_numbers,
-    hand_changes,
-    rests_of,
-)
+from planning.construction.rests import Rest, rests_of
 from planning.construction.space_time_scene import StillBoxes, lay_out
 from planning.construction.swept_track import SweptTrack, carriers_of, sweep_track
 from planning.construction.tracks import build_tracks
@@ -182,7 +179,7 @@ class SpaceTimeChecker:
                 continue
             changes = [
                 (t, tuple((o, p) for o, p in hand if o not in self.held))
-                for t, hand in hand_changes(world, robot.name)
+                for t, hand in hand_changes(world.objects, robot.name)
             ]
             line = world.robots[robot.name]
             if last == np.inf:

@@ -15,8 +15,8 @@ from planning.construction.fleet import (
     build_fleet,
     carrier_kernel,
 )
+from planning.construction.hands import Hand, HandChange, pose_of
 from planning.construction.motion_pieces import Pieces
-from planning.construction.object_spans import Hand, HandChange, pose_of
 from planning.geometry.swept import place_capsules
 from planning.transforms import Array
 from planning.workcell import CellObject, PlacedRobot

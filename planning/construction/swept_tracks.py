@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from planning.construction.hands import HandChange
 from planning.construction.motion_pieces import cut_timeline
-from planning.construction.object_spans import HandChange
 from planning.construction.swept_track import SweptTrack, sweep_track
 from planning.construction.timeline import RobotTimeline
 from planning.workcell import CellObject, PlacedRobot

@@ -11,7 +11,6 @@ import numpy as np
 from planning.errors import InfeasibleStepError
 from planning.lego.contacts import PlacedBrick
 from planning.lego.structure import (
-    BrickType,
     Cell,
     LegoAssembly,
     LegoStep,
@@ -22,6 +21,7 @@ from planning.lego.structure import (
 )
 from planning.workcell import CellObject, Fixture, Workcell
 from twin.assemblies.kind import ASSIGNMENT, Prepared, Stages
+from twin.scenario.brick_types import brick_types
 from twin.scenario.lego import (
     LegoSection,
     PlateSection,
@@ -195,17 +195,6 @@ def find_sequence(
             raise
         alone = "  (a single robot can neither support nor hand over)"
         raise InfeasibleStepError(f"{error.message}\n{alone}") from None
-
-
-def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
-    """Return the brick types by name: the library, then those of the scenario."""
-    from planning.lego.bricks import BRICKS
-
-    own = {
-        name: BrickType(name, (brick.studs[0], brick.studs[1]), brick.mass_kg)
-        for name, brick in assembly.bricks.items()
-    }
-    return {**BRICKS, **own}
 
 
 def _plate(section: PlateSection) -> Plate:

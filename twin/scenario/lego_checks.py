@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from planning.lego.grid import occupied_studs
 from planning.lego.structure import BrickType, Cell, Support
 from planning.lego.support import supported_cell
-from twin.assemblies.lego import brick_types
+from twin.scenario.brick_types import brick_types
 from twin.scenario.lego import LegoSection, RulesSection, StepSection, StockSection
 from twin.scenario.problems import Problem, mark_problems, unknown_name
 from twin.scenario.structure_checks import find_structure_problems

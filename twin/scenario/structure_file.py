@@ -66,7 +66,7 @@ def check_structure_file(scenario: Scenario, included: YamlDocument) -> None:
     Raises:
         InvalidScenarioError: with the places in that file.
     """
-    from twin.assemblies.lego import brick_types
+    from twin.scenario.brick_types import brick_types
     from twin.scenario.structure_checks import find_structure_problems
 
     lego = scenario.assembly

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planning.construction.hands import HandChange, pose_of
 from planning.construction.motion_pieces import cut_timeline
-from planning.construction.object_spans import HandChange, pose_of
 from planning.construction.swept_track import SweptTrack, sweep_track
 from planning.construction.swept_tracks import SweptTracks
 from planning.construction.timeline import RobotTimeline
