@@ -11,12 +11,12 @@ from pathlib import Path
 from benchmarks.construction_schedule import schedule
 from benchmarks.construction_store import Row
 from benchmarks.stalled_runs import audited_runs
-from planning.construction.fine_check import check_construction
+from planning.construction.export.motion_plan_export import planned_makespan
+from planning.construction.export.timed_tasks import motion_plan
+from planning.construction.fine_check.check import check_construction
 from planning.construction.fixed_time import plan_fixed_time
-from planning.construction.motion_plan_export import planned_makespan
 from planning.construction.planner import ConstructionPlan, plan_construction
-from planning.construction.problem import ConstructionProblem
-from planning.construction.timed_tasks import motion_plan
+from planning.construction.problem.problem import ConstructionProblem
 from planning.errors import TwinError
 from scheduling.construction import build_tpg
 from scheduling.rollout import earliest_times

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.construction.planner import ConstructionPlan
-from planning.construction.timeline import RobotTimeline
+from planning.construction.world.timeline import RobotTimeline
 
 DRIVE, CARRY, HOME = "without a part", "with a part", "out of the way"
 """Motions between skills."""

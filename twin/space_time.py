@@ -18,7 +18,7 @@ from twin.uncertainty.duration_models import skill_models
 
 if TYPE_CHECKING:
     from planning.construction.planner import ConstructionPlan
-    from planning.construction.problem import ConstructionProblem
+    from planning.construction.problem.problem import ConstructionProblem
 
 CHECKS, PARTS = "what can be built", "parts"
 """Names of the stages for progress displays."""
@@ -40,7 +40,7 @@ def construction_problem(
         ConstructionError: it cannot be built as it is, or not by these robots.
         ScenarioError: the scenario asks for what constructions cannot have.
     """
-    from planning.construction.problem import SkillSeconds
+    from planning.construction.problem.problem import SkillSeconds
 
     section = scenario.assembly
     assert isinstance(section, ConstructionSection)
@@ -77,8 +77,8 @@ def plan_in_space_time(
     Raises:
         ConstructionError: no plan was found.
     """
+    from planning.construction.export.timed_tasks import motion_plan
     from planning.construction.planner import plan_construction
-    from planning.construction.timed_tasks import motion_plan
 
     with watch.stage("checks", CHECKS):
         problem = construction_problem(scenario, cell, folder)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.construction.problem import Part
+from planning.construction.problem.problem import Part
 from planning.construction.skeletons import Skeleton, robots_of
 
 

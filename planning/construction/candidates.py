@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import combinations, pairwise
 
-from planning.construction.bounds import ReachBounds
-from planning.construction.building import Building
-from planning.construction.problem import ConstructionProblem, Part
+from planning.construction.problem.bounds import ReachBounds
+from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.skeletons import Skeleton, robots_of, skeletons
+from planning.construction.world.building import Building
 
 
 def robot_groups(

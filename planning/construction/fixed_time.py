@@ -13,27 +13,31 @@ from dataclasses import replace
 import numpy as np
 
 from planning.construction.attempt import Attempt
-from planning.construction.bounds import ReachBounds
-from planning.construction.building import Building
-from planning.construction.fixed_world import drop_tail
-from planning.construction.keyframe_solver import KeyframeSolver, Phase, holds_of
-from planning.construction.keyframes import Keyframe
-from planning.construction.known_ways import way_out
+from planning.construction.keyframes.keyframe_solver import (
+    KeyframeSolver,
+    Phase,
+    holds_of,
+)
+from planning.construction.keyframes.keyframes import Keyframe
+from planning.construction.keyframes.known_ways import way_out
+from planning.construction.keyframes.step_scenes import StepScenes
 from planning.construction.object_order import ready_at
-from planning.construction.part_contacts import PartContacts, held_by
 from planning.construction.planner import (
     ConstructionPlan,
     PlannerSettings,
     no_progress,
     plan_with,
 )
-from planning.construction.problem import ConstructionProblem
-from planning.construction.skill_motion import SkillMotion
-from planning.construction.space_time_checker import Pairs
-from planning.construction.step_scenes import StepScenes
+from planning.construction.problem.bounds import ReachBounds
+from planning.construction.problem.part_contacts import PartContacts, held_by
+from planning.construction.problem.problem import ConstructionProblem
+from planning.construction.space_time.checker import Pairs
 from planning.construction.stopwatch import Stopwatch
 from planning.construction.subproblem import Leg, Solution, SubproblemSolver
 from planning.construction.subproblem_settings import SubproblemSettings
+from planning.construction.world.building import Building
+from planning.construction.world.fixed_world import drop_tail
+from planning.construction.world.skill_motion import SkillMotion
 from planning.transforms import Array
 
 _TRIALS = 11

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from planning.construction.problem import ConstructionProblem
+from planning.construction.problem.problem import ConstructionProblem
 from planning.transforms import Array
 
 ROOM = 1.0

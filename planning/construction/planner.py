@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from planning.construction.bounds import ReachBounds
-from planning.construction.building import Building
-from planning.construction.part_contacts import PartContacts
-from planning.construction.problem import ConstructionProblem
+from planning.construction.problem.bounds import ReachBounds
+from planning.construction.problem.part_contacts import PartContacts
+from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.search import ConstructionSearch, Failure
 from planning.construction.search_settings import SearchSettings
 from planning.construction.stopwatch import Stopwatch
 from planning.construction.subproblem import SubproblemSolver
 from planning.construction.subproblem_settings import SubproblemSettings
+from planning.construction.world.building import Building
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from planning.construction.building import Building
-from planning.construction.problem import ConstructionProblem, Part
+from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.search_settings import SearchSettings
 from planning.construction.subproblem import Solution
+from planning.construction.world.building import Building
 
 
 class Placer(Protocol):

@@ -9,21 +9,21 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.construction.attempt import Attempt
-from planning.construction.bounds import ReachBounds
-from planning.construction.building import Building
-from planning.construction.fixed_world import drop_tail
-from planning.construction.keyframe_solver import KeyframeSolver
-from planning.construction.keyframes import Keyframe, Keyframes
-from planning.construction.known_ways import way_in, way_out
+from planning.construction.keyframes.keyframe_solver import KeyframeSolver
+from planning.construction.keyframes.keyframes import Keyframe, Keyframes
+from planning.construction.keyframes.known_ways import way_in, way_out
+from planning.construction.keyframes.step_scenes import StepScenes
 from planning.construction.object_order import ready_at
-from planning.construction.part_contacts import PartContacts, held_by
-from planning.construction.problem import ConstructionProblem, Part
-from planning.construction.skill_motion import SkillMotion
-from planning.construction.space_time_checker import Pairs, SpaceTimeChecker
-from planning.construction.space_time_rrt import space_time_rrt
-from planning.construction.step_scenes import StepScenes
+from planning.construction.problem.bounds import ReachBounds
+from planning.construction.problem.part_contacts import PartContacts, held_by
+from planning.construction.problem.problem import ConstructionProblem, Part
+from planning.construction.space_time.checker import Pairs, SpaceTimeChecker
+from planning.construction.space_time.rrt import space_time_rrt
 from planning.construction.stopwatch import Stopwatch
 from planning.construction.subproblem_settings import SubproblemSettings
+from planning.construction.world.building import Building
+from planning.construction.world.fixed_world import drop_tail
+from planning.construction.world.skill_motion import SkillMotion
 from planning.transforms import Array
 
 

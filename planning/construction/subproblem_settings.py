@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from planning.construction.attempt import Attempt
-from planning.construction.keyframe_solver import KeyframeSettings
-from planning.construction.space_time_rrt import RrtSettings
+from planning.construction.keyframes.keyframe_solver import KeyframeSettings
+from planning.construction.space_time.rrt import RrtSettings
 
 _RRT = RrtSettings(
     good_enough=1.0,

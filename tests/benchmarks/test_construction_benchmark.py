@@ -17,11 +17,11 @@ from benchmarks.construction_rows import best_baseline
 from benchmarks.construction_schedule import CARRY, DRIVE, HOME, schedule
 from benchmarks.construction_store import RowStore
 from benchmarks.construction_summary import summary
-from planning.construction.building import Building, Work
-from planning.construction.fixed_world import FixedWorld
 from planning.construction.planner import ConstructionPlan
-from planning.construction.problem import ConstructionProblem
-from planning.construction.timeline import RobotTimeline
+from planning.construction.problem.problem import ConstructionProblem
+from planning.construction.world.building import Building, Work
+from planning.construction.world.fixed_world import FixedWorld
+from planning.construction.world.timeline import RobotTimeline
 from planning.transforms import identity
 from tests.planning.construction.toy_teams import placed, slider, team
 

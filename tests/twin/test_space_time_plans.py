@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.fixed_world import FixedWorld
-from planning.construction.motion_plan_export import (
+from planning.construction.export.motion_plan_export import (
     export_motion_plan,
     planned_makespan,
 )
-from planning.construction.planned_task import PlannedTask, with_task, world_of
-from planning.construction.space_time_checker import SpaceTimeChecker
-from planning.construction.space_time_rrt import RrtSettings, space_time_rrt
+from planning.construction.export.planned_task import PlannedTask, with_task, world_of
+from planning.construction.space_time.checker import SpaceTimeChecker
+from planning.construction.space_time.rrt import RrtSettings, space_time_rrt
+from planning.construction.world.fixed_world import FixedWorld
 from planning.errors import PlanInvariantError
 from planning.motion_plan import MotionPlan
 from planning.task_graph import TRANSIT

@@ -29,9 +29,9 @@ from twin.scenario.problems import Problem
 from twin.scenario.yaml_text import KeyPath, YamlDocument
 
 if TYPE_CHECKING:
-    from planning.construction.models import ModelPart
-    from planning.construction.problem import ConstructionProblem, SkillSeconds
-    from planning.construction.supply import SupplyLayout
+    from planning.construction.problem.models import ModelPart
+    from planning.construction.problem.problem import ConstructionProblem, SkillSeconds
+    from planning.construction.problem.supply import SupplyLayout
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class ConstructionKind:
 
     def reserved(self, name: str) -> str | None:
         """Return whether a name is that of the floor."""
-        from planning.construction.site import GROUND
+        from planning.construction.problem.site import GROUND
 
         return "the floor" if name == GROUND else None
 
@@ -77,13 +77,13 @@ class ConstructionKind:
 
     def fixtures(self) -> tuple[Fixture, ...]:
         """Return the floor."""
-        from planning.construction.site import ground_fixture
+        from planning.construction.problem.site import ground_fixture
 
         return (ground_fixture(self.section.ground_m),)
 
     def objects(self) -> tuple[CellObject, ...]:
         """Return the parts where they are at the start."""
-        from planning.construction.site import part_objects
+        from planning.construction.problem.site import part_objects
 
         starts: dict[str, Transform] = {
             part.name: readonly(build_transform(part.start))
@@ -119,8 +119,8 @@ class ConstructionKind:
         Raises:
             ConstructionError: it cannot be built as it is, or not by these robots.
         """
-        from planning.construction.checks import require_buildable
-        from planning.construction.site import build_problem
+        from planning.construction.problem.checks import require_buildable
+        from planning.construction.problem.site import build_problem
 
         insertions: dict[str, Array] = {
             part.name: np.array(part.insertion) / np.linalg.norm(part.insertion)
@@ -145,7 +145,7 @@ class ConstructionKind:
 
 def model_parts(section: ModelSection) -> tuple[ModelPart, ...]:
     """Return the parts of a model."""
-    from planning.construction.models import pavilion, tower, wall, well
+    from planning.construction.problem.models import pavilion, tower, wall, well
 
     match section:
         case TowerSection():
@@ -175,7 +175,7 @@ def model_parts(section: ModelSection) -> tuple[ModelPart, ...]:
 
 def supply_layout(section: SupplySection) -> SupplyLayout:
     """Return the layout of a supply."""
-    from planning.construction.supply import Rows, Spiral
+    from planning.construction.problem.supply import Rows, Spiral
 
     if isinstance(section, SpiralSection):
         return Spiral(
@@ -190,7 +190,7 @@ def supply_layout(section: SupplySection) -> SupplyLayout:
 
 
 def _own_part(section: ConstructionPartSection) -> ModelPart:
-    from planning.construction.models import ModelPart
+    from planning.construction.problem.models import ModelPart
 
     red, green, blue = section.colour
     return ModelPart(

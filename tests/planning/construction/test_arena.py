@@ -6,7 +6,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.arena import column, counting, pack, row, table, truths
+from planning.construction.space_time.arena import (
+    column,
+    counting,
+    pack,
+    row,
+    table,
+    truths,
+)
 
 SHAPES = st.lists(st.tuples(st.integers(0, 4), st.integers(1, 5)), max_size=4)
 

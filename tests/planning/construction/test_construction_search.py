@@ -15,27 +15,31 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.construction.attempt import Attempt
-from planning.construction.bounds import ReachBounds
-from planning.construction.building import Building, nothing_built
 from planning.construction.candidates import robot_groups
-from planning.construction.fine_check import check_construction
+from planning.construction.fine_check.check import check_construction
 from planning.construction.fixed_time import FixedTimeSolver, plan_fixed_time
-from planning.construction.models import tower
 from planning.construction.object_order import rank_parts, ready_at
-from planning.construction.part_contacts import PartContacts
-from planning.construction.part_graph import PartGraph
 from planning.construction.planner import (
     ConstructionPlan,
     PlannerSettings,
     plan_construction,
     plan_with,
 )
-from planning.construction.problem import Part
-from planning.construction.site import build_problem, ground_fixture, part_objects
+from planning.construction.problem.bounds import ReachBounds
+from planning.construction.problem.models import tower
+from planning.construction.problem.part_contacts import PartContacts
+from planning.construction.problem.part_graph import PartGraph
+from planning.construction.problem.problem import Part
+from planning.construction.problem.site import (
+    build_problem,
+    ground_fixture,
+    part_objects,
+)
+from planning.construction.problem.supply import Spiral
 from planning.construction.skeletons import HANDOVER, in_words, skeletons
 from planning.construction.stopwatch import Stopwatch
 from planning.construction.subproblem import Solution, SubproblemSolver
-from planning.construction.supply import Spiral
+from planning.construction.world.building import Building, nothing_built
 from planning.geometry.cover import box_body
 from planning.kinematics import frame_pose
 from planning.robots.registry import robot_model

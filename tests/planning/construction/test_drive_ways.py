@@ -10,7 +10,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from planning.construction.drive_ways import (
+from planning.construction.space_time.checker import SpaceTimeChecker
+from planning.construction.space_time.drive_ways import (
     SPACING,
     Lattice,
     drive_way,
@@ -18,10 +19,9 @@ from planning.construction.drive_ways import (
     lay_lattice,
     stand_at,
 )
-from planning.construction.fixed_world import FixedWorld
-from planning.construction.space_time_checker import SpaceTimeChecker
-from planning.construction.space_time_query import Query
-from planning.construction.space_time_rrt import RrtSettings, space_time_rrt
+from planning.construction.space_time.query import Query
+from planning.construction.space_time.rrt import RrtSettings, space_time_rrt
+from planning.construction.world.fixed_world import FixedWorld
 from planning.transforms import Array
 from planning.workcell import Fixture
 from tests.planning.construction.toy_teams import fixture, placed, rover, team

@@ -11,16 +11,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.fine_check import FineCheck, check_construction
-from planning.construction.fine_motion import Motion
-from planning.construction.fine_walk import Group, Measurer
+from planning.construction.fine_check.check import FineCheck, check_construction
+from planning.construction.fine_check.motion import Motion
+from planning.construction.fine_check.walk import Group, Measurer
 from planning.construction.fixed_time import plan_fixed_time
-from planning.construction.models import tower
 from planning.construction.planner import ConstructionPlan, plan_construction
-from planning.construction.problem import ConstructionProblem
-from planning.construction.site import build_problem, ground_fixture, part_objects
-from planning.construction.supply import Spiral
-from planning.construction.timeline import ObjectTimeline, RobotTimeline
+from planning.construction.problem.models import tower
+from planning.construction.problem.problem import ConstructionProblem
+from planning.construction.problem.site import (
+    build_problem,
+    ground_fixture,
+    part_objects,
+)
+from planning.construction.problem.supply import Spiral
+from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.geometry.reference import ReferenceRobot, measure
 from planning.robots.registry import robot_model
 from planning.transforms import Array, identity, readonly, rotation, translation

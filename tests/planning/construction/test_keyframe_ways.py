@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.construction.building import lying_at
-from planning.construction.fixed_world import FixedWorld
-from planning.construction.models import pavilion
-from planning.construction.reach import ReachSampler
-from planning.construction.site import build_problem, ground_fixture, part_objects
-from planning.construction.skill_motion import skill_motion
-from planning.construction.space_time_checker import SpaceTimeChecker
-from planning.construction.supply import Spiral
+from planning.construction.problem.models import pavilion
+from planning.construction.problem.reach import ReachSampler
+from planning.construction.problem.site import (
+    build_problem,
+    ground_fixture,
+    part_objects,
+)
+from planning.construction.problem.supply import Spiral
+from planning.construction.space_time.checker import SpaceTimeChecker
+from planning.construction.world.building import lying_at
+from planning.construction.world.fixed_world import FixedWorld
+from planning.construction.world.skill_motion import skill_motion
 from planning.robots.registry import robot_model
 from planning.transforms import readonly
 from planning.workcell import Attachment, PlacedRobot, Workcell

@@ -8,9 +8,9 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from planning.construction.models import ModelPart, pavilion, tower, wall, well
-from planning.construction.part_grips import face_grips
-from planning.construction.supply import Rows, Spiral, lay_out, lying
+from planning.construction.problem.models import ModelPart, pavilion, tower, wall, well
+from planning.construction.problem.part_grips import face_grips
+from planning.construction.problem.supply import Rows, Spiral, lay_out, lying
 from planning.transforms import Array, identity, readonly
 
 MODELS = {"tower": tower, "wall": wall, "well": well, "pavilion": pavilion}

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.models import ModelPart, pavilion, tower, wall, well
-from planning.construction.part_graph import PartGraph, build_part_graph
-from planning.construction.site import ground_fixture, part_objects
-from planning.construction.supply import Spiral
+from planning.construction.problem.models import ModelPart, pavilion, tower, wall, well
+from planning.construction.problem.part_graph import PartGraph, build_part_graph
+from planning.construction.problem.site import ground_fixture, part_objects
+from planning.construction.problem.supply import Spiral
 from planning.errors import ConstructionError
 from planning.transforms import from_rpy, readonly, translation
 

@@ -9,17 +9,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.bounds import ReachBounds, require_reach
-from planning.construction.checks import (
+from planning.construction.problem.bounds import ReachBounds, require_reach
+from planning.construction.problem.checks import (
     require_buildable,
     require_free_supply,
     require_grounded,
 )
-from planning.construction.models import ModelPart, tower
-from planning.construction.problem import ConstructionProblem
-from planning.construction.reach import ReachSampler
-from planning.construction.site import build_problem, ground_fixture, part_objects
-from planning.construction.supply import Rows, Spiral, SupplyLayout
+from planning.construction.problem.models import ModelPart, tower
+from planning.construction.problem.problem import ConstructionProblem
+from planning.construction.problem.reach import ReachSampler
+from planning.construction.problem.site import (
+    build_problem,
+    ground_fixture,
+    part_objects,
+)
+from planning.construction.problem.supply import Rows, Spiral, SupplyLayout
 from planning.errors import ConstructionError
 from planning.kinematics import frame_pose, inverse_kinematics
 from planning.robots.mobile import is_mobile

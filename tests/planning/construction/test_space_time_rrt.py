@@ -9,11 +9,11 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 
-from planning.construction.fixed_world import FixedWorld
-from planning.construction.space_time_checker import SpaceTimeChecker
-from planning.construction.space_time_path import SpaceTimePath
-from planning.construction.space_time_rrt import RrtSettings, space_time_rrt
-from planning.construction.timeline import RobotTimeline
+from planning.construction.space_time.checker import SpaceTimeChecker
+from planning.construction.space_time.path import SpaceTimePath
+from planning.construction.space_time.rrt import RrtSettings, space_time_rrt
+from planning.construction.world.fixed_world import FixedWorld
+from planning.construction.world.timeline import RobotTimeline
 from planning.robots.model import RobotModel
 from planning.transforms import Array
 from tests.planning.construction.toy_teams import SPEED, fixture, placed, slider, team

@@ -6,11 +6,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.hands import HandChange, pose_of
-from planning.construction.motion_pieces import cut_timeline
-from planning.construction.swept_track import SweptTrack, sweep_track
-from planning.construction.swept_tracks import SweptTracks
-from planning.construction.timeline import RobotTimeline
+from planning.construction.world.hands import HandChange, pose_of
+from planning.construction.world.motion_pieces import cut_timeline
+from planning.construction.world.swept_track import SweptTrack, sweep_track
+from planning.construction.world.swept_tracks import SweptTracks
+from planning.construction.world.timeline import RobotTimeline
 from planning.geometry.robot_bodies import joint_poses_of
 from planning.transforms import Array, translation
 from planning.workcell import CellObject

@@ -7,10 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.fixed_world import FixedWorld, drop_tail
-from planning.construction.motion_pieces import cut_timeline
-from planning.construction.planned_task import PlannedTask, drop_way_out, with_task
-from planning.construction.timeline import ObjectTimeline, RobotTimeline
+from planning.construction.export.planned_task import (
+    PlannedTask,
+    drop_way_out,
+    with_task,
+)
+from planning.construction.world.fixed_world import FixedWorld, drop_tail
+from planning.construction.world.motion_pieces import cut_timeline
+from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.errors import PlanInvariantError
 from planning.task_graph import TRANSIT, Handling
 from planning.transforms import translation

@@ -6,11 +6,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from planning.construction.arrival_windows import arrival_windows
-from planning.construction.fixed_world import FixedWorld, drop_tail
-from planning.construction.planned_task import PlannedTask, drop_way_out, with_task
-from planning.construction.space_time_checker import SpaceTimeChecker
-from planning.construction.space_time_rrt import RrtSettings, space_time_rrt
+from planning.construction.export.planned_task import (
+    PlannedTask,
+    drop_way_out,
+    with_task,
+)
+from planning.construction.space_time.arrival_windows import arrival_windows
+from planning.construction.space_time.checker import SpaceTimeChecker
+from planning.construction.space_time.rrt import RrtSettings, space_time_rrt
+from planning.construction.world.fixed_world import FixedWorld, drop_tail
 from planning.task_graph import TRANSIT, Handling
 from planning.transforms import Array, inverse, translation
 from planning.workcell import Attachment, Workcell

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.construction.models import ModelPart
-from planning.construction.problem import ConstructionProblem
-from planning.construction.site import build_problem, ground_fixture, part_objects
-from planning.construction.supply import Spiral
+from planning.construction.problem.models import ModelPart
+from planning.construction.problem.problem import ConstructionProblem
+from planning.construction.problem.site import (
+    build_problem,
+    ground_fixture,
+    part_objects,
+)
+from planning.construction.problem.supply import Spiral
 from planning.robots.registry import robot_model
 from planning.transforms import identity, readonly, translation
 from planning.workcell import PlacedRobot, Workcell

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from planning.construction.problem import ConstructionProblem, SkillSeconds
+from planning.construction.problem.problem import ConstructionProblem, SkillSeconds
 from planning.errors import ConstructionError, ScenarioError
 from twin.assemblies.construction import ConstructionKind
 from twin.assemblies.kinds import assembly_kind

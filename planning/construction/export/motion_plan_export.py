@@ -1,0 +1,318 @@
+"""A finished space-time plan as the motion plan that everything after it takes.
+
+Robots move at the same time in such a plan. Its motions are cut at the cells of time, and finer
+where robots are close, until no two pieces that share time come too close, each anywhere on its
+own: then the temporal plan graph keeps the planned times, and its guarantee under any delay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.construction.export.piece_conflicts import (
+    conflicting_pieces,
+    contact_keys,
+)
+from planning.construction.export.planned_task import PlannedTask, world_of
+from planning.construction.space_time.checker import HALVINGS, STEP, no_boxes
+from planning.construction.space_time.scene import Limits, lay_out
+from planning.construction.world.entities import entity_numbers
+from planning.construction.world.fleet import Carrier, build_fleet
+from planning.construction.world.hands import hand_changes
+from planning.construction.world.motion_pieces import Pieces, cut_timeline
+from planning.construction.world.swept_track import SweptTrack, carriers_of, sweep_track
+from planning.construction.world.timeline import SAME
+from planning.construction.world.tracks import build_tracks
+from planning.errors import PlanInvariantError
+from planning.geometry.exact import TOLERANCE
+from planning.motion_plan import MotionPlan, TaskMotion
+from planning.task_graph import TRANSIT, AllowedContact, Task
+from planning.transforms import Array
+from planning.workcell import Workcell
+
+_FINER = 3
+"""How much more often than in planning a cell may be halved."""
+
+_MARGIN = 1.5 * TOLERANCE
+"""Kept on top of the clearances: enough for the exact decisions of the conflict search [m]."""
+
+
+def export_motion_plan(
+    cell: Workcell,
+    planned: Sequence[PlannedTask],
+    *,
+    after: Iterable[tuple[int, int]] = (),
+    rests_on: Mapping[str, Iterable[str]] | None = None,
+    step: float = STEP,
+) -> MotionPlan:
+    """Return the motion plan of a space-time plan.
+
+    Args:
+        cell: the static cell.
+        planned: all tasks; those of one robot follow each other in time, from HOME on.
+        after: pairs (a, b) of positions in ``planned``: a must be complete before b starts.
+        rests_on: for an object those that must be in place before it is put down.
+        step: length of the cells of time with which it was planned [s].
+
+    Raises:
+        PlanInvariantError: tasks do not follow each other, or two robots come too close at the
+            same time; names both.
+    """
+    place = {k: n for n, k in enumerate(_in_order(cell, planned))}
+    tasks = [planned[k] for k in place]
+    pieces = _cut(cell, tasks, step)
+    motions = _motions(cell, tasks, pieces)
+    edges = {(place[a], place[b]) for a, b in after}
+    edges |= _object_order(tasks) | _support_order(tasks, rests_on or {})
+    return MotionPlan(
+        cell,
+        tuple(
+            Task(
+                k,
+                task.robot,
+                task.kind,
+                task.step,
+                task.label,
+                motions[k].path[-1:] if task.kind == TRANSIT else motions[k].path[1:],
+                task.handlings,
+                task.object,
+            )
+            for k, task in enumerate(tasks)
+        ),
+        tuple(motions),
+        np.array(sorted(edges), dtype=np.int64).reshape(-1, 2),
+        _allowed(tasks),
+    )
+
+
+def _in_order(cell: Workcell, planned: Sequence[PlannedTask]) -> list[int]:
+    """Return positions of tasks by planned start, each robot's in its own order."""
+    robots = {robot.name: k for k, robot in enumerate(cell.robots)}
+    return sorted(
+        range(len(planned)),
+        key=lambda k: (planned[k].start, planned[k].end, robots[planned[k].robot], k),
+    )
+
+
+class _Cut:
+    """The pieces of all robots, and which tasks they belong to.
+
+    Attributes:
+        pieces: of each robot, by name.
+        tasks: of each of its pieces, those before and after it for a stand, shape (p, 2).
+    """
+
+    def __init__(self) -> None:
+        self.pieces: dict[str, Pieces] = {}
+        self.tasks: dict[str, npt.NDArray[np.int64]] = {}
+
+
+def _cut(cell: Workcell, tasks: Sequence[PlannedTask], step: float) -> _Cut:
+    """Cut all motions until those at the same time stay apart."""
+    world = world_of(cell, tasks)
+    cuts: dict[str, set[float]] = {robot.name: set() for robot in cell.robots}
+    numbers = entity_numbers(cell)
+    keys = contact_keys([task.touching for task in tasks], numbers)
+    clearances = cell.clearances
+    limits = clearances.robot_robot + _MARGIN, clearances.robot_object + _MARGIN
+    while True:
+        cut = _Cut()
+        carriers: list[Carrier] = [(cell.robots[0], ())]
+        swept: list[SweptTrack] = []
+        which: list[npt.NDArray[np.int64]] = []
+        for robot in cell.robots:
+            own = [k for k, task in enumerate(tasks) if task.robot == robot.name]
+            changes = hand_changes(world.objects, robot.name)
+            bounds = [t for k in own for t in (tasks[k].start, tasks[k].end)]
+            pieces = cut_timeline(
+                world.robots[robot.name],
+                0.0,
+                np.inf,
+                step,
+                sorted({t for t, _ in changes[1:]} | set(bounds)),
+                sorted(cuts[robot.name]),
+            )
+            track = sweep_track(robot, pieces, changes, cell.object)
+            swept.append(track)
+            which.append(len(carriers) + track.hand)
+            carriers += carriers_of(robot, track.hands, cell.object)
+            cut.pieces[robot.name] = pieces
+            cut.tasks[robot.name] = _tasks_of(pieces, tasks, own)
+        fleet = build_fleet(carriers, numbers.__getitem__)
+        tracks = build_tracks(swept, which)
+        memory = lay_out(
+            fleet,
+            tracks,
+            no_boxes(cell),
+            Limits(np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0))),
+            np.zeros(1),
+            step,
+            HALVINGS,
+        )
+        found = conflicting_pieces(
+            memory.arena,
+            np.concatenate(list(cut.tasks.values())),
+            keys,
+            len(numbers),
+            2 * len(cell.robots),
+            limits,
+        )
+        again = False
+        for i, j in found:
+            again = True
+            _halve(cut, tracks.first, i, j, step, cuts, tasks)
+        if not again:
+            return cut
+
+
+def _halve(
+    cut: _Cut,
+    first: npt.NDArray[np.int64],
+    i: int,
+    j: int,
+    step: float,
+    cuts: dict[str, set[float]],
+    tasks: Sequence[PlannedTask],
+) -> None:
+    """Cut two pieces that come too close; the longer one where they differ."""
+    names = list(cut.pieces)
+    found: list[tuple[int, float, str]] = []
+    words = []
+    for piece in (i, j):
+        r = int(np.searchsorted(first, piece, side="right")) - 1
+        k = piece - int(first[r])
+        pieces = cut.pieces[names[r]]
+        start, end = float(pieces.start[k]), float(pieces.end[k])
+        label = tasks[int(cut.tasks[names[r]][k, 0])].label if tasks else ""
+        words.append(f"robot {names[r]!r} ({label}, from {start:.3f} s to {end:.3f} s)")
+        if pieces.whole[k] or not np.any(pieces.q_a[k] != pieces.q_b[k]):
+            continue
+        for halvings in range(1, HALVINGS + _FINER + 1):
+            size = step / (1 << halvings)
+            middle = float(np.ceil(start / size + 1e-6) * size)
+            if middle < end - SAME:
+                found.append((halvings, middle, names[r]))
+                break
+    if not found:
+        raise PlanInvariantError(
+            f"{words[0]} and {words[1]} come too close to each other at the same time"
+        )
+    coarsest = min(f[0] for f in found)
+    for halvings, middle, name in found:
+        if halvings == coarsest:
+            cuts[name].add(middle)
+
+
+def _tasks_of(
+    pieces: Pieces, tasks: Sequence[PlannedTask], own: Sequence[int]
+) -> npt.NDArray[np.int64]:
+    """Return the tasks that pieces belong to, for a stand those before and after it."""
+    if not own:
+        return np.full((len(pieces.start), 2), -1, dtype=np.int64)
+    ends = np.array([tasks[k].end for k in own])
+    at = np.searchsorted(ends, pieces.moment + SAME, side="right")
+    task = np.array(own)[np.minimum(at, len(own) - 1)]
+    moves = np.any(pieces.q_a != pieces.q_b, axis=1) | pieces.whole
+    places = np.arange(len(task))
+    before = np.maximum.accumulate(np.where(moves, places, -1))
+    after = np.minimum.accumulate(np.where(moves, places, len(task))[::-1])[::-1]
+    some = np.flatnonzero(moves)
+    if len(some) == 0:
+        return np.stack([task, task], axis=1).astype(np.int64)
+    before = np.where(before < 0, some[0], before)
+    after = np.where(after >= len(task), some[-1], after)
+    return np.stack([task[before], task[after]], axis=1).astype(np.int64)
+
+
+def _motions(
+    cell: Workcell, tasks: Sequence[PlannedTask], cut: _Cut
+) -> list[TaskMotion]:
+    """Return the path of every task, a waypoint at the end of every piece."""
+    out: dict[int, TaskMotion] = {}
+    for robot in cell.robots:
+        own = [k for k, task in enumerate(tasks) if task.robot == robot.name]
+        pieces = cut.pieces[robot.name]
+        last = robot.home
+        for k in own:
+            task = tasks[k]
+            if task.kind != TRANSIT:
+                path = np.array(task.path)
+                path[0] = last
+                out[k] = TaskMotion(path, np.array(task.time))
+            else:
+                if task.handlings:
+                    raise PlanInvariantError(
+                        f"{task.label} of robot {robot.name!r} is a transit, in which"
+                        " nothing changes hands"
+                    )
+                inside = np.flatnonzero(
+                    (pieces.start >= task.start - SAME)
+                    & (pieces.end <= task.end + SAME)
+                    & ~pieces.whole
+                )
+                path = np.vstack([last[None], pieces.q_b[inside]])
+                time = np.concatenate([[task.start], pieces.end[inside]])
+                out[k] = TaskMotion(path, time)
+            last = out[k].path[-1]
+    return [out[k] for k in range(len(tasks))]
+
+
+def _object_order(tasks: Sequence[PlannedTask]) -> set[tuple[int, int]]:
+    """Return the dependencies between tasks of different robots that handle one object."""
+    edges = set()
+    last: dict[str, int] = {}
+    events = [
+        (float(task.time[h.waypoint]), k, h)
+        for k, task in enumerate(tasks)
+        for h in task.handlings
+    ]
+    for _, k, h in sorted(events, key=lambda e: (e[0], e[1])):
+        if h.object in last and tasks[last[h.object]].robot != tasks[k].robot:
+            edges.add((last[h.object], k))
+        last[h.object] = k
+        if h.holder is not None and h.holder != tasks[k].robot:
+            # Whoever takes it stands and waits; it goes on when it has it.
+            partner = [n for n, t in enumerate(tasks) if t.robot == h.holder]
+            before = [n for n in partner if tasks[n].end <= tasks[k].start + SAME]
+            later = [n for n in partner if tasks[n].start >= tasks[k].end - SAME]
+            edges |= {(n, k) for n in before[-1:]} | {(k, n) for n in later[:1]}
+    return edges
+
+
+def _support_order(
+    tasks: Sequence[PlannedTask], rests_on: Mapping[str, Iterable[str]]
+) -> set[tuple[int, int]]:
+    """Return the dependencies of placing on having placed what is below."""
+    placed = {
+        h.object: k
+        for k, task in enumerate(tasks)
+        for h in task.handlings
+        if h.holder is None
+    }
+    return {
+        (placed[below], placed[above])
+        for above, supports in rests_on.items()
+        for below in supports
+        if above in placed and below in placed
+    }
+
+
+def _allowed(tasks: Sequence[PlannedTask]) -> tuple[AllowedContact, ...]:
+    pairs: dict[tuple[str, str], set[int]] = {}
+    for k, task in enumerate(tasks):
+        for pair in task.touching:
+            first, second = sorted(pair)
+            pairs.setdefault((first, second), set()).add(k)
+    return tuple(
+        AllowedContact(a, b, frozenset(which))
+        for (a, b), which in sorted(pairs.items())
+    )
+
+
+def planned_makespan(plan: MotionPlan) -> float:
+    """Return when the last task of a plan ends [s]."""
+    ends: Array = np.array([motion.time[-1] for motion in plan.motions])
+    return float(ends.max(initial=0.0))

@@ -1,0 +1,1 @@
+"""A check of finished plans that shares nothing with the planner."""

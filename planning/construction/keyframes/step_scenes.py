@@ -1,0 +1,179 @@
+"""The checks of one sub-problem: who holds what, and may touch what, in which phase."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from planning.construction.problem.part_contacts import PartContacts, held_by
+from planning.construction.problem.problem import ConstructionProblem, Part
+from planning.construction.space_time.checker import SpaceTimeChecker
+from planning.construction.world.building import lying_at
+from planning.construction.world.fixed_world import FixedWorld
+from planning.construction.world.timeline import RobotTimeline
+from planning.geometry.body import ConvexBody
+from planning.geometry.robot_bodies import entity
+from planning.robots.model import KinematicChain, LinkPart, RobotModel
+from planning.transforms import readonly
+from planning.workcell import Attachment, PlacedRobot
+
+_GHOST = "part in its place"
+
+
+class Hold(NamedTuple):
+    """How a part is held.
+
+    Attributes:
+        grip: number of the grip.
+        turn: of the tool about its z axis [rad].
+    """
+
+    grip: int
+    turn: float
+
+
+class StepScenes:
+    """Checkers for one part among fixed timelines, made when they are first asked for.
+
+    Args:
+        problem: parts and team.
+        contacts: of all parts.
+        world: everything that is fixed; who works on the part stands at the end of its
+            timeline.
+        part: the part.
+        team: who works on it.
+    """
+
+    def __init__(
+        self,
+        problem: ConstructionProblem,
+        contacts: PartContacts,
+        world: FixedWorld,
+        part: Part,
+        team: tuple[str, ...],
+    ) -> None:
+        self.problem = problem
+        self.world = world
+        self.part = part
+        self.team = team
+        self._contacts = contacts
+        self._empty: dict[tuple[str, bool], SpaceTimeChecker] = {}
+        self._held: dict[tuple[str, bool, Hold], SpaceTimeChecker] = {}
+        self._handing: dict[tuple[str, str, str, Hold], SpaceTimeChecker] = {}
+
+    def empty_at_start(self, robot: str) -> SpaceTimeChecker:
+        """Return the check of a pad that comes to the part in the supply."""
+        return self._with_empty_hand(robot, False)
+
+    def empty_at_goal(self, robot: str) -> SpaceTimeChecker:
+        """Return the check of a pad that leaves the part in its place."""
+        return self._with_empty_hand(robot, True)
+
+    def held_at_start(self, robot: str, hold: Hold) -> SpaceTimeChecker:
+        """Return the check of the part as it is lifted from the supply."""
+        return self._with_part(robot, hold, False)
+
+    def held_at_goal(self, robot: str, hold: Hold) -> SpaceTimeChecker:
+        """Return the check of the part as it is put down."""
+        return self._with_part(robot, hold, True)
+
+    def handing(
+        self, giver: str, taker: str, holder: str, hold: Hold
+    ) -> SpaceTimeChecker:
+        """Return the check of two robots at once, one of which holds the part.
+
+        Args:
+            giver, taker: whose pads both touch the part; configurations in this order.
+            holder: one of them.
+            hold: how that one holds it.
+        """
+        key = (giver, taker, holder, hold)
+        if key not in self._handing:
+            pose = self.problem.held_in_flange(holder, self.part, *hold)
+            self._handing[key] = SpaceTimeChecker(
+                self.world,
+                (giver, taker),
+                held={self.part.name: Attachment(holder, pose)},
+                allowed=held_by(giver, self.part) | held_by(taker, self.part),
+            )
+        return self._handing[key]
+
+    @cached_property
+    def lying(self) -> tuple[SpaceTimeChecker, np.ndarray]:
+        """The check of the part alone, lying in its place, and the configuration for it.
+
+        What has been planned for later must not run into it. Whoever works on the part is
+        left out.
+        """
+        world, item = self.world, self.problem.object(self.part)
+        ghost = _ghost(item.body, self.part)
+        cell = replace(world.cell, robots=(*world.cell.robots, ghost))
+        begin = min(world.robots[name].end for name in self.team)
+        line = RobotTimeline(_GHOST, np.array([begin]), np.zeros((1, 1)))
+        robots = {**world.robots, _GHOST: line}
+        alone = FixedWorld(cell, robots, world.objects, world.swept)
+        own = self.part.name
+        touched = {
+            frozenset((f"{_GHOST}/arm", *(pair - {own})))
+            for pair in self._contacts.at_goal(self.part)
+        }
+        spared = [own] + [entity(r, g) for r in self.team for g in ("arm", "tool")]
+        touched |= {frozenset((f"{_GHOST}/arm", name)) for name in spared}
+        checker = SpaceTimeChecker(
+            alone, (_GHOST,), held={}, allowed=frozenset(touched)
+        )
+        return checker, np.zeros((1, 1))
+
+    def _with_empty_hand(self, robot: str, at_goal: bool) -> SpaceTimeChecker:
+        key = (robot, at_goal)
+        if key not in self._empty:
+            world = self.world
+            if at_goal:
+                world = lying_at(world, self.part.name, self.part.goal)
+            self._empty[key] = SpaceTimeChecker(
+                world, (robot,), held={}, allowed=held_by(robot, self.part)
+            )
+        return self._empty[key]
+
+    def _with_part(self, robot: str, hold: Hold, at_goal: bool) -> SpaceTimeChecker:
+        key = (robot, at_goal, hold)
+        if key not in self._held:
+            pose = self.problem.held_in_flange(robot, self.part, *hold)
+            touched = (
+                self._contacts.at_goal(self.part)
+                if at_goal
+                else self._contacts.at_start(self.part)
+            )
+            self._held[key] = SpaceTimeChecker(
+                self.world,
+                (robot,),
+                held={self.part.name: Attachment(robot, pose)},
+                allowed=held_by(robot, self.part) | touched,
+            )
+        return self._held[key]
+
+
+def _ghost(body: ConvexBody, part: Part) -> PlacedRobot:
+    """Return a robot that is nothing but the part in its place."""
+    model = RobotModel(
+        name=_GHOST,
+        urdf=Path(),
+        package_dirs=(),
+        joint_names=("none",),
+        lower=readonly(np.zeros(1)),
+        upper=readonly(np.zeros(1)),
+        velocity=readonly(np.ones(1)),
+        chain=KinematicChain(
+            readonly(np.eye(4)[None]), readonly([[0.0, 0.0, 1.0]]), np.array([True])
+        ),
+        flange=readonly(np.eye(4)),
+        frames={},
+        parts=(LinkPart(0, "arm", body),),
+        never_collide=frozenset(),
+        home=readonly(np.zeros(1)),
+    )
+    return PlacedRobot(_GHOST, model, part.goal, readonly(np.zeros(1)))

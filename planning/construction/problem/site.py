@@ -1,0 +1,126 @@
+"""From the boxes of a model to the objects of a cell, and to a problem."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from planning.construction.problem.models import ModelPart
+from planning.construction.problem.part_graph import TOUCH, build_part_graph
+from planning.construction.problem.part_grips import face_grips
+from planning.construction.problem.problem import (
+    ConstructionProblem,
+    Part,
+    SkillSeconds,
+)
+from planning.construction.problem.supply import SupplyLayout, lay_out
+from planning.geometry.cover import box_body
+from planning.transforms import Array, Transform, readonly, translation
+from planning.workcell import CellObject, Fixture, Workcell
+
+GROUND = "ground"
+"""Name of the floor."""
+
+_DEPTH = 0.2
+
+
+def ground_fixture(edge: float = 30.0) -> Fixture:
+    """Return a square floor whose top is at height zero.
+
+    Args:
+        edge: its length [m].
+    """
+    size = readonly((edge, edge, _DEPTH))
+    pose = readonly(translation(0.0, 0.0, -_DEPTH / 2.0))
+    return Fixture(GROUND, size, pose, box_body(GROUND, size))
+
+
+def part_objects(
+    parts: Sequence[ModelPart],
+    layout: SupplyLayout,
+    starts: Mapping[str, Transform] | None = None,
+    *,
+    near: bool = False,
+) -> tuple[CellObject, ...]:
+    """Return the parts of a model as objects that lie in the supply.
+
+    Args:
+        parts: the model.
+        layout: where parts lie.
+        starts: poses of parts that lie elsewhere; they leave no gap in the layout.
+        near: whether parts lie near where they belong, see ``lay_out``.
+    """
+    poses = dict(starts or {})
+    others = [part for part in parts if part.name not in poses]
+    poses |= lay_out(others, layout, near=near)
+    return tuple(
+        CellObject(
+            name=part.name,
+            kind=" x ".join(f"{edge:.4g}" for edge in part.size),
+            size=part.size,
+            start=readonly(poses[part.name]),
+            body=box_body(part.name, part.size),
+            mass=part.mass,
+            colour=part.colour,
+        )
+        for part in parts
+    )
+
+
+def build_problem(
+    cell: Workcell,
+    parts: Sequence[ModelPart],
+    *,
+    team: Sequence[str] | None = None,
+    frame: str = "tool",
+    offsets: Sequence[float] = (0.0,),
+    insertions: Mapping[str, Array] | None = None,
+    seconds: SkillSeconds | None = None,
+    approach: float = 0.1,
+    touch: float = TOUCH,
+    carried: bool = True,
+    seed: int = 0,
+) -> ConstructionProblem:
+    """Return the problem of building a model in a cell.
+
+    Args:
+        cell: its objects hold the parts, see ``part_objects``.
+        parts: the model.
+        team: robots that take part; by default all.
+        frame: tool frame of the pads.
+        offsets: places of pads along the longer edge of a face, see ``face_grips`` [m].
+        insertions: directions in which parts reach their places, unit vectors, shape (3,); by
+            default that of a pad on the first face.
+        seconds: nominal durations of the skills.
+        approach: see ConstructionProblem.
+        touch: parts nearer to each other than this are connected [m].
+        carried: see ConstructionProblem.
+        seed: of everything that is drawn.
+
+    Raises:
+        ConstructionError: two goal poses overlap.
+    """
+    given = insertions or {}
+    out = []
+    for part in parts:
+        grips = face_grips(part.size, part.faces, offsets)
+        inwards = part.goal[:3, :3] @ grips[0].touch[:3, 2]
+        insertion = readonly(given.get(part.name, inwards))
+        out.append(Part(part.name, readonly(part.goal), grips, insertion))
+    items = {part.name: (cell.object(part.name), part.goal) for part in parts}
+    names = tuple(robot.name for robot in cell.robots) if team is None else tuple(team)
+    return ConstructionProblem(
+        cell=cell,
+        parts=tuple(out),
+        graph=build_part_graph(
+            items, [(item, item.pose) for item in cell.fixtures], touch=touch
+        ),
+        team=names,
+        frame=frame,
+        seconds=seconds or SkillSeconds(),
+        approach=approach,
+        speeds={name: np.array(cell.robot(name).model.velocity) for name in names},
+        carried=carried,
+        seed=seed,
+    )

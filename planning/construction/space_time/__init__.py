@@ -1,0 +1,1 @@
+"""Paths through space-time among everything that is planned already (Hartmann et al. IV-C)."""
