@@ -10,6 +10,9 @@ from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.skeletons import Skeleton, robots_of, skeletons
 from planning.construction.world.building import Building
 
+_GROUP = 2
+"""Most robots that work on one part together: one that gives and one that takes."""
+
 
 def robot_groups(
     building: Building, team: tuple[str, ...], size: int
@@ -29,19 +32,15 @@ class Candidates:
     Args:
         problem: what is built by whom.
         bounds: who reaches what.
-        group: most robots that work on one part together.
     """
 
-    def __init__(
-        self, problem: ConstructionProblem, bounds: ReachBounds, group: int
-    ) -> None:
+    def __init__(self, problem: ConstructionProblem, bounds: ReachBounds) -> None:
         self.problem = problem
         self.bounds = bounds
-        self.group = group
 
     def of(self, building: Building, part: Part) -> Iterator[Skeleton]:
         """Yield sequences of actions: robots by eq. 7, one before several, short before long."""
-        for size in range(1, self.group + 1):
+        for size in range(1, _GROUP + 1):
             for group in robot_groups(building, self.problem.team, size):
                 for skeleton in skeletons(group):
                     if self._may_work(part, skeleton):

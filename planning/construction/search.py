@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -43,8 +44,8 @@ class ConstructionSearch:
     """Plans part after part, fixed once planned, and takes placements back where it must.
 
     A part that nobody can place is kept from its place by others: those placed last are taken
-    back until it can be placed. The parts that were in its way are remembered, and never
-    complete again before it, so the search ends.
+    back until it can be placed. The parts that were in its way are remembered, and do not come
+    together again before it as long as others can. For no part is that done without end.
 
     Args:
         problem: what is built by whom.
@@ -68,7 +69,7 @@ class ConstructionSearch:
         progress: Callable[[int, int], None],
     ) -> None:
         self.problem = problem
-        self.candidates = Candidates(problem, bounds, settings.group)
+        self.candidates = Candidates(problem, bounds)
         self.easy = EasyPlacement(problem, self.candidates, self._solve, settings)
         self.rounds = Rounds(problem, self, settings)
         self.solver = solver
@@ -79,6 +80,7 @@ class ConstructionSearch:
         self.spent = 0
         self._rng = np.random.default_rng([problem.seed, 1])
         self._walls: dict[str, set[frozenset[str]]] = {}
+        self._returns: Counter[str] = Counter()
 
     def run(self) -> Building:
         """Return the state in which every part is in its place.
@@ -115,8 +117,15 @@ class ConstructionSearch:
         """Return the states up to one in which a part is in its place that could not be placed.
 
         Raises:
-            ConstructionError: it cannot be placed before any of the others, either.
+            ConstructionError: it cannot be placed before any of the others, either; or others
+                that come after it cannot, again and again.
         """
+        if self._returns[part.name] >= self.settings.returns:
+            others = ", ".join(sorted(set(self._returns) - {part.name}))
+            raise ConstructionError(
+                f"no way was found to place both {part.name} and {others or 'the rest'}: whichever "
+                f"comes first keeps the other from its place"
+            )
         for effort in range(self.settings.efforts):
             # In the last state it has just failed with no more effort than usual.
             for back in range(1 if effort == 0 else 0, len(done)):
@@ -133,6 +142,7 @@ class ConstructionSearch:
                 if back:
                     wall = frozenset(done[-back].placed)
                     self._walls.setdefault(part.name, set()).add(wall)
+                    self._returns[part.name] += 1
                     self.rewound += back
                 return [*done[: len(done) - back], after.building]
         robots = ", ".join(

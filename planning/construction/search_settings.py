@@ -11,7 +11,6 @@ class SearchSettings:
 
     Attributes:
         attempts: of each sequence of actions, before the next robots are tried.
-        group: most robots that work on one part together.
         asked: robots that may plan a part before anything is tried hard, one after another, as
             long as each is late; where there are no more parts to place than for half of them.
         parts: that the first robot may plan before anything is tried hard, one after another,
@@ -26,10 +25,11 @@ class SearchSettings:
             construction, over the number of robots, since among many each takes longer.
         efforts: how often failures are gone through again when nothing else is left, each
             time trying harder.
+        returns: how often placements are taken back for one part, at most. Parts that keep each
+            other from their places would take turns for ever.
     """
 
     attempts: int = 2
-    group: int = 2
     asked: int = 3
     parts: int = 3
     late: float = 2.0
@@ -38,3 +38,4 @@ class SearchSettings:
     bearable: float = 3.0
     again: float = 6.0
     efforts: int = 3
+    returns: int = 8

@@ -40,6 +40,7 @@ from planning.construction.skeletons import HANDOVER, in_words, skeletons
 from planning.construction.stopwatch import Stopwatch
 from planning.construction.subproblem import Solution, SubproblemSolver
 from planning.construction.world.building import Building, nothing_built
+from planning.errors import ConstructionError
 from planning.geometry.cover import box_body
 from planning.kinematics import frame_pose
 from planning.robots.registry import robot_model
@@ -358,6 +359,32 @@ def test_where_a_robot_is_late_others_are_asked_and_the_soonest_does_it() -> Non
     plain = plan_construction(problem)
     first = min(problem.team, key=problem.team.index)
     assert plain.building.work[0].robot == first
+
+
+class _Jealous(SubproblemSolver):
+    """Of two parts whichever comes first keeps the other from its place."""
+
+    def solve(self, building: Building, attempt: Attempt) -> Solution | None:
+        return None if building.placed else super().solve(building, attempt)
+
+
+def test_parts_that_keep_each_other_from_their_places_end_the_search() -> None:
+    boxes = (
+        toy_part("left", (0.2, 0.1, 0.1), (-0.5, 0.0, 0.05)),
+        toy_part("right", (0.2, 0.1, 0.1), (0.5, 0.0, 0.05)),
+    )
+    problem = toy_problem(boxes, 1)
+    bounds, settings = ReachBounds(problem), PlannerSettings()
+    solver = _Jealous(
+        problem, bounds, PartContacts(problem), settings.subproblem, Stopwatch()
+    )
+    with pytest.raises(ConstructionError, match=r"to place both (left|right) and"):
+        plan_with(
+            solver,
+            bounds,
+            replace(settings.search, tries=1, returns=2),
+            lambda done, total: None,
+        )
 
 
 class _Lossy(_Told):
