@@ -13,6 +13,8 @@ TwinError
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 
 class TwinError(Exception):
     """Base of every error that a user can cause and mend.
@@ -59,3 +61,9 @@ class RequestError(TwinError):
 
 class OutputError(TwinError):
     """A file or folder cannot be written or read."""
+
+
+def listed(names: Sequence[str], most: int = 6) -> str:
+    """Return names for a message, and how many are left out where there are too many."""
+    shown = ", ".join(names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"

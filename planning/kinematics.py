@@ -17,7 +17,7 @@ from planning.geometry.damped_least_squares import (
     solve_from,
 )
 from planning.robots.model import RobotModel
-from planning.transforms import Array, Transform, inverse
+from planning.transforms import Array, Transform, identity, inverse
 from planning.workcell import PlacedRobot
 
 __all__ = [
@@ -67,12 +67,23 @@ def frame_in_last_joint(model: RobotModel, frame: str) -> Transform:
     """
     if frame == "flange":
         return model.flange
+    return np.asarray(model.flange @ frame_in_flange(model, frame))
+
+
+def frame_in_flange(model: RobotModel, frame: str) -> Transform:
+    """Return the pose of the flange or of a tool frame in the flange's frame.
+
+    Raises:
+        RobotModelError: the robot has no such frame.
+    """
+    if frame == "flange":
+        return identity()
     if frame not in model.frames:
         raise RobotModelError(
             f"robot {model.name!r} has no frame {frame!r}",
             choices=("flange", *model.frames),
         )
-    return np.asarray(model.flange @ model.frames[frame])
+    return model.frames[frame]
 
 
 def inverse_kinematics(

@@ -17,7 +17,7 @@ from planning.speed import JointSpeed, L1Speed, SpeedModel
 from planning.synchronous import SynchronousPlan, plan_synchronous
 from planning.task_plan import TaskPlan
 from planning.transit import RrtConnect
-from planning.workcell import PlacedRobot, Workcell
+from planning.workcell import Workcell
 from scheduling.construction import build_nodes, build_tpg
 from scheduling.reordering import reorder_tasks
 from scheduling.shortcutting import shorten_tpg
@@ -26,7 +26,7 @@ from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
 from twin.assemblies.kinds import assembly_kind
 from twin.cell import build_workcell
 from twin.progress import Report, report_nothing
-from twin.scenario.scenario import PlanningSection, Scenario
+from twin.scenario.scenario import Scenario
 from twin.stage_watch import StageWatch
 from twin.uncertainty.duration_models import skill_models
 
@@ -50,7 +50,7 @@ class Planned:
         tpg: what must wait for what.
         planning_s: wall-clock seconds a stage: sequence (where the scenario gives a structure),
             assignment, motion, synchronous (where the plan is made in slots), tpg; of a
-            construction checks, search, keyframes, path, postprocessing, tpg.
+            construction checks, search, keyframes, path, tpg.
         turns: nodes of the sequential plan, where the plan is made in slots or shortened;
             None where ``tpg`` has the same nodes.
     """
@@ -256,7 +256,7 @@ def default_shortcuts(scenario: Scenario) -> int:
 def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionSettings:
     """Return how the planning section of a scenario wants tasks turned into motions."""
     section = scenario.planning
-    speeds = {robot.name: _speed(section, robot) for robot in cell.robots}
+    speeds = _speeds(scenario, cell)
     planners = {
         robot.name: RrtConnect(robot.model.lower, robot.model.upper, speeds[robot.name])
         for robot in cell.robots
@@ -272,7 +272,9 @@ def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionS
     )
 
 
-def _speed(section: PlanningSection, robot: PlacedRobot) -> SpeedModel:
-    if section.speed_model == "joint":
-        return JointSpeed(robot.model.velocity)
-    return L1Speed(section.speed_rad_s)
+def _speeds(scenario: Scenario, cell: Workcell) -> dict[str, SpeedModel]:
+    section = scenario.planning
+    # A construction is planned at the speeds of its joints, whatever else is asked for.
+    if section.speed_model == "joint" or scenario.assembly.kind == "construction":
+        return {robot.name: JointSpeed(robot.model.velocity) for robot in cell.robots}
+    return {robot.name: L1Speed(section.speed_rad_s) for robot in cell.robots}

@@ -66,7 +66,7 @@ def construction_problem(
 def plan_in_space_time(
     scenario: Scenario, cell: Workcell, folder: Path, watch: StageWatch
 ) -> tuple[ConstructionPlan, TaskPlan, MotionPlan]:
-    """Plan a construction; the stages are checks, keyframes, path, postprocessing and search.
+    """Plan a construction; the stages are checks, keyframes, path and search.
 
     Args:
         scenario: with an assembly of kind ``construction``.

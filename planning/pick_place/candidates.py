@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from planning.assignment_problem import AssignmentProblem, PrimaryCandidate, Rejection
 from planning.geometry.scene import SceneChecker, entity
+from planning.kinematics import frame_in_flange
 from planning.pick_place.part_world import PartWorld
 from planning.pick_place.structure import PickPlaceAssembly
 from planning.pick_place.targets import pick_targets, place_targets
@@ -102,7 +101,7 @@ def held_pose(robot: PlacedRobot, frame: str, grip: Transform) -> Transform:
         frame: name of the tool frame.
         grip: pose of that frame in the frame of the part.
     """
-    tool = robot.model.frames[frame] if frame != "flange" else np.eye(4)
+    tool = frame_in_flange(robot.model, frame)
     return readonly(tool @ inverse(grip))
 
 

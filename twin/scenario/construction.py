@@ -181,7 +181,7 @@ class PadSection(Section):
 
     Attributes:
         frame: tool frame; its origin is in the middle of the pad, its z axis points out of it.
-        offsets_m: places along the longer edge of a face, from its middle; the preferred first.
+        offsets_m: places along the longer edge of a face, from its middle; any of them may be used.
     """
 
     frame: Name = "tool"

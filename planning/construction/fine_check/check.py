@@ -21,6 +21,7 @@ from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.world.building import Work
 from planning.construction.world.timeline import ObjectChange, RobotTimeline
 from planning.geometry.reference import ReferenceRobot
+from planning.kinematics import frame_in_flange
 from planning.transforms import Array, Transform, inverse
 
 SLACK_S = 1e-6
@@ -197,7 +198,8 @@ def _grip_faults(
 ) -> Iterator[Fault]:
     """Yield a fault where the tool does not touch the part as one of its grips says."""
     assert change.holder is not None
-    tool = problem.cell.robot(change.holder).model.frames[problem.frame]
+    model = problem.cell.robot(change.holder).model
+    tool = frame_in_flange(model, problem.frame)
     touch = inverse(np.asarray(change.pose)) @ tool
     for grip in part.grips:
         near = float(np.linalg.norm(touch[:3, 3] - grip.touch[:3, 3])) < JUMP

@@ -188,7 +188,9 @@ class KeyframeSolver:
         problem, part = self.scenes.problem, self.scenes.part
         lead = 0 if not self.bounds.sampler(giver).mobile else 1
         robots = (giver, taker)
-        q_lead = self.bounds.sampler(robots[lead]).draw(self.rng)
+        # Two that drive meet somewhere on the way.
+        ends = (problem.object(part).start[:2, 3], part.goal[:2, 3])
+        q_lead = self.bounds.sampler(robots[lead]).draw(self.rng, ends)
         tool = frame_pose(problem.cell.robot(robots[lead]), q_lead, problem.frame)
         at = tool @ part.grips[holds[lead].grip].held(holds[lead].turn)
         size = np.asarray(problem.object(part).size)

@@ -8,7 +8,7 @@ all failed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import product
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.problem.reach import ReachSampler
-from planning.errors import ConstructionError
+from planning.errors import ConstructionError, listed
 from planning.geometry.scene import SceneChecker, entity
 from planning.kinematics import frame_pose
 from planning.transforms import Array, Transform, rotation
@@ -238,7 +238,7 @@ def require_reach(bounds: ReachBounds) -> None:
         ConstructionError: names the parts, and the robots that were considered.
     """
     problem = bounds.problem
-    team = _listed(problem.team)
+    team = listed(problem.team)
     for part in problem.parts:
         if not bounds.pickers(part):
             x, y, z = problem.object(part).start[:3, 3]
@@ -256,13 +256,8 @@ def require_reach(bounds: ReachBounds) -> None:
     if stuck:
         part = stuck[0]
         raise ConstructionError(
-            f"the team cannot build {_listed([p.name for p in stuck])}: "
-            f"{_listed(bounds.pickers(part))} can pick {part.name}, only "
-            f"{_listed(bounds.placers(part))} can place it, and no handover between them was "
+            f"the team cannot build {listed([p.name for p in stuck])}: "
+            f"{listed(bounds.pickers(part))} can pick {part.name}, only "
+            f"{listed(bounds.placers(part))} can place it, and no handover between them was "
             "found"
         )
-
-
-def _listed(names: Sequence[str], most: int = 6) -> str:
-    shown = ", ".join(names[:most])
-    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from planning.construction.problem.bounds import ReachBounds, require_reach
+from planning.construction.problem.part_contacts import NEAR
 from planning.construction.problem.part_graph import MOST_OVERLAP
 from planning.construction.problem.problem import ConstructionProblem
-from planning.errors import ConstructionError
+from planning.errors import ConstructionError, listed
 from planning.geometry.scene import SceneChecker
 from planning.pick_place.contact_graph import Lying, near_to
 from planning.workcell import start_state
@@ -17,11 +18,13 @@ def require_buildable(problem: ConstructionProblem) -> ReachBounds:
     Goal poses that overlap are found where the part graph is built.
 
     Raises:
-        ConstructionError: a part that nothing connects to the ground, parts that overlap in
-            the supply, robots that stand in something, or parts that the team cannot bring to
+        ConstructionError: a part that nothing connects to the ground, parts that wait for each
+            other, parts too near to each other for a part in hand, parts that overlap in the supply, robots that stand in something, or parts that the team cannot bring to
             their places.
     """
     require_grounded(problem)
+    require_order(problem)
+    require_room(problem)
     require_free_supply(problem)
     bounds = ReachBounds(problem)
     require_reach(bounds)
@@ -36,12 +39,48 @@ def require_grounded(problem: ConstructionProblem) -> None:
     """
     floating = problem.graph.floating()
     if floating:
-        shown = ", ".join(floating[:6])
-        more = f" and {len(floating) - 6} more" if len(floating) > 6 else ""
         raise ConstructionError(
-            f"nothing connects {shown}{more} to the ground: every part must touch a fixture, or "
+            f"nothing connects {listed(floating)} to the ground: every part must touch a fixture, or "
             "a part that is connected to one"
         )
+
+
+def require_order(problem: ConstructionProblem) -> None:
+    """Check that the parts can be placed in some order, each when its turn comes.
+
+    Raises:
+        ConstructionError: names the parts that wait for each other.
+    """
+    waiting = problem.graph.never_placeable(carried=problem.carried)
+    if waiting:
+        raise ConstructionError(
+            f"{listed(waiting)} cannot be placed in any order: a part must touch the ground or a "
+            "part in place, and what it rests on must be in place before; does one hang below "
+            "another, or do they rest on each other in a circle?"
+        )
+
+
+def require_room(problem: ConstructionProblem) -> None:
+    """Check that a part in hand can come as near to others as its place is.
+
+    What touches a part in its place is left out, up to NEAR: it may be touched.
+
+    Raises:
+        ConstructionError: names two that lie too near to each other.
+    """
+    cell, least = problem.cell, problem.cell.clearances.robot_object
+    fixed: dict[str, Lying] = {item.name: (item, item.pose) for item in cell.fixtures}
+    there: dict[str, Lying] = {}
+    for part in problem.parts:
+        lying = (problem.object(part), part.goal)
+        for other, gap in near_to(lying, {**fixed, **there}, least).items():
+            if NEAR < gap < least:
+                raise ConstructionError(
+                    f"{part.name} and {other} lie {gap * 1e3:.1f} mm apart where they belong, and "
+                    f"a part in hand keeps {least * 1e3:.1f} mm from all that it does not touch: "
+                    "make the joint wider, or the clearance of robots to objects smaller"
+                )
+        there[part.name] = lying
 
 
 def require_free_supply(problem: ConstructionProblem) -> None:

@@ -69,6 +69,13 @@ class PartGraph:
             front += new
         return tuple(part for part in self.neighbours if part not in reached)
 
+    def never_placeable(self, *, carried: bool = True) -> tuple[str, ...]:
+        """Return the parts that wait for each other, whatever is placed before: see placeable."""
+        placed: set[str] = set()
+        while new := self.placeable(placed, carried=carried):
+            placed.update(new)
+        return tuple(part for part in self.neighbours if part not in placed)
+
     def longest_chain(self, *, carried: bool = True) -> tuple[str, ...]:
         """Return parts that can only be placed one after another: the critical path.
 

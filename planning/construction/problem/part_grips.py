@@ -20,7 +20,7 @@ def face_grips(
 
     Args:
         size: edge lengths, shape (3,) [m].
-        faces: which faces may be touched, the preferred first.
+        faces: which faces may be touched.
         offsets: distances from the middle along the longer edge of the face [m]; those that
             lie outside of it are left out.
     """

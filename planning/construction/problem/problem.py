@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planning.construction.problem.part_graph import PartGraph
+from planning.kinematics import frame_in_flange
 from planning.transforms import Array, Transform, inverse, readonly, rotation
 from planning.workcell import CellObject, PlacedRobot, Workcell
 
@@ -47,7 +48,7 @@ class Part:
     Attributes:
         name: of the object in the cell, which has its size, mass and start pose.
         goal: pose of its centre in the world once it is in place.
-        grips: where it can be touched, the preferred ones first.
+        grips: where it can be touched.
         insertion: direction of the straight way on which it reaches its place, a unit vector
             in the world, shape (3,).
     """
@@ -133,5 +134,5 @@ class ConstructionProblem:
         self, robot: str, part: Part, grip: int, turn: float
     ) -> Transform:
         """Return the pose of a part's centre in the flange frame of the robot that holds it."""
-        tool = self.cell.robot(robot).model.frames[self.frame]
+        tool = frame_in_flange(self.cell.robot(robot).model, self.frame)
         return readonly(tool @ part.grips[grip].held(turn))

@@ -13,11 +13,12 @@ from itertools import islice
 import numpy as np
 from scipy.spatial import KDTree
 
+from planning.errors import RobotModelError
 from planning.geometry.cover import box_body
 from planning.geometry.damped_least_squares import solve_from
 from planning.geometry.robot_bodies import joint_poses_of
 from planning.geometry.scene import SceneChecker, entity
-from planning.kinematics import frame_in_last_joint
+from planning.kinematics import frame_in_flange, frame_in_last_joint
 from planning.robots.mobile import is_mobile
 from planning.robots.model import RobotModel
 from planning.transforms import (
@@ -35,6 +36,9 @@ _DRAWS = 12_000
 _NEAREST = 48
 _LEAN = 0.5
 """A radian of the tool's direction weighs as much as that [m]."""
+
+_STRAY = 1.5
+"""How far beside the way between two places a base may be drawn, by and large [m]."""
 
 _UPRIGHT = 0.05
 
@@ -76,7 +80,7 @@ class ReachSampler:
         """Take a robot and the name of a tool frame.
 
         Raises:
-            RobotModelError: the robot has no such frame.
+            RobotModelError: the robot has no such frame, or cannot hold anything there.
         """
         self.robot = robot
         self.frame = frame
@@ -120,9 +124,25 @@ class ReachSampler:
         )
         return [found[k].copy() for k in range(solved)]
 
-    def draw(self, rng: np.random.Generator) -> Array:
-        """Return a configuration of the arm, shape (n,); a mobile base stands at zero."""
-        return np.array(self._table.q[int(rng.integers(len(self._table.q)))])
+    def draw(
+        self, rng: np.random.Generator, between: tuple[Array, Array] | None = None
+    ) -> Array:
+        """Return a configuration, shape (n,).
+
+        Args:
+            rng: what it is drawn from.
+            between: two places in the world, shape (2,) [m], between which a mobile base stands,
+                by and large; at zero where not given.
+        """
+        q = np.array(self._table.q[int(rng.integers(len(self._table.q)))])
+        if self.mobile and between is not None:
+            model, (a, b) = self.robot.model, between
+            x, y = a + rng.random() * (b - a)
+            spot = self._to_base @ np.array([x, y, 0.0, 1.0])
+            q[:2] = spot[:2] + rng.normal(0.0, _STRAY, 2)
+            q[2] = _within(rng.uniform(-np.pi, np.pi), model, 2)
+            q[:3] = np.clip(q[:3], model.lower[:3], model.upper[:3])
+        return q
 
     def seeds(self, wanted: Transform, rng: np.random.Generator, count: int) -> Array:
         """Return starts for the search, near to solutions: shape (at most ``count``, n).
@@ -187,6 +207,12 @@ class ReachSampler:
             drawn[:, :3] = 0.0
         free = (row for row in drawn if checker.configuration_free(row))
         q = np.ascontiguousarray(list(islice(free, _SAMPLES)))
+        if not len(q):
+            raise RobotModelError(
+                f"{model.name} cannot hold a part at its frame {self.frame!r}: the part would always "
+                "be in its own way",
+                choices=tuple(model.frames),
+            )
         tool = np.array([joint_poses_of(alone, row)[-1] @ self._tip for row in q])
         along = model.chain.axis[-1] @ self._tip[:3, 2]
         spin = float(np.sign(along)) if abs(along) > 1.0 - 1e-9 else 0.0
@@ -195,7 +221,7 @@ class ReachSampler:
 
 def _with_probe(robot: PlacedRobot, frame: str) -> SceneChecker:
     """Return a checker of a robot by itself, holding something as small as parts are."""
-    tool = robot.model.frames[frame] if frame != "flange" else identity()
+    tool = frame_in_flange(robot.model, frame)
     size = readonly(_PROBE)
     body = box_body("probe", size)
     pose = tool @ translation(0.0, 0.0, 0.5 * _PROBE[2])

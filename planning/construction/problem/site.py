@@ -15,6 +15,7 @@ from planning.construction.problem.problem import (
     SkillSeconds,
 )
 from planning.construction.problem.supply import SupplyLayout, lay_out
+from planning.errors import ConstructionError
 from planning.geometry.cover import box_body
 from planning.transforms import Array, Transform, readonly, translation
 from planning.workcell import CellObject, Fixture, Workcell
@@ -99,12 +100,18 @@ def build_problem(
         seed: of everything that is drawn.
 
     Raises:
-        ConstructionError: two goal poses overlap.
+        ConstructionError: two goal poses overlap, or no pad has a place on a part.
     """
     given = insertions or {}
     out = []
     for part in parts:
         grips = face_grips(part.size, part.faces, offsets)
+        if not grips:
+            size = " x ".join(f"{edge:.3g}" for edge in part.size)
+            raise ConstructionError(
+                f"no pad can touch {part.name}: all offsets ({', '.join(map(str, offsets))} m) lie "
+                f"beyond the edges of its faces {', '.join(part.faces)}, of a box of {size} m"
+            )
         inwards = part.goal[:3, :3] @ grips[0].touch[:3, 2]
         insertion = readonly(given.get(part.name, inwards))
         out.append(Part(part.name, readonly(part.goal), grips, insertion))

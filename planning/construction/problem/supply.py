@@ -88,7 +88,7 @@ def lay_out(
             it room; by default they lie in their order.
     """
     spots = layout.spots(len(parts))
-    if near:
+    if near and parts:
         spots = [spots[k] for k in _nearest(parts, spots)]
     return {
         part.name: readonly(spot @ lying(part))

@@ -186,3 +186,26 @@ def test_piled_on_is_the_longest_path_up(seed: int) -> None:
     for part in names:
         above = rests.subgraph({part} | nx.descendants(rests, part))
         assert graph.piled_on[part] == nx.dag_longest_path_length(above)
+
+
+@given(st.integers(0, 100_000), st.booleans())
+@settings(max_examples=100, deadline=None)
+def test_never_placeable_is_what_is_left_however_one_goes_on(
+    seed: int, carried: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    names = [f"p{k}" for k in range(rng.integers(1, 9))]
+    pairs = [p for p in combinations(names, 2) if rng.random() < 0.4]
+    near = {
+        n: frozenset(b if a == n else a for a, b in pairs if n in (a, b)) for n in names
+    }
+    below = {
+        n: frozenset(o for o in sorted(near[n]) if rng.random() < 0.3) for n in names
+    }
+    ground = {n: frozenset({"floor"}) for n in names if rng.random() < 0.4}
+    graph = PartGraph(near, ground, below)
+    placed: set[str] = set()
+    while ready := graph.placeable(placed, carried=carried):
+        placed.add(ready[int(rng.integers(len(ready)))])
+    left = graph.never_placeable(carried=carried)
+    assert set(left) == set(names) - placed

@@ -11,11 +11,12 @@ import pytest
 from typer.testing import CliRunner
 
 from planning.construction.problem.problem import ConstructionProblem, SkillSeconds
-from planning.errors import ConstructionError, ScenarioError
+from planning.errors import ConstructionError, RobotModelError, ScenarioError
 from twin.assemblies.construction import ConstructionKind
 from twin.assemblies.kinds import assembly_kind
 from twin.cell import build_workcell
 from twin.cli import app
+from twin.pipeline import motion_settings
 from twin.scenario.cell import choose_robots
 from twin.scenario.file import load_scenario
 from twin.scenario.problems import InvalidScenarioError
@@ -95,6 +96,33 @@ def test_own_parts_are_taken_as_they_are_written(tmp_path: Path) -> None:
     assert (problem.seed, problem.seconds) == (7, SkillSeconds(1.0, 2.0, 3.0))
 
 
+def test_where_all_parts_have_a_start_nothing_is_laid_out(tmp_path: Path) -> None:
+    first = "[0, 0, 0.1]}"
+    text = OWN.replace(first, first + ", start: {xyz_m: [-2, 1, 0.1]}")
+    text = text.replace("  supply: {", "  supply: {near: true, ")
+    problem = problem_of(written(tmp_path, text))
+    assert np.allclose(problem.cell.object("low").start[:3, 3], (-2.0, 1.0, 0.1))
+
+
+def test_pads_are_at_a_frame_where_a_part_has_room(tmp_path: Path) -> None:
+    text = OWN.replace("  supply:", "  grips: {frame: flange}\n  supply:")
+    with pytest.raises(RobotModelError, match="cannot hold a part at its frame 'flan"):
+        problem_of(written(tmp_path, text))
+    with pytest.raises(RobotModelError, match=r"no frame 'pad' \(valid: flange, tool"):
+        problem_of(written(tmp_path, text.replace("frame: flange", "frame: pad")))
+
+
+def test_shortcuts_keep_the_speeds_of_joints(tmp_path: Path) -> None:
+    scenario = load_scenario(written(tmp_path, OWN))
+    cell = build_workcell(scenario)
+    for robot in cell.robots:
+        speed = motion_settings(scenario, cell, tmp_path).speeds[robot.name]
+        ahead = np.zeros(robot.model.dof)
+        ahead[0] = 1.0
+        least = 1.0 / float(robot.model.velocity[0])
+        assert speed.duration(np.zeros_like(ahead), ahead) == pytest.approx(least)
+
+
 def test_another_size_of_team(tmp_path: Path) -> None:
     content = resolved(load_scenario(written(tmp_path, OWN)))
     choose_robots(content["cell"], 5)
@@ -168,6 +196,19 @@ def test_what_cannot_be_built_is_said_with_names(case: str, tmp_path: Path) -> N
 HANDOVER = (FOLDER / "handover.yaml").read_text()
 CRANE = "".join(HANDOVER.partition("  robots:\n")[1:]).partition("  team:\n")[0]
 
+HANGING = """\
+    - {name: post1, size_m: [0.3, 0.3, 0.8], goal: {xyz_m: [2, 0, 0.4]}, mass_kg: 9}
+    - {name: post2, size_m: [0.3, 0.3, 0.8], goal: {xyz_m: [3.2, 0, 0.4]}, mass_kg: 9}
+    - {name: lintel, size_m: [1.6, 0.3, 0.2], goal: {xyz_m: [2.6, 0, 0.9]}, mass_kg: 12}
+    - {name: lamp, size_m: [0.1, 0.1, 0.1], goal: {xyz_m: [2.6, 0, 0.75]}, mass_kg: 1}
+"""
+"""A lamp below a lintel on two posts."""
+
+BESIDE = """\
+    - {name: next, size_m: [0.4, 0.3, 0.2], goal: {xyz_m: [0, 0.31, 0.1]}, mass_kg: 8}
+"""
+"""A part 10 mm beside ``low``."""
+
 # What is changed in a shipped or in the own file, and what `twin run` says in the end.
 BAD_INPUT = {
     "unreachable part": (
@@ -189,6 +230,24 @@ BAD_INPUT = {
         OWN,
         [("[0, 0, 0.1]", "[0, 0, 0.15]")],
         "low and high would overlap by 50 mm where they belong",
+    ),
+    "a part that hangs below another": (
+        OWN,
+        [("  supply:", HANGING + "  supply:")],
+        "lintel, lamp cannot be placed in any order",
+    ),
+    "pads beyond the edges": (
+        OWN,
+        [("  supply:", "  grips: {offsets_m: [0.3]}\n  supply:")],
+        "no pad can touch low: all offsets (0.3 m) lie beyond the edges of its faces +z",
+    ),
+    "a joint narrower than the clearance": (
+        OWN,
+        [
+            ("  supply:", BESIDE + "  supply:"),
+            ("  team:", "  clearance: {robot_object_m: 0.02}\n  team:"),
+        ],
+        "next and low lie 10.0 mm apart where they belong, and a part in hand keeps 20.0 mm",
     ),
     "supply poses in collision": (
         OWN,
