@@ -192,7 +192,6 @@ def plan_fixed_time(
     duration: float,
     settings: PlannerSettings | None = None,
     progress: Callable[[int, int], None] = no_progress,
-    bounds: ReachBounds | None = None,
 ) -> ConstructionPlan:
     """Plan a construction with actions of a fixed duration.
 
@@ -202,13 +201,12 @@ def plan_fixed_time(
             it [s].
         settings: how hard is tried.
         progress: told how many parts are planned, of how many.
-        bounds: who reaches what, where that is known already.
 
     Raises:
         ConstructionError: no plan was found.
     """
     settings = settings or PlannerSettings()
-    bounds = bounds or ReachBounds(problem)
+    bounds = ReachBounds(problem)
     watch = Stopwatch()
     solver = FixedTimeSolver(
         problem, bounds, PartContacts(problem), settings.subproblem, watch, duration

@@ -36,7 +36,7 @@ class ConstructionPlan:
     Attributes:
         problem: what is built by whom.
         building: all timelines, and the work that they are made of.
-        seconds: wall-clock seconds by component: keyframes, path, postprocessing.
+        seconds: wall-clock seconds by component: keyframes, and path with its post-processing.
         cpu: processor seconds, likewise.
         rewound: how many placements were taken back.
         failures: what did not work on the way.
@@ -63,7 +63,6 @@ def plan_construction(
     problem: ConstructionProblem,
     settings: PlannerSettings | None = None,
     progress: Callable[[int, int], None] = no_progress,
-    bounds: ReachBounds | None = None,
 ) -> ConstructionPlan:
     """Plan a construction in space and time.
 
@@ -71,13 +70,12 @@ def plan_construction(
         problem: what is built by whom.
         settings: how hard is tried.
         progress: told how many parts are planned, of how many.
-        bounds: who reaches what, where that is known already.
 
     Raises:
         ConstructionError: no plan was found.
     """
     settings = settings or PlannerSettings()
-    bounds = bounds or ReachBounds(problem)
+    bounds = ReachBounds(problem)
     solver = SubproblemSolver(
         problem, bounds, PartContacts(problem), settings.subproblem, Stopwatch()
     )

@@ -44,7 +44,6 @@ def export_motion_plan(
     cell: Workcell,
     planned: Sequence[PlannedTask],
     *,
-    after: Iterable[tuple[int, int]] = (),
     rests_on: Mapping[str, Iterable[str]] | None = None,
     step: float = STEP,
 ) -> MotionPlan:
@@ -53,7 +52,6 @@ def export_motion_plan(
     Args:
         cell: the static cell.
         planned: all tasks; those of one robot follow each other in time, from HOME on.
-        after: pairs (a, b) of positions in ``planned``: a must be complete before b starts.
         rests_on: for an object those that must be in place before it is put down.
         step: length of the cells of time with which it was planned [s].
 
@@ -61,12 +59,10 @@ def export_motion_plan(
         PlanInvariantError: tasks do not follow each other, or two robots come too close at the
             same time; names both.
     """
-    place = {k: n for n, k in enumerate(_in_order(cell, planned))}
-    tasks = [planned[k] for k in place]
+    tasks = [planned[k] for k in _in_order(cell, planned)]
     pieces = _cut(cell, tasks, step)
     motions = _motions(cell, tasks, pieces)
-    edges = {(place[a], place[b]) for a, b in after}
-    edges |= _object_order(tasks) | _support_order(tasks, rests_on or {})
+    edges = _object_order(tasks) | _support_order(tasks, rests_on or {})
     return MotionPlan(
         cell,
         tuple(

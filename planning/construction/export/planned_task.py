@@ -12,7 +12,7 @@ from planning.construction.world.timeline import SAME, ObjectTimeline, RobotTime
 from planning.errors import PlanInvariantError
 from planning.task_graph import TRANSIT, Handling
 from planning.transforms import Array, readonly
-from planning.workcell import Attachment, Workcell
+from planning.workcell import Workcell
 
 Pairs = frozenset[frozenset[str]]
 
@@ -148,12 +148,3 @@ def drop_way_out(
                 )
             )
     return tuple(kept)
-
-
-def held_at(world: FixedWorld, robot: str, t: float) -> dict[str, Attachment]:
-    """Return what a robot holds at a time."""
-    return {
-        name: found
-        for name, found in world.state_at(t).attachments.items()
-        if found.holder == robot
-    }

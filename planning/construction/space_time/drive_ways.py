@@ -78,7 +78,8 @@ def lay_lattice(query: Query, goal: int, spacing: float) -> Lattice:
         start[j] = int(np.floor((a[j] - low) / spacing))
         origin[j] = a[j] - start[j] * spacing
         size[j] = int(np.floor((high - origin[j]) / spacing)) + 1
-        end[j] = min(int(np.round((b[j] - origin[j]) / spacing)), size[j] - 1)
+        end[j] = int(np.round((b[j] - origin[j]) / spacing))
+        end[j] = min(max(end[j], 0), size[j] - 1)
     return Lattice(
         origin,
         spacing,

@@ -74,7 +74,7 @@ def shorten(
 
 
 def hasten(
-    checker: SpaceTimeChecker, found: SpaceTimePath, query: Query, later: float = 0.0
+    checker: SpaceTimeChecker, found: SpaceTimePath, query: Query
 ) -> SpaceTimePath:
     """Return the path with the earliest arrival that waits allow, or as it is.
 
@@ -82,9 +82,8 @@ def hasten(
         checker: who moves, and among what.
         found: a free path.
         query: speeds, when joints are free to move, and when one may arrive.
-        later: how much more than no time the arrival may be later [s].
     """
-    out = retimed(checker, found, query, found.arrival + later)
+    out = retimed(checker, found, query, found.arrival)
     return found if out is None else out
 
 
