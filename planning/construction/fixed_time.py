@@ -21,7 +21,6 @@ from planning.construction.keyframes.keyframe_solver import (
 from planning.construction.keyframes.keyframes import Keyframe
 from planning.construction.keyframes.known_ways import way_out
 from planning.construction.keyframes.step_scenes import StepScenes
-from planning.construction.object_order import ready_at
 from planning.construction.planner import (
     ConstructionPlan,
     PlannerSettings,
@@ -99,7 +98,7 @@ class FixedTimeSolver(SubproblemSolver):
         world = drop_tail(building.world, robot)
         building = replace(building, world=world)
         scenes = StepScenes(self.problem, self.contacts, world, part, (robot,))
-        ready = ready_at(self.problem, part.name, building.placed)
+        ready = self.ready(building, part)
         solver = FixedTimeKeyframes(scenes, self.bounds, ready, settings.keyframes, rng)
         holds = holds_of(self.bounds, robot, part)
         hold = holds[int(rng.integers(len(holds)))]

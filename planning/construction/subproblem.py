@@ -98,7 +98,7 @@ class SubproblemSolver:
             world = drop_tail(world, robot)
         building = Building(world, building.work, building.placed)
         scenes = StepScenes(self.problem, self.contacts, world, part, team)
-        ready = ready_at(self.problem, part.name, building.placed)
+        ready = self.ready(building, part)
         solver = KeyframeSolver(scenes, self.bounds, ready, settings.keyframes, rng)
         options = solver.alone(*team) if len(team) == 1 else solver.handed_over(*team)
         for _ in range(settings.holds):
@@ -110,6 +110,16 @@ class SubproblemSolver:
             if done is not None:
                 return done
         return None
+
+    def ready(self, building: Building, part: Part) -> float:
+        """Return the time before which a part must not be placed [s].
+
+        What touches it in its place has to be there, too: contacts in place are never looked
+        at, and so nobody would see that another robot still has it in hand.
+        """
+        touching = {name for pair in self.contacts.at_goal(part) for name in pair}
+        there = [end for name, end in building.placed.items() if name in touching]
+        return max([ready_at(self.problem, part.name, building.placed), *there])
 
     def _go(
         self,

@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
-from itertools import permutations
+from itertools import combinations, permutations
 from pathlib import Path
 
 import numpy as np
@@ -303,6 +303,31 @@ def test_a_way_that_loses_too_much_is_of_no_use(fixed: bool) -> None:
         other = solver.solve(building, replace(attempt, lost=found.lost))
         assert other is None or other.lost < found.lost
         building = found.building
+
+
+def test_parts_without_joints_come_one_after_another_where_they_touch() -> None:
+    boxes = tuple(
+        toy_part(f"p{k}", (0.3, 0.2, 0.08), (0.3 * k - 0.45, 0.0, 0.04))
+        for k in range(4)
+    )
+    problem = toy_problem(boxes, 3)
+    plan = plan_construction(problem)
+    assert check_construction(plan).faults == ()
+    placed = [w for w in plan.building.work if w.holder is None]
+    for first, second in combinations(placed, 2):
+        if abs(int(first.part[1:]) - int(second.part[1:])) == 1:
+            assert second.start >= first.end - 1e-9
+    # Whenever what touches it was planned to come.
+    solver = SubproblemSolver(
+        problem,
+        ReachBounds(problem),
+        PartContacts(problem),
+        PlannerSettings().subproblem,
+        Stopwatch(),
+    )
+    late = replace(nothing_built(problem), placed={"p1": 100.0})
+    ready = [solver.ready(late, part) for part in problem.parts]
+    assert ready == [100.0, 100.0, 100.0, 0.0]
 
 
 class _Told(SubproblemSolver):
