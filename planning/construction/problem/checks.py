@@ -9,7 +9,11 @@ from planning.construction.problem.problem import ConstructionProblem
 from planning.errors import ConstructionError, listed
 from planning.geometry.scene import SceneChecker
 from planning.pick_place.contact_graph import Lying, near_to
+from planning.transforms import translation
 from planning.workcell import start_state
+
+_CLEAR = 1e-4
+"""What is nearer than this touches [m]."""
 
 
 def require_buildable(problem: ConstructionProblem) -> ReachBounds:
@@ -19,7 +23,8 @@ def require_buildable(problem: ConstructionProblem) -> ReachBounds:
 
     Raises:
         ConstructionError: a part that nothing connects to the ground, parts that wait for each
-            other, parts too near to each other for a part in hand, parts that overlap in the supply, robots that stand in something, or parts that the team cannot bring to
+            other, parts too near to each other for a part in hand, ways into a place that begin in a
+            fixture, parts that overlap in the supply, robots that stand in something, or parts that the team cannot bring to
             their places.
     """
     require_grounded(problem)
@@ -28,6 +33,7 @@ def require_buildable(problem: ConstructionProblem) -> ReachBounds:
     require_free_supply(problem)
     bounds = ReachBounds(problem)
     require_reach(bounds)
+    require_way_in(problem)
     return bounds
 
 
@@ -81,6 +87,26 @@ def require_room(problem: ConstructionProblem) -> None:
                     "make the joint wider, or the clearance of robots to objects smaller"
                 )
         there[part.name] = lying
+
+
+def require_way_in(problem: ConstructionProblem) -> None:
+    """Check that a part is clear of all fixtures where its straight way into its place begins.
+
+    Raises:
+        ConstructionError: names the part and the fixture.
+    """
+    cell = problem.cell
+    least = cell.clearances.robot_object + _CLEAR
+    fixed: dict[str, Lying] = {item.name: (item, item.pose) for item in cell.fixtures}
+    for part in problem.parts:
+        before = translation(*(-problem.approach * part.insertion)) @ part.goal
+        for other in near_to((problem.object(part), before), fixed, least):
+            x, y, z = part.insertion
+            raise ConstructionError(
+                f"{part.name} goes into its place along ({x:.2f}, {y:.2f}, {z:.2f}), from "
+                f"{problem.approach:.3g} m away, where it touches {other}: give it another "
+                "insertion, or change approach_m"
+            )
 
 
 def require_free_supply(problem: ConstructionProblem) -> None:

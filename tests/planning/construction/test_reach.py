@@ -65,6 +65,22 @@ def test_which_robots_drive() -> None:
         assert not is_mobile(robot_model(name))
 
 
+def test_a_mobile_base_is_drawn_between_two_places() -> None:
+    a, b = np.array([3.0, -2.0]), np.array([0.0, 4.0])
+    rng = np.random.default_rng(4)
+    sampler = ReachSampler(standing("r", "mobile-manipulator"))
+    model = sampler.robot.model
+    drawn = np.array([sampler.draw(rng, (a, b)) for _ in range(200)])
+    assert np.all((drawn >= model.lower) & (drawn <= model.upper))
+    along = (drawn[:, :2] - a) @ (b - a) / ((b - a) @ (b - a))
+    off = drawn[:, :2] - (a + np.clip(along, 0.0, 1.0)[:, None] * (b - a))
+    assert np.median(np.linalg.norm(off, axis=1)) < 2.0
+    assert along.min() < 0.2
+    assert along.max() > 0.8
+    assert np.ptp(drawn[:, 2]) > np.pi
+    assert np.all(np.array([sampler.draw(rng)[:3] for _ in range(5)]) == 0.0)
+
+
 @pytest.mark.parametrize(
     "model", ["mobile-manipulator", "mobile-iiwa14", "tower-crane"]
 )

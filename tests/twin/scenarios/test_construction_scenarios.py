@@ -249,6 +249,11 @@ BAD_INPUT = {
         ],
         "next and low lie 10.0 mm apart where they belong, and a part in hand keeps 20.0 mm",
     ),
+    "a way in along the ground": (
+        OWN,
+        [("[0, 0, 0.1]}", "[0, 0, 0.1]}, insertion: [1, 0, 0]")],
+        "low goes into its place along (1.00, 0.00, 0.00), from 0.1 m away, where it touches ground",
+    ),
     "supply poses in collision": (
         OWN,
         [("[2, 1, 0.15]", "[2.5, -0.4, 0.15]")],
