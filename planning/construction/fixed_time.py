@@ -98,8 +98,8 @@ class FixedTimeSolver(SubproblemSolver):
         world = drop_tail(building.world, robot)
         building = replace(building, world=world)
         scenes = StepScenes(self.problem, self.contacts, world, part, (robot,))
-        ready = self.ready(building, part)
-        solver = FixedTimeKeyframes(scenes, self.bounds, ready, settings.keyframes, rng)
+        opens = self.soonest(building, part)
+        solver = FixedTimeKeyframes(scenes, self.bounds, opens, settings.keyframes, rng)
         holds = holds_of(self.bounds, robot, part)
         hold = holds[int(rng.integers(len(holds)))]
         begin = world.robots[robot].end
@@ -137,7 +137,7 @@ class FixedTimeSolver(SubproblemSolver):
         if leg is None or lost + leg.lost >= attempt.lost:
             return None
         building, key, start, soonest, more = leg
-        late = start - max(ready, soonest - late)
+        late = start - max(opens.place, soonest - late)
         building = building.worked(
             key.motion, "place-down", part.name, start, None, part.goal, hold.grip
         )

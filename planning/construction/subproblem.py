@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.construction.attempt import Attempt
-from planning.construction.keyframes.keyframe_solver import KeyframeSolver
+from planning.construction.keyframes.keyframe_solver import KeyframeSolver, Soonest
 from planning.construction.keyframes.keyframes import Keyframe, Keyframes
 from planning.construction.keyframes.known_ways import way_in, way_out
 from planning.construction.keyframes.step_scenes import StepScenes
@@ -98,8 +98,8 @@ class SubproblemSolver:
             world = drop_tail(world, robot)
         building = Building(world, building.work, building.placed)
         scenes = StepScenes(self.problem, self.contacts, world, part, team)
-        ready = self.ready(building, part)
-        solver = KeyframeSolver(scenes, self.bounds, ready, settings.keyframes, rng)
+        soonest = self.soonest(building, part)
+        solver = KeyframeSolver(scenes, self.bounds, soonest, settings.keyframes, rng)
         options = solver.alone(*team) if len(team) == 1 else solver.handed_over(*team)
         for _ in range(settings.holds):
             with self.watch.time("keyframes"):
@@ -111,15 +111,19 @@ class SubproblemSolver:
                 return done
         return None
 
-    def ready(self, building: Building, part: Part) -> float:
-        """Return the time before which a part must not be placed [s].
+    def soonest(self, building: Building, part: Part) -> Soonest:
+        """Return when a part may be picked and placed.
 
         What touches it in its place has to be there, too: contacts in place are never looked
-        at, and so nobody would see that another robot still has it in hand.
+        at, and so nobody would see that another robot still has it in hand. So it is with what
+        lies on it in the supply.
         """
+        above = self.problem.graph.covers.get(part.name, frozenset())
+        lifted = [w.end for w in building.work if w.kind == "pick" and w.part in above]
         touching = {name for pair in self.contacts.at_goal(part) for name in pair}
         there = [end for name, end in building.placed.items() if name in touching]
-        return max([ready_at(self.problem, part.name, building.placed), *there])
+        ready = ready_at(self.problem, part.name, building.placed)
+        return Soonest(max(lifted, default=0.0), max([ready, *there]))
 
     def _go(
         self,

@@ -49,6 +49,11 @@ def near_to(
     return out
 
 
+def lowest(lying: Lying) -> float:
+    """Return the height of the lowest corner of what lies somewhere [m]."""
+    return float(_bounds(lying)[0][2])
+
+
 def _bounds(lying: Lying) -> tuple[Array, Array]:
     item, pose = lying
     reach = np.abs(pose[:3, :3]) @ (0.5 * np.asarray(item.size))

@@ -179,13 +179,18 @@ def supply_layout(section: SupplySection) -> SupplyLayout:
 
     if isinstance(section, SpiralSection):
         return Spiral(
-            section.radius_m, section.growth_m, section.turn_rad, section.across
+            section.radius_m,
+            section.growth_m,
+            section.turn_rad,
+            section.across,
+            section.high,
         )
     return Rows(
         (section.first_m[0], section.first_m[1]),
         section.columns,
         (section.pitch_m[0], section.pitch_m[1]),
         float(np.deg2rad(section.yaw_deg)),
+        section.high,
     )
 
 

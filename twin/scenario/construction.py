@@ -142,6 +142,7 @@ class SpiralSection(Section):
         across: whether parts lie with their longer edge across the radius, not along it.
         near: whether every part lies near where it belongs, as far as others leave it room; by
             default parts lie in their order.
+        high: parts of a stack, the first ones on top.
     """
 
     layout: Literal["spiral"]
@@ -150,6 +151,7 @@ class SpiralSection(Section):
     turn_rad: float = 0.5
     across: bool = False
     near: bool = False
+    high: Annotated[int, Field(ge=1, le=100)] = 1
 
 
 class RowsSection(Section):
@@ -162,6 +164,7 @@ class RowsSection(Section):
         pitch_m: distance of parts in a row, and of rows.
         yaw_deg: direction in which further rows lie.
         near: see SpiralSection.
+        high: see SpiralSection.
     """
 
     layout: Literal["rows"]
@@ -170,6 +173,7 @@ class RowsSection(Section):
     pitch_m: Pair
     yaw_deg: float = 0.0
     near: bool = False
+    high: Annotated[int, Field(ge=1, le=100)] = 1
 
 
 SupplySection = Annotated[SpiralSection | RowsSection, Field(discriminator="layout")]

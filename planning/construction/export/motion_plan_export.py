@@ -45,6 +45,7 @@ def export_motion_plan(
     planned: Sequence[PlannedTask],
     *,
     rests_on: Mapping[str, Iterable[str]] | None = None,
+    covers: Mapping[str, Iterable[str]] | None = None,
     step: float = STEP,
 ) -> MotionPlan:
     """Return the motion plan of a space-time plan.
@@ -53,6 +54,7 @@ def export_motion_plan(
         cell: the static cell.
         planned: all tasks; those of one robot follow each other in time, from HOME on.
         rests_on: for an object those that must be in place before it is put down.
+        covers: for an object those that must be taken before it is.
         step: length of the cells of time with which it was planned [s].
 
     Raises:
@@ -63,6 +65,7 @@ def export_motion_plan(
     pieces = _cut(cell, tasks, step)
     motions = _motions(cell, tasks, pieces)
     edges = _object_order(tasks) | _support_order(tasks, rests_on or {})
+    edges |= _stack_order(tasks, covers or {})
     return MotionPlan(
         cell,
         tuple(
@@ -293,6 +296,22 @@ def _support_order(
         for above, supports in rests_on.items()
         for below in supports
         if above in placed and below in placed
+    }
+
+
+def _stack_order(
+    tasks: Sequence[PlannedTask], covers: Mapping[str, Iterable[str]]
+) -> set[tuple[int, int]]:
+    """Return the dependencies of taking an object on having taken what lies on it."""
+    taken: dict[str, int] = {}
+    for k, task in enumerate(tasks):
+        for h in task.handlings:
+            taken.setdefault(h.object, k)
+    return {
+        (taken[above], taken[below])
+        for below, lying in covers.items()
+        for above in lying
+        if above in taken and below in taken
     }
 
 

@@ -40,7 +40,10 @@ def motion_plan(problem: ConstructionProblem, building: Building) -> MotionPlan:
         for task in _tasks(problem, contacts, building, robot.name)
     ]
     return export_motion_plan(
-        problem.cell, tasks, rests_on=_rests_on(problem, building)
+        problem.cell,
+        tasks,
+        rests_on=_rests_on(problem, building),
+        covers=problem.graph.covers,
     )
 
 

@@ -227,7 +227,7 @@ def _load_faults(plan: ConstructionPlan) -> Iterator[Fault]:
 
 
 def _order_faults(plan: ConstructionPlan) -> Iterator[Fault]:
-    """Yield the parts that are placed before what they rest on, or on nothing."""
+    """Yield the parts that are placed before what they rest on, or on nothing; or picked too soon."""
     problem, graph = plan.problem, plan.problem.graph
     placing = {w.part: w for w in plan.building.work if w.holder is None}
     for name, own in placing.items():
@@ -238,6 +238,12 @@ def _order_faults(plan: ConstructionPlan) -> Iterator[Fault]:
             yield Fault(own.start, "order", words)
         elif name not in graph.ground and not graph.neighbours[name] & there:
             yield Fault(own.start, "order", f"{name} is placed before its neighbours")
+    picking = {w.part: w for w in plan.building.work if w.kind == _FIRST}
+    for name, above in graph.covers.items():
+        for other in sorted(above):
+            if picking[name].start < picking[other].end - SLACK_S:
+                words = f"{name} is picked while {other} lies on it"
+                yield Fault(picking[name].start, "order", words)
 
 
 def _in_world(

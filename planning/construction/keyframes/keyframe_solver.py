@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -50,13 +51,25 @@ class KeyframeSettings:
     meetings: int = 60
 
 
+class Soonest(NamedTuple):
+    """When a part may be touched.
+
+    Attributes:
+        pick: it must not be picked before: others lie on it [s].
+        place: it must not be placed before: what it rests on has to be there [s].
+    """
+
+    pick: float
+    place: float
+
+
 class KeyframeSolver:
     """Finds keyframes of one sub-problem for one robot that picks and places by itself.
 
     Args:
         scenes: checks of the sub-problem.
         bounds: who reaches what.
-        ready: the part must not be placed before [s].
+        soonest: when the part may be picked and placed.
         settings: how hard is looked.
         rng: what is drawn from.
     """
@@ -65,13 +78,13 @@ class KeyframeSolver:
         self,
         scenes: StepScenes,
         bounds: ReachBounds,
-        ready: float,
+        soonest: Soonest,
         settings: KeyframeSettings,
         rng: np.random.Generator,
     ) -> None:
         self.scenes = scenes
         self.bounds = bounds
-        self.ready = ready
+        self.soonest = soonest
         self.settings = settings
         self.rng = rng
 
@@ -214,7 +227,7 @@ class KeyframeSolver:
             problem.tool_pose(scenes.part, start, *hold),
             None,
             phase,
-            begin,
+            max(self.soonest.pick, begin),
             problem.seconds.pick,
             self.settings.picks,
         )
@@ -230,7 +243,7 @@ class KeyframeSolver:
             problem.tool_pose(scenes.part, scenes.part.goal, *hold),
             scenes.part.insertion,
             phase,
-            max(self.ready, begin),
+            max(self.soonest.place, begin),
             problem.seconds.place,
             self.settings.places,
         )
@@ -240,7 +253,7 @@ class KeyframeSolver:
     def free_place(self) -> Array:
         """Return the spans from which on nothing that is fixed runs into the part in its place."""
         checker, q = self.scenes.lying
-        begin = max(self.ready, checker.start)
+        begin = max(self.soonest.place, checker.start)
         # It counts as lying there from the beginning of the skill that places it.
         return arrival_windows([(checker, q)], np.inf, begin)
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from planning.errors import ConstructionError
-from planning.pick_place.contact_graph import Lying, near_to
+from planning.pick_place.contact_graph import Lying, lowest, near_to
 from planning.transforms import translation
 
 TOUCH = 0.03
@@ -30,11 +30,14 @@ class PartGraph:
             left out.
         carriers: part to the neighbours that it rests on. They lie where it would have to pass
             if they came later.
+        covers: part to the parts that lie on it in the supply: they must be taken first. Parts
+            that nothing lies on may be left out.
     """
 
     neighbours: Mapping[str, frozenset[str]]
     ground: Mapping[str, frozenset[str]]
     carriers: Mapping[str, frozenset[str]]
+    covers: Mapping[str, frozenset[str]] = field(default_factory=dict)
 
     def placeable(
         self, placed: Collection[str], *, carried: bool = True
@@ -53,6 +56,7 @@ class PartGraph:
             if part not in there
             and (part in self.ground or near & there)
             and (not carried or self.carriers[part] <= there)
+            and self.covers.get(part, frozenset()) <= there
         )
 
     def placed_neighbours(self, part: str, placed: Collection[str]) -> int:
@@ -143,6 +147,7 @@ def build_part_graph(
     fixtures: Sequence[Lying],
     *,
     touch: float = TOUCH,
+    covers: Mapping[str, frozenset[str]] | None = None,
 ) -> PartGraph:
     """Find what touches what where every part is in its place.
 
@@ -152,6 +157,7 @@ def build_part_graph(
         parts: every part in its place, by name.
         fixtures: what stands fast.
         touch: parts nearer to each other than this touch [m].
+        covers: see PartGraph and ``stacked``.
 
     Raises:
         ConstructionError: two parts, or a part and a fixture, would overlap.
@@ -166,14 +172,36 @@ def build_part_graph(
                 raise ConstructionError(
                     f"{name} and {other} would overlap by {-gap * 1e3:.0f} mm where they belong"
                 )
-        sunk = translation(0.0, 0.0, -_SINK) @ pose
-        below = near_to(
-            (item, sunk), {k: others[k] for k in near if k in others}, touch
-        )
         neighbours[name] = frozenset(key for key in near if key in others)
-        carriers[name] = frozenset(
-            key for key, gap in below.items() if near[key] - gap > _RESTS * _SINK
-        )
+        carriers[name] = _below((item, pose), others, near, touch)
         if fixed := frozenset(near) & frozenset(grounds):
             ground[name] = fixed
-    return PartGraph(neighbours, ground, carriers)
+    return PartGraph(neighbours, ground, carriers, covers or {})
+
+
+def stacked(parts: Mapping[str, Lying]) -> dict[str, frozenset[str]]:
+    """Return for parts in the supply what lies on them, those on which nothing does left out.
+
+    Args:
+        parts: every part where it lies at the start, by name.
+    """
+    bottom = {name: lowest(lying) for name, lying in parts.items()}
+    floor = min(bottom.values(), default=0.0) + _SINK
+    above: dict[str, set[str]] = {}
+    for name, lying in parts.items():
+        if bottom[name] > floor:
+            others = {key: value for key, value in parts.items() if key != name}
+            for below in _below(lying, others, near_to(lying, others, _SINK), _SINK):
+                above.setdefault(below, set()).add(name)
+    return {name: frozenset(found) for name, found in above.items()}
+
+
+def _below(
+    lying: Lying, others: Mapping[str, Lying], near: Mapping[str, float], touch: float
+) -> frozenset[str]:
+    """Return the parts near to a part to which it would come much nearer if it sank."""
+    item, pose = lying
+    sunk = (item, translation(0.0, 0.0, -_SINK) @ pose)
+    close = {key: others[key] for key in near if key in others}
+    gaps = near_to(sunk, close, touch)
+    return frozenset(k for k, gap in gaps.items() if near[k] - gap > _RESTS * _SINK)

@@ -7,7 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from planning.construction.problem.models import ModelPart
-from planning.construction.problem.part_graph import TOUCH, build_part_graph
+from planning.construction.problem.part_graph import (
+    TOUCH,
+    build_part_graph,
+    stacked,
+)
 from planning.construction.problem.part_grips import face_grips
 from planning.construction.problem.problem import (
     ConstructionProblem,
@@ -116,12 +120,16 @@ def build_problem(
         insertion = readonly(given.get(part.name, inwards))
         out.append(Part(part.name, readonly(part.goal), grips, insertion))
     items = {part.name: (cell.object(part.name), part.goal) for part in parts}
+    starts = {o.name: (o, o.start) for o in cell.objects if o.name in items}
     names = tuple(robot.name for robot in cell.robots) if team is None else tuple(team)
     return ConstructionProblem(
         cell=cell,
         parts=tuple(out),
         graph=build_part_graph(
-            items, [(item, item.pose) for item in cell.fixtures], touch=touch
+            items,
+            [(item, item.pose) for item in cell.fixtures],
+            touch=touch,
+            covers=stacked(starts),
         ),
         team=names,
         frame=frame,

@@ -25,15 +25,17 @@ class Spiral:
         turn: angle from one part to the next; an even share of a full turn leaves straight
             lanes between the parts, from the outside to the site [rad].
         across: whether parts lie with their longer edge across the radius, not along it.
+        high: parts of a stack, the first ones on top.
     """
 
     radius: float = 3.0
     growth: float = 0.05
     turn: float = 0.5
     across: bool = False
+    high: int = 1
 
     def spots(self, count: int) -> list[Transform]:
-        """Return a pose on the ground for each part; x points away from the site's middle.
+        """Return a pose on the ground for each stack; x points away from the site's middle.
 
         Where they lie across the radius, y points towards it instead.
         """
@@ -55,15 +57,17 @@ class Rows:
         columns: parts of a row.
         pitch: distance of parts in a row, and of rows [m].
         yaw: direction in which further rows lie [rad].
+        high: parts of a stack, the first ones on top.
     """
 
     first: tuple[float, float]
     columns: int
     pitch: tuple[float, float]
     yaw: float = 0.0
+    high: int = 1
 
     def spots(self, count: int) -> list[Transform]:
-        """Return a pose on the ground for each part; x points along ``yaw``."""
+        """Return a pose on the ground for each stack; x points along ``yaw``."""
         frame = translation(self.first[0], self.first[1], 0.0) @ rotation("z", self.yaw)
         out = []
         for k in range(count):
@@ -79,27 +83,34 @@ SupplyLayout = Spiral | Rows
 def lay_out(
     parts: Sequence[ModelPart], layout: SupplyLayout, *, near: bool = False
 ) -> dict[str, Transform]:
-    """Return where every part lies at the start: flat on the ground, its first face up.
+    """Return where every part lies at the start: flat, its first face up.
 
     Args:
         parts: the model.
         layout: the spots.
-        near: whether every part lies near the place where it belongs, as far as others leave
-            it room; by default they lie in their order.
+        near: whether every stack lies near the place where its parts belong, as far as others
+            leave it room; by default they lie in their order.
     """
-    spots = layout.spots(len(parts))
+    stacks = [parts[k : k + layout.high] for k in range(0, len(parts), layout.high)]
+    spots = layout.spots(len(stacks))
     if near and parts:
-        spots = [spots[k] for k in _nearest(parts, spots)]
-    return {
-        part.name: readonly(spot @ lying(part))
-        for part, spot in zip(parts, spots, strict=True)
-    }
+        spots = [spots[k] for k in _nearest(stacks, spots)]
+    out: dict[str, Transform] = {}
+    for stack, spot in zip(stacks, spots, strict=True):
+        height = 0.0
+        for part in reversed(stack):
+            flat = lying(part)
+            out[part.name] = readonly(spot @ translation(0.0, 0.0, height) @ flat)
+            height += 2.0 * float(flat[2, 3])
+    return out
 
 
-def _nearest(parts: Sequence[ModelPart], spots: Sequence[Transform]) -> list[int]:
-    """Return the spot of each part: the least sum of squared distances to where they belong."""
+def _nearest(
+    stacks: Sequence[Sequence[ModelPart]], spots: Sequence[Transform]
+) -> list[int]:
+    """Return the spot of each stack: the least sum of squared distances to where parts belong."""
     at = np.array([spot[:2, 3] for spot in spots])
-    to = np.array([part.goal[:2, 3] for part in parts])
+    to = np.array([np.mean([p.goal[:2, 3] for p in s], axis=0) for s in stacks])
     away = np.sum((to[:, None] - at[None]) ** 2, axis=2)
     chosen = linear_sum_assignment(away)[1]
     return [int(k) for k in chosen]

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from planning.construction.attempt import Attempt
 from planning.construction.candidates import robot_groups
+from planning.construction.export.timed_tasks import motion_plan
 from planning.construction.fine_check.check import check_construction
 from planning.construction.fixed_time import FixedTimeSolver, plan_fixed_time
 from planning.construction.object_order import rank_parts, ready_at
@@ -326,8 +327,34 @@ def test_parts_without_joints_come_one_after_another_where_they_touch() -> None:
         Stopwatch(),
     )
     late = replace(nothing_built(problem), placed={"p1": 100.0})
-    ready = [solver.ready(late, part) for part in problem.parts]
+    ready = [solver.soonest(late, part).place for part in problem.parts]
     assert ready == [100.0, 100.0, 100.0, 0.0]
+
+
+def test_stacks_are_taken_from_the_top() -> None:
+    boxes = tuple(
+        toy_part(f"p{k}", (0.3, 0.2, 0.1), (0.5 * k - 0.75, 0.0, 0.05))
+        for k in range(4)
+    )
+    problem = toy_problem(boxes, 2, supply=Spiral(turn=2.0, high=2))
+    assert problem.graph.covers == {"p1": {"p0"}, "p3": {"p2"}}
+    plan = plan_construction(problem)
+    assert check_construction(plan).faults == ()
+    picks = {w.part: w for w in plan.building.work if w.kind == "pick"}
+    # However late tasks come, they keep that order.
+    motions = motion_plan(problem, plan.building)
+    label = {task.label: task.index for task in motions.tasks}
+    order = {tuple(pair) for pair in motions.dependencies.tolist()}
+    for above, below in (("p0", "p1"), ("p2", "p3")):
+        assert picks[below].start >= picks[above].end - 1e-9
+        assert (label[f"pick {above}"], label[f"pick {below}"]) in order
+    swapped = {"p0": "p1", "p1": "p0"}
+    work = tuple(
+        replace(w, part=swapped.get(w.part, w.part)) for w in plan.building.work
+    )
+    wrong = replace(plan, building=replace(plan.building, work=work))
+    words = {fault.words for fault in check_construction(wrong).faults}
+    assert "p1 is picked while p0 lies on it" in words
 
 
 class _Told(SubproblemSolver):

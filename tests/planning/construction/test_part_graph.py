@@ -12,7 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.construction.problem.models import ModelPart, pavilion, tower, wall, well
-from planning.construction.problem.part_graph import PartGraph, build_part_graph
+from planning.construction.problem.part_graph import (
+    PartGraph,
+    build_part_graph,
+    stacked,
+)
 from planning.construction.problem.site import ground_fixture, part_objects
 from planning.construction.problem.supply import Spiral
 from planning.errors import ConstructionError
@@ -209,3 +213,39 @@ def test_never_placeable_is_what_is_left_however_one_goes_on(
         placed.add(ready[int(rng.integers(len(ready)))])
     left = graph.never_placeable(carried=carried)
     assert set(left) == set(names) - placed
+
+
+@given(st.integers(1, 12), st.integers(1, 5), st.integers(0, 1000), st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_stacks_lie_one_part_on_the_next_the_first_on_top(
+    count: int, high: int, seed: int, near: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    parts = tuple(
+        ModelPart(
+            f"p{k}",
+            readonly(rng.uniform(0.1, 0.3, 3)),
+            1.0,
+            readonly(translation(*rng.uniform(-2.0, 2.0, 2), 0.1)),
+            faces=(str(rng.choice(["+x", "-y", "+z"])),),
+        )
+        for k in range(count)
+    )
+    objects = part_objects(parts, Spiral(turn=0.5, high=high), near=near)
+    starts = {item.name: (item, item.start) for item in objects}
+    found = stacked(starts)
+    for k in range(count):
+        below = k + 1 if (k + 1) % high and k + 1 < count else None
+        above = k - 1 if k % high else None
+        assert found.get(f"p{k}", frozenset()) == (
+            {f"p{above}"} if above is not None else set()
+        )
+        item, pose = starts[f"p{k}"]
+        up = np.abs(pose[2, :3]) @ item.size
+        bottom = pose[2, 3] - 0.5 * up
+        if below is None:
+            assert bottom == pytest.approx(0.0, abs=1e-12)
+        else:
+            under, at = starts[f"p{below}"]
+            top = at[2, 3] + 0.5 * np.abs(at[2, :3]) @ under.size
+            assert bottom == pytest.approx(top, abs=1e-12)

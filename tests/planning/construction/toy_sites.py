@@ -11,14 +11,17 @@ from planning.construction.problem.site import (
     ground_fixture,
     part_objects,
 )
-from planning.construction.problem.supply import Spiral
+from planning.construction.problem.supply import Spiral, SupplyLayout
 from planning.robots.registry import robot_model
 from planning.transforms import identity, readonly, translation
 from planning.workcell import PlacedRobot, Workcell
 
 
 def toy_problem(
-    parts: tuple[ModelPart, ...], robots: int, seed: int = 0
+    parts: tuple[ModelPart, ...],
+    robots: int,
+    seed: int = 0,
+    supply: SupplyLayout | None = None,
 ) -> ConstructionProblem:
     model = robot_model("mobile-manipulator")
     team = []
@@ -27,7 +30,9 @@ def toy_problem(
         home = np.array(model.home)
         home[:3] = 5.0 * np.cos(at), 5.0 * np.sin(at), at
         team.append(PlacedRobot(f"robot{k + 1}", model, identity(), readonly(home)))
-    cell = Workcell(tuple(team), (ground_fixture(),), part_objects(parts, Spiral()))
+    cell = Workcell(
+        tuple(team), (ground_fixture(),), part_objects(parts, supply or Spiral())
+    )
     return build_problem(cell, parts, seed=seed)
 
 
