@@ -24,13 +24,23 @@ class PartContacts:
             name: (cell.object(name), part.goal) for name, part in parts.items()
         }
         still = {n: lying for n, lying in starts.items() if n not in parts}
-        self._start = {name: _touching(name, starts, starts | fixed) for name in parts}
+        # What lies on a part has been taken before it: from then on it is in somebody's hand.
+        covers = problem.graph.covers
+        self._start = {
+            name: _touching(
+                name,
+                starts,
+                {k: v for k, v in starts.items() if k not in covers.get(name, ())}
+                | fixed,
+            )
+            for name in parts
+        }
         self._goal = {
             name: _touching(name, goals, goals | still | fixed) for name in parts
         }
 
     def at_start(self, part: Part) -> Pairs:
-        """Return the pairs of a part and what it touches in the supply."""
+        """Return the pairs of a part and what it touches in the supply when it is taken."""
         return self._start[part.name]
 
     def at_goal(self, part: Part) -> Pairs:
