@@ -28,8 +28,8 @@ class PartGraph:
         neighbours: part to the parts that it touches.
         ground: part to the fixtures that it touches; parts that stand on nothing fixed are
             left out.
-        carriers: part to the neighbours that it rests on. They lie where it would have to pass
-            if they came later.
+        carriers: part to the neighbours that it rests on, and to those whose way in would lead
+            through it: they come before it.
         covers: part to the parts that lie on it in the supply: they must be taken first. Parts
             that nothing lies on may be left out.
     """

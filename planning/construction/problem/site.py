@@ -19,6 +19,7 @@ from planning.construction.problem.problem import (
     SkillSeconds,
 )
 from planning.construction.problem.supply import SupplyLayout, lay_out
+from planning.construction.problem.ways_in import with_ways_in
 from planning.errors import ConstructionError
 from planning.geometry.cover import box_body
 from planning.transforms import Array, Transform, readonly, translation
@@ -122,15 +123,17 @@ def build_problem(
     items = {part.name: (cell.object(part.name), part.goal) for part in parts}
     starts = {o.name: (o, o.start) for o in cell.objects if o.name in items}
     names = tuple(robot.name for robot in cell.robots) if team is None else tuple(team)
+    graph = build_part_graph(
+        items,
+        [(item, item.pose) for item in cell.fixtures],
+        touch=touch,
+        covers=stacked(starts),
+    )
+    ways = {part.name: part.insertion for part in out}
     return ConstructionProblem(
         cell=cell,
         parts=tuple(out),
-        graph=build_part_graph(
-            items,
-            [(item, item.pose) for item in cell.fixtures],
-            touch=touch,
-            covers=stacked(starts),
-        ),
+        graph=with_ways_in(graph, items, ways, approach),
         team=names,
         frame=frame,
         seconds=seconds or SkillSeconds(),

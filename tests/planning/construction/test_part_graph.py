@@ -19,6 +19,7 @@ from planning.construction.problem.part_graph import (
 )
 from planning.construction.problem.site import ground_fixture, part_objects
 from planning.construction.problem.supply import Spiral
+from planning.construction.problem.ways_in import with_ways_in
 from planning.errors import ConstructionError
 from planning.transforms import from_rpy, readonly, translation
 
@@ -249,3 +250,32 @@ def test_stacks_lie_one_part_on_the_next_the_first_on_top(
             under, at = starts[f"p{below}"]
             top = at[2, 3] + 0.5 * np.abs(at[2, :3]) @ under.size
             assert bottom == pytest.approx(top, abs=1e-12)
+
+
+def test_a_part_waits_for_those_whose_way_in_leads_through_it() -> None:
+    sides = {
+        "left": (1.0, 0.0, 0.0),
+        "right": (0.0, 0.0, -1.0),
+        "far": (0.0, 0.0, -1.0),
+    }
+    parts = tuple(
+        ModelPart(
+            name, readonly((0.3, 0.3, 0.1)), 1.0, readonly(translation(x, 0, 0.05))
+        )
+        for name, x in (("left", 0.0), ("right", -0.3), ("far", 0.3))
+    )
+    objects = {item.name: item for item in part_objects(parts, Spiral())}
+    items = {part.name: (objects[part.name], part.goal) for part in parts}
+    graph = graph_of(parts)
+    assert set(graph.carriers.values()) == {frozenset()}
+    ways = {name: readonly(way) for name, way in sides.items()}
+    # The left one comes from where the right one will be.
+    found = with_ways_in(graph, items, ways, 0.1)
+    assert found.carriers == {"left": set(), "right": {"left"}, "far": set()}
+    assert found.never_placeable() == ()
+    # Two that come through each other wait for each other.
+    both = with_ways_in(
+        graph, items, {**ways, "right": readonly((-1.0, 0.0, 0.0))}, 0.1
+    )
+    assert both.carriers["left"] == {"right"}
+    assert set(both.never_placeable()) == {"left", "right"}
