@@ -8,7 +8,7 @@ import numpy as np
 
 from planning.geometry.exact import distance, place, resting_solid
 from planning.transforms import Array, Transform
-from planning.workcell import CellObject, Fixture
+from planning.workcell import CellObject, Fixture, Workcell
 
 Lying = tuple[CellObject | Fixture, Transform]
 """A box and the pose of its centre in the world."""
@@ -47,6 +47,11 @@ def near_to(
         if gap <= within:
             out[name] = gap
     return out
+
+
+def standing(cell: Workcell) -> dict[str, Lying]:
+    """Return the fixtures of a cell where they stand, by name."""
+    return {item.name: (item, item.pose) for item in cell.fixtures}
 
 
 def lowest(lying: Lying) -> float:

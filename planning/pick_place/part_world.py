@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from planning.errors import InfeasibleStepError
-from planning.pick_place.contact_graph import Lying, near_to
+from planning.pick_place.contact_graph import near_to, standing
 from planning.pick_place.grips import Grip, box_grips
 from planning.pick_place.structure import PickPlaceAssembly
 from planning.transforms import Transform
@@ -115,6 +115,6 @@ class PartWorld:
         return range(1, len(self.assembly.steps) + 1)
 
     def _touched(self, step: int, pose: Transform) -> dict[str, float]:
-        others: dict[str, Lying] = {f.name: (f, f.pose) for f in self.cell.fixtures}
+        others = standing(self.cell)
         others |= {k: (item, at.pose) for k, (item, at) in self.around(step).items()}
         return near_to((self.part(step), pose), others, self.assembly.touch)

@@ -291,12 +291,7 @@ def _support_order(
         for h in task.handlings
         if h.holder is None
     }
-    return {
-        (placed[below], placed[above])
-        for above, supports in rests_on.items()
-        for below in supports
-        if above in placed and below in placed
-    }
+    return _one_after_another(placed, rests_on)
 
 
 def _stack_order(
@@ -307,11 +302,18 @@ def _stack_order(
     for k, task in enumerate(tasks):
         for h in task.handlings:
             taken.setdefault(h.object, k)
+    return _one_after_another(taken, covers)
+
+
+def _one_after_another(
+    tasks: Mapping[str, int], waits_for: Mapping[str, Iterable[str]]
+) -> set[tuple[int, int]]:
+    """Return dependencies of the tasks of objects on those of the objects that they wait for."""
     return {
-        (taken[above], taken[below])
-        for below, lying in covers.items()
-        for above in lying
-        if above in taken and below in taken
+        (tasks[first], tasks[then])
+        for then, before in waits_for.items()
+        for first in before
+        if then in tasks and first in tasks
     }
 
 

@@ -8,7 +8,7 @@ from planning.construction.problem.part_graph import MOST_OVERLAP
 from planning.construction.problem.problem import ConstructionProblem
 from planning.errors import ConstructionError, listed
 from planning.geometry.scene import SceneChecker
-from planning.pick_place.contact_graph import Lying, near_to
+from planning.pick_place.contact_graph import Lying, near_to, standing
 from planning.transforms import translation
 from planning.workcell import start_state
 
@@ -23,9 +23,9 @@ def require_buildable(problem: ConstructionProblem) -> ReachBounds:
 
     Raises:
         ConstructionError: a part that nothing connects to the ground, parts that wait for each
-            other, parts too near to each other for a part in hand, ways into a place that begin in a
-            fixture, parts that overlap in the supply, robots that stand in something, or parts that the team cannot bring to
-            their places.
+            other, parts too near to each other for a part in hand, ways into a place that begin
+            in a fixture, parts that overlap in the supply, robots that stand in something, or
+            parts that the team cannot bring to their places.
     """
     require_grounded(problem)
     require_order(problem)
@@ -75,7 +75,7 @@ def require_room(problem: ConstructionProblem) -> None:
         ConstructionError: names two that lie too near to each other.
     """
     cell, least = problem.cell, problem.cell.clearances.robot_object
-    fixed: dict[str, Lying] = {item.name: (item, item.pose) for item in cell.fixtures}
+    fixed = standing(cell)
     there: dict[str, Lying] = {}
     for part in problem.parts:
         lying = (problem.object(part), part.goal)
@@ -97,7 +97,7 @@ def require_way_in(problem: ConstructionProblem) -> None:
     """
     cell = problem.cell
     least = cell.clearances.robot_object + _CLEAR
-    fixed: dict[str, Lying] = {item.name: (item, item.pose) for item in cell.fixtures}
+    fixed = standing(cell)
     for part in problem.parts:
         before = translation(*(-problem.approach * part.insertion)) @ part.goal
         for other in near_to((problem.object(part), before), fixed, least):
@@ -119,7 +119,7 @@ def require_free_supply(problem: ConstructionProblem) -> None:
     lying: dict[str, Lying] = {
         item.name: (item, item.start) for item in cell.objects if not item.later
     }
-    fixed: dict[str, Lying] = {item.name: (item, item.pose) for item in cell.fixtures}
+    fixed = standing(cell)
     before: dict[str, Lying] = {}
     for name, item in lying.items():
         for other, gap in near_to(item, {**fixed, **before}, 0.0).items():

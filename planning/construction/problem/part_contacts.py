@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.geometry.robot_bodies import entity
-from planning.pick_place.contact_graph import Lying, near_to
+from planning.pick_place.contact_graph import Lying, near_to, standing
 
 NEAR = 0.002
 """Things this near to each other touch [m]: rounding, and the margin that planning keeps."""
@@ -17,7 +17,7 @@ class PartContacts:
 
     def __init__(self, problem: ConstructionProblem) -> None:
         cell = problem.cell
-        fixed: dict[str, Lying] = {f.name: (f, f.pose) for f in cell.fixtures}
+        fixed = standing(cell)
         starts: dict[str, Lying] = {o.name: (o, o.start) for o in cell.objects}
         parts = {p.name: p for p in problem.parts}
         goals: dict[str, Lying] = {

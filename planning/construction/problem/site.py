@@ -22,6 +22,7 @@ from planning.construction.problem.supply import SupplyLayout, lay_out
 from planning.construction.problem.ways_in import with_ways_in
 from planning.errors import ConstructionError
 from planning.geometry.cover import box_body
+from planning.pick_place.contact_graph import standing
 from planning.transforms import Array, Transform, readonly, translation
 from planning.workcell import CellObject, Fixture, Workcell
 
@@ -125,7 +126,7 @@ def build_problem(
     names = tuple(robot.name for robot in cell.robots) if team is None else tuple(team)
     graph = build_part_graph(
         items,
-        [(item, item.pose) for item in cell.fixtures],
+        list(standing(cell).values()),
         touch=touch,
         covers=stacked(starts),
     )
