@@ -161,9 +161,10 @@ def _drain(
     try:
         while waiting or under_way:
             while waiting and len(under_way) < most:
-                block = waiting.popleft()
+                block = waiting[0]
+                # Where a worker has died meanwhile this fails, and the block must still be waiting.
                 future = executor.submit(compute_block, parcels[block.cell], block)
-                under_way[future] = block
+                under_way[future] = waiting.popleft()
             finished, _ = wait(under_way, return_when=FIRST_COMPLETED)
             for future in finished:
                 result = future.result()

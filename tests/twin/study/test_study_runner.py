@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
@@ -114,6 +114,27 @@ def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
 
     run_replications(TWO, _loads(), tmp_path / "parts", pool)
     assert (tmp_path / "killed").exists()
+    assert _table(tmp_path / "parts") == _table(tmp_path / "whole")
+
+
+class _Refusing(_Dying):
+    """A pool that notices a dead worker as it is given its next block."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kw: Any) -> Future[Any]:
+        if self.left == 0:
+            raise BrokenExecutor("a worker died")
+        return super().submit(fn, *args, **kw)
+
+
+def test_no_block_is_lost_that_a_broken_pool_refuses(tmp_path: Path) -> None:
+    run_replications(TWO, _loads(), tmp_path / "whole", _in_process)
+    pools = iter((0, 1, 0, 100))
+
+    @contextmanager
+    def pool() -> Iterator[Executor]:
+        yield _Refusing(next(pools))
+
+    run_replications(TWO, _loads(), tmp_path / "parts", pool)
     assert _table(tmp_path / "parts") == _table(tmp_path / "whole")
 
 
