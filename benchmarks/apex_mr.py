@@ -32,11 +32,11 @@ from twin.comparison.comparison import (
     measure_policies,
     shortcut_budget,
 )
-from twin.comparison.figures import comparison_figures
-from twin.progress import Report, StageDisplay
+from twin.comparison.spread import comparison_figures
+from twin.host.progress import Report, StageDisplay
+from twin.scenario.duration_models import follow_references
 from twin.scenario.file import load_scenario
-from twin.scenario.scenario import Scenario
-from twin.uncertainty.duration_models import follow_references
+from twin.scenario.sections.scenario import Scenario
 
 ROOT = Path(__file__).parents[1]
 SCENARIOS = {

@@ -16,9 +16,9 @@ from benchmarks.apex_mr_tables import (
     planning,
     quality,
 )
-from twin.atomic import replacing, write_json
 from twin.comparison.chart import draw_comparison
 from twin.comparison.comparison import SEQUENTIAL
+from twin.host.atomic import replacing, write_json
 
 
 @dataclass(frozen=True)

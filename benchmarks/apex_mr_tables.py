@@ -18,7 +18,7 @@ from twin.comparison.comparison import (
     SYNCHRONOUS_SHORTCUT,
     SYNCHRONOUS_TPG,
 )
-from twin.comparison.figures import TOTAL
+from twin.comparison.spread import TOTAL
 from twin.comparison.table import mean, percent, spread
 
 

@@ -22,7 +22,7 @@ from benchmarks.construction_case import measure_baseline, measure_method, warm_
 from benchmarks.construction_paper import DURATIONS, SEEDS, TEAMS, WITH_BASELINE
 from benchmarks.construction_report import write_report
 from benchmarks.construction_store import Row, RowStore
-from twin.progress import Report, StageDisplay
+from twin.host.progress import Report, StageDisplay
 
 ROOT = Path(__file__).parents[1]
 CASES = "cases"

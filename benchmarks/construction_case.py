@@ -10,22 +10,22 @@ from pathlib import Path
 
 from benchmarks.construction_schedule import schedule
 from benchmarks.construction_store import Row
+from benchmarks.fine_check.check import check_construction
+from benchmarks.fixed_time import plan_fixed_time
 from benchmarks.stalled_runs import audited_runs
 from planning.construction.export.motion_plan_export import planned_makespan
 from planning.construction.export.timed_tasks import motion_plan
-from planning.construction.fine_check.check import check_construction
-from planning.construction.fixed_time import plan_fixed_time
 from planning.construction.planner import ConstructionPlan, plan_construction
 from planning.construction.problem.problem import ConstructionProblem
 from planning.errors import TwinError
-from scheduling.construction import build_tpg
-from scheduling.rollout import earliest_times
-from twin.cell import build_workcell
-from twin.progress import Report
-from twin.scenario.cell import choose_robots
+from scheduling.build_tpg import build_tpg
+from scheduling.graph.rollout import earliest_times
+from twin.host.progress import Report
+from twin.planning.space_time import construction_problem
+from twin.scenario.build_workcell import build_workcell
 from twin.scenario.file import load_scenario
-from twin.scenario.scenario import Scenario
-from twin.space_time import construction_problem
+from twin.scenario.sections.cell import choose_robots
+from twin.scenario.sections.scenario import Scenario
 
 FOLDER = Path(__file__).parents[1] / "scenarios" / "construction"
 

@@ -21,7 +21,7 @@ from benchmarks.construction_rows import (
 )
 from benchmarks.construction_store import Row
 from benchmarks.construction_tables import paper_total
-from twin.atomic import replacing
+from twin.host.atomic import replacing
 
 _INK = "#2b2f36"
 _GRID = "#e4e7eb"

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from benchmarks.construction_schedule import CARRY, DRIVE, HOME
 from benchmarks.construction_store import Row
-from twin.atomic import replacing
+from twin.host.atomic import replacing
 from twin.run.lanes import LANE_COLOURS
 
 _INK = "#2b2f36"

@@ -12,7 +12,7 @@ from benchmarks.construction_paper import SEEDS
 from benchmarks.construction_rows import best_baseline, methods, models_of, teams_of
 from benchmarks.construction_store import Row
 from benchmarks.construction_summary import summary
-from twin.atomic import replacing, write_json
+from twin.host.atomic import replacing, write_json
 
 NAME = "construction"
 

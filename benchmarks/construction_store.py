@@ -10,7 +10,7 @@ from typing import Any
 
 from benchmarks.machine import date_line, machine_line
 from benchmarks.measured_store import program_hash
-from twin.atomic import write_json
+from twin.host.atomic import write_json
 
 Row = dict[str, Any]
 

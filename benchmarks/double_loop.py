@@ -15,16 +15,25 @@ from numba import njit
 
 from planning.geometry.hull_table import HullTable
 from planning.geometry.stretches import Stretch, make_stretch
-from scheduling.block_pairs import close_blocks, touching_bodies, wide_gap
-from scheduling.close_bodies import PROVED, Descent, keep_close_bodies, start_descent
-from scheduling.conflicts import ConflictChecker, proof_slack
-from scheduling.contacts import ContactTable
-from scheduling.occupancy import Occupancy
-from scheduling.order import nodes_before
-from scheduling.reduction import NodeOrder
-from scheduling.staircase import raise_floor
-from scheduling.swept_sequence import SweptSequence, bound_leaf, room_for_capsules
-from scheduling.temporal_plan_graph import Indices
+from scheduling.conflicts.allowed_contacts import ContactTable
+from scheduling.conflicts.block_pairs import close_blocks, touching_bodies, wide_gap
+from scheduling.conflicts.close_bodies import (
+    PROVED,
+    Descent,
+    keep_close_bodies,
+    start_descent,
+)
+from scheduling.conflicts.conflict_search import ConflictChecker, proof_slack
+from scheduling.conflicts.occupancy import Occupancy
+from scheduling.conflicts.staircase import raise_floor
+from scheduling.conflicts.swept_sequence import (
+    SweptSequence,
+    bound_leaf,
+    room_for_capsules,
+)
+from scheduling.graph.reduction import NodeOrder
+from scheduling.graph.temporal_plan_graph import Indices
+from scheduling.graph.total_order import nodes_before
 
 
 def segment_capsules(occupancy: Occupancy) -> SweptSequence:

@@ -18,14 +18,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.machine import date_line, machine_line
-from scheduling.plan_files import load_plan
-from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import SkillDurations, Uniform, packaged_timings
-from twin.engine.contraction import contract
+from scheduling.graph.plan_files import load_plan
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.durations import Uniform, packaged_timings
 from twin.engine.engine import Simulator
 from twin.recorders.memory import MemoryRecorder
-from twin.run.run import Run
+from twin.run.run_record import Run
 from twin.scenario.file import load_scenario
+from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,
@@ -33,6 +33,7 @@ from twin.uncertainty.disturbances import (
     SkillFailure,
     StallRate,
 )
+from twin.uncertainty.skill_durations import SkillDurations
 
 RESULTS = Path(__file__).parent / "results"
 DISTURBED = Disturbances(
@@ -105,7 +106,7 @@ def main() -> int:
     options = parser.parse_args()
     scenario = load_scenario(options.scenario)
     if options.plan is None:
-        from twin.pipeline import plan_scenario
+        from twin.planning.pipeline import plan_scenario
 
         tpg = plan_scenario(scenario, options.scenario.parent).tpg
     else:

@@ -20,16 +20,20 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.machine import date_line, machine_line
-from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.bulk.bulk_engine import BulkEngine
-from twin.durations import SkillDurations
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
-from twin.pipeline import order_motions, plan_in_turns
-from twin.progress import StageDisplay
+from twin.host.progress import StageDisplay
+from twin.planning.pipeline import order_motions, plan_in_turns
+from twin.planning.stage_watch import StageWatch
+from twin.scenario.duration_models import skill_durations
 from twin.scenario.file import load_scenario
-from twin.stage_watch import StageWatch
-from twin.study.timing_graph import load_timing_graph, save_timing_graph, timing_graph
-from twin.uncertainty.duration_models import skill_durations
+from twin.study.replications.timing_graph import (
+    load_timing_graph,
+    save_timing_graph,
+    timing_graph,
+)
+from twin.uncertainty.skill_durations import SkillDurations
 
 ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "engines.md"
@@ -159,13 +163,13 @@ def _study_in_this_process(graph: Path, count: int) -> float:
     """Run a study of one cell and return the peak memory of this process [MiB]."""
     import tempfile
 
-    from twin.study.executors import open_executor
-    from twin.study.experiment import Experiment
-    from twin.study.runner import run_replications
+    from twin.scenario.duration_models import skill_models
+    from twin.study.replications.executors import open_executor
+    from twin.study.replications.experiment import Experiment
+    from twin.study.replications.runner import run_replications
+    from twin.study.replications.workload import Workload
     from twin.study.tables import write_replications
-    from twin.study.workload import Workload
     from twin.uncertainty.disturbances import Disturbances
-    from twin.uncertainty.duration_models import skill_models
 
     path = ROOT / "scenarios" / "lego" / "cliff.yaml"
     models = skill_models(load_scenario(path), path.parent)

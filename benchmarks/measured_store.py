@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from twin.atomic import write_json
 from twin.comparison.comparison import Measurement
+from twin.host.atomic import write_json
 
 _PACKAGES = ("planning", "scheduling", "twin", "scenarios")
 

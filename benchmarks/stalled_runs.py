@@ -29,19 +29,19 @@ import numpy as np
 
 from benchmarks.machine import date_line, machine_line
 from benchmarks.stalled_runs_report import report
-from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.atomic import write_json
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.audit import Auditor
-from twin.audit.recording import read_recording
-from twin.audit.scene import scene_of
-from twin.pipeline import plan_scenario
-from twin.recorders.parquet import objects_table, trajectory_table, write_table
+from twin.audit.cell_description import scene_of
+from twin.audit.executed import read_recording
+from twin.host.atomic import write_json
+from twin.planning.pipeline import plan_scenario
+from twin.recorders.motion_tables import objects_table, trajectory_table, write_table
 from twin.run.folder import OBJECTS, TRAJECTORY
 from twin.run.trajectory import object_placements, robot_trajectories
-from twin.scenario.disturbances import StallsSection
 from twin.scenario.file import load_scenario
-from twin.scenario.scenario import Scenario
-from twin.trial import execute
+from twin.scenario.sections.disturbances import StallsSection
+from twin.scenario.sections.scenario import Scenario
+from twin.trial.trial import execute
 
 ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results"

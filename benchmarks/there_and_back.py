@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.motion_plan import MotionPlan, TaskMotion
-from planning.task_graph import Handling, Task
+from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.tasks.task_graph import Handling, Task
 from planning.transforms import Transform
 
 

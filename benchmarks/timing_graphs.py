@@ -14,12 +14,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.pipeline import order_motions, plan_in_turns
-from twin.progress import Report, StageDisplay, report_nothing
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.host.progress import Report, StageDisplay, report_nothing
+from twin.planning.pipeline import order_motions, plan_in_turns
+from twin.planning.stage_watch import StageWatch
 from twin.scenario.file import load_scenario
-from twin.stage_watch import StageWatch
-from twin.study.timing_graph import save_timing_graph, timing_graph
+from twin.study.replications.timing_graph import save_timing_graph, timing_graph
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "tests" / "twin" / "timing_graphs"

@@ -26,23 +26,23 @@ import numpy as np
 
 from benchmarks.double_loop import find_edges_double_loop, segment_capsules
 from benchmarks.machine import date_line, load_line, machine_line
-from planning.motion_plan import MotionPlan
-from scheduling.conflicts import CapsuleChecker, find_motion_edges
-from scheduling.construction import (
+from planning.motion.motion_plan import MotionPlan
+from scheduling.build_tpg import (
     build_nodes,
     build_tpg,
     dependency_edges,
     occupancies_of,
 )
-from scheduling.contacts import EntityNumbers, contact_table
-from scheduling.object_spans import trace_objects
-from scheduling.occupancy import Occupancy, chain_occupancy
-from scheduling.order import planned_ranks
-from scheduling.reduction import order_and_reduce
-from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
-from twin.pipeline import plan_in_turns
+from scheduling.conflicts.allowed_contacts import EntityNumbers, contact_table
+from scheduling.conflicts.conflict_search import CapsuleChecker, find_motion_edges
+from scheduling.conflicts.object_spans import trace_objects
+from scheduling.conflicts.occupancy import Occupancy, chain_occupancy
+from scheduling.graph.reduction import order_and_reduce
+from scheduling.graph.temporal_plan_graph import Indices, TemporalPlanGraph
+from scheduling.graph.total_order import planned_ranks
+from twin.planning.pipeline import plan_in_turns
+from twin.planning.stage_watch import StageWatch
 from twin.scenario.file import load_scenario
-from twin.stage_watch import StageWatch
 
 RESULTS = Path(__file__).parent / "results"
 CHAIR = Path("scenarios/lego/chair.yaml")

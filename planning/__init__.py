@@ -1,1 +1,4 @@
-"""From a cell and an assembly to a motion plan: who does what, and how everyone moves."""
+"""Who does what and how everyone moves, in planned time. Imports nothing of scheduling or twin.
+
+The files here (errors, transforms, processors) import nothing of the package; all rooms may import them.
+"""

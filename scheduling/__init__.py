@@ -1,1 +1,4 @@
-"""From a motion plan to a temporal plan graph: which motion must wait for which."""
+"""From a motion plan to a temporal plan graph, and proofs of its guarantee; no clock.
+
+Imports planning; the twin imports it.
+"""

@@ -17,20 +17,24 @@ import numpy as np
 
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
-from scheduling.conflicts import HullChecker, search_conflicts
-from scheduling.contacts import ContactTable, EntityNumbers, contact_table
-from scheduling.object_spans import Node, Rest, trace_objects, while_at_rest
-from scheduling.occupancy import (
+from scheduling.conflicts.allowed_contacts import (
+    ContactTable,
+    EntityNumbers,
+    contact_table,
+)
+from scheduling.conflicts.conflict_search import HullChecker, search_conflicts
+from scheduling.conflicts.object_spans import Node, Rest, trace_objects, while_at_rest
+from scheduling.conflicts.occupancy import (
     Occupancy,
     chain_occupancy,
     hold_occupancy,
     rest_occupancy,
     standing_occupancy,
 )
-from scheduling.order import planned_ranks
-from scheduling.reduction import NodeOrder, order_and_reduce
-from scheduling.side_by_side import side_by_side
-from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
+from scheduling.conflicts.side_by_side import side_by_side
+from scheduling.graph.reduction import NodeOrder, order_and_reduce
+from scheduling.graph.temporal_plan_graph import Indices, TemporalPlanGraph
+from scheduling.graph.total_order import planned_ranks
 
 
 def check_invariant(

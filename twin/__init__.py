@@ -1,1 +1,4 @@
-"""The digital twin: scenarios, execution, recordings and what a user touches."""
+"""The digital twin: scenarios, execution, studies, and the program.
+
+Imports scheduling and planning. cli.py is the program; every room but commands is below it.
+"""

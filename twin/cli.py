@@ -12,7 +12,6 @@ from twin.commands.doctor import doctor
 from twin.commands.export import export
 from twin.commands.fit import fit
 from twin.commands.follow import follow
-from twin.commands.guard import FAILED, INTERRUPTED, print_error
 from twin.commands.import_task import app as import_app
 from twin.commands.replay import replay
 from twin.commands.resume import resume
@@ -23,6 +22,7 @@ from twin.commands.sequence import sequence
 from twin.commands.study import study
 from twin.commands.validate import validate
 from twin.commands.verify import verify
+from twin.host.guard import FAILED, INTERRUPTED, print_error
 
 app = typer.Typer(
     name="twin",

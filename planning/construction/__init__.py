@@ -1,1 +1,4 @@
-"""Long-horizon construction by heterogeneous mobile teams, after Hartmann et al."""
+"""Construction by mobile teams (Hartmann et al.): the search over parts, robots and times.
+
+Rooms below, from data to results: problem, world, checks, paths, keyframes, export.
+"""

@@ -12,9 +12,9 @@ from itertools import islice
 import numpy as np
 
 from planning.construction.attempt import Attempt
-from planning.construction.candidates import Candidates
+from planning.construction.placements import Candidates
 from planning.construction.problem.problem import ConstructionProblem, Part
-from planning.construction.search_settings import SearchSettings
+from planning.construction.settings import SearchSettings
 from planning.construction.skeletons import Skeleton
 from planning.construction.subproblem import Solution
 from planning.construction.world.building import Building

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from planning.construction.problem.bounds import ReachBounds
-from planning.construction.problem.part_contacts import PartContacts
+from planning.construction.effort import SubproblemSettings
 from planning.construction.problem.problem import ConstructionProblem
+from planning.construction.problem.reach_bounds import ReachBounds
+from planning.construction.problem.touching import PartContacts
 from planning.construction.search import ConstructionSearch, Failure
-from planning.construction.search_settings import SearchSettings
+from planning.construction.settings import SearchSettings
 from planning.construction.stopwatch import Stopwatch
 from planning.construction.subproblem import SubproblemSolver
-from planning.construction.subproblem_settings import SubproblemSettings
 from planning.construction.world.building import Building
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from planning.construction.problem.problem import ConstructionProblem, Part
-from planning.construction.search_settings import SearchSettings
+from planning.construction.settings import SearchSettings
 from planning.construction.subproblem import Solution
 from planning.construction.world.building import Building
 

@@ -9,18 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.construction.attempt import Attempt
-from planning.construction.candidates import Candidates
 from planning.construction.easy_placement import EasyPlacement
 from planning.construction.object_order import rank_parts
-from planning.construction.problem.bounds import ReachBounds
+from planning.construction.placements import Candidates
 from planning.construction.problem.problem import ConstructionProblem, Part
+from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.rounds import Rounds
-from planning.construction.search_settings import SearchSettings
+from planning.construction.settings import SearchSettings
 from planning.construction.skeletons import Skeleton, robots_of
 from planning.construction.subproblem import Solution, SubproblemSolver
 from planning.construction.world.building import Building, nothing_built
 from planning.errors import ConstructionError
-from planning.kinematics import frame_pose
+from planning.kinematics.kinematics import frame_pose
 
 
 @dataclass(frozen=True)

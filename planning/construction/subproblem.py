@@ -9,18 +9,18 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.construction.attempt import Attempt
-from planning.construction.keyframes.keyframe_solver import KeyframeSolver, Soonest
+from planning.construction.checks.checker import Pairs, SpaceTimeChecker
+from planning.construction.effort import SubproblemSettings
 from planning.construction.keyframes.keyframes import Keyframe, Keyframes
 from planning.construction.keyframes.known_ways import way_in, way_out
+from planning.construction.keyframes.solver import KeyframeSolver, Soonest
 from planning.construction.keyframes.step_scenes import StepScenes
 from planning.construction.object_order import ready_at
-from planning.construction.problem.bounds import ReachBounds
-from planning.construction.problem.part_contacts import PartContacts, held_by
+from planning.construction.paths.rrt import space_time_rrt
 from planning.construction.problem.problem import ConstructionProblem, Part
-from planning.construction.space_time.checker import Pairs, SpaceTimeChecker
-from planning.construction.space_time.rrt import space_time_rrt
+from planning.construction.problem.reach_bounds import ReachBounds
+from planning.construction.problem.touching import PartContacts, held_by
 from planning.construction.stopwatch import Stopwatch
-from planning.construction.subproblem_settings import SubproblemSettings
 from planning.construction.world.building import Building
 from planning.construction.world.fixed_world import drop_tail
 from planning.construction.world.skill_motion import SkillMotion

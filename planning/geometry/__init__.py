@@ -1,1 +1,4 @@
-"""Compiled kinematics and collision geometry."""
+"""Collision checks: capsules propose, convex hulls decide, what is undecided is halved.
+
+Imports cell and kinematics; everything that plans or checks motion imports it.
+"""

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from planning.cell.compiled_robot import RobotKernel
 from planning.geometry.exact import TOLERANCE
 from planning.geometry.hull_table import HullTable
-from planning.geometry.kernel import RobotKernel
 from planning.geometry.proposals import BOX, SELF, Integers, Scene, propose
 from planning.geometry.separation import (
     APART,

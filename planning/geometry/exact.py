@@ -15,9 +15,9 @@ import coal
 import numpy as np
 from numba import njit
 
-from planning.geometry.body import ConvexBody
-from planning.geometry.chain import joint_poses
-from planning.geometry.kernel import RobotKernel
+from planning.cell.body import ConvexBody
+from planning.cell.compiled_robot import RobotKernel
+from planning.kinematics.chain import joint_poses
 from planning.transforms import Array, Transform
 
 TOLERANCE = 2e-4

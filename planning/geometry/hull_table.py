@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from planning.geometry.body import ConvexBody
-from planning.geometry.chain import joint_poses
+from planning.cell.body import ConvexBody
+from planning.cell.compiled_robot import RobotKernel
 from planning.geometry.exact import Solid
-from planning.geometry.kernel import RobotKernel
+from planning.kinematics.chain import joint_poses
 from planning.transforms import Array, Transform
 
 Indices = npt.NDArray[np.int64]

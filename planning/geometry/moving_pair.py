@@ -13,11 +13,12 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from planning.cell.compiled_robot import RobotKernel, robot_kernel
+from planning.cell.workcell import Workcell, WorldState
 from planning.geometry.distance import segment_segment
 from planning.geometry.exact import Solid, carried_solid
 from planning.geometry.hull_table import HullTable, hull_table
-from planning.geometry.kernel import RobotKernel, robot_kernel
-from planning.geometry.scene import robot_solids
+from planning.geometry.scene_checker import robot_solids
 from planning.geometry.separation import (
     Scratch,
     hulls_stay_apart,
@@ -26,7 +27,6 @@ from planning.geometry.separation import (
 )
 from planning.geometry.swept import place_capsules
 from planning.transforms import Array
-from planning.workcell import Workcell, WorldState
 
 Integers = npt.NDArray[np.int64]
 

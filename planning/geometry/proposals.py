@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from planning.cell.compiled_robot import RobotKernel
 from planning.geometry.distance import segment_box, segment_segment
-from planning.geometry.kernel import RobotKernel
 from planning.geometry.swept import place_capsules
 from planning.transforms import Array
 

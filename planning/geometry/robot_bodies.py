@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.geometry.body import ConvexBody
-from planning.geometry.chain import joint_poses
+from planning.cell.body import ConvexBody
+from planning.cell.compiled_robot import RobotKernel, robot_kernel
+from planning.cell.workcell import Attachment, CellObject, PlacedRobot
 from planning.geometry.exact import Solid, carried_solid
 from planning.geometry.hull_table import HullTable, hull_table
-from planning.geometry.kernel import RobotKernel, robot_kernel
 from planning.geometry.proposals import SKIP, Integers
+from planning.kinematics.chain import joint_poses
 from planning.transforms import Array
-from planning.workcell import Attachment, CellObject, PlacedRobot
 
 Held = tuple[CellObject, Attachment]
 

@@ -14,15 +14,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.geometry.body import ConvexBody
+from planning.cell.body import ConvexBody
+from planning.cell.compiled_robot import RobotKernel
+from planning.cell.workcell import PlacedRobot, Workcell
 from planning.geometry.exact import Solid, resting_solid
 from planning.geometry.hull_table import AT_REST, HullTable, hull_table
-from planning.geometry.kernel import RobotKernel
 from planning.geometry.proposals import Integers
 from planning.geometry.robot_bodies import joint_poses_of, robot_bodies
 from planning.geometry.swept import sweep_segments
 from planning.transforms import Array, Transform
-from planning.workcell import PlacedRobot, Workcell
 
 _MOST_PLACES = 50_000
 _MOST_STANDS = 2_000

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from planning.geometry.chain import joint_poses
-from planning.geometry.kernel import RobotKernel
+from planning.cell.compiled_robot import RobotKernel
+from planning.kinematics.chain import joint_poses
 from planning.transforms import Array
 
 

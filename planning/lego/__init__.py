@@ -1,1 +1,4 @@
-"""LEGO structures: stud grid, bricks, grips, supports and the targets of skills."""
+"""LEGO assemblies. Rooms from data to plans: bricks, stability, skills, sequencing.
+
+Imports skills and what those import; importers and the twin import it.
+"""

@@ -1,1 +1,4 @@
-"""Robot models and the registry of those that scenarios can name."""
+"""Robot models: the registry of names, URDF reading, meshes and URDFs of our own.
+
+Imports cell, kinematics and geometry.
+"""

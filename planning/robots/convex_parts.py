@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from planning.cell.cover import hull_vertices
 from planning.errors import RobotModelError
-from planning.geometry.cover import hull_vertices
 from planning.robots.primitives import frustum, sphere
 from planning.transforms import Array
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.robots.model import RobotModel
+from planning.cell.robot_model import RobotModel
 
 
 def is_mobile(model: RobotModel) -> bool:

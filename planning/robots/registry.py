@@ -11,8 +11,8 @@ from types import MappingProxyType
 
 import numpy as np
 
+from planning.cell.robot_model import RobotModel
 from planning.errors import RobotModelError
-from planning.robots.model import RobotModel
 from planning.transforms import Transform, from_rpy, identity, translation
 
 _OWN = Path(__file__).parent / "urdf"
@@ -211,7 +211,7 @@ def robot_model(name_or_urdf: str, base_dir: Path | None = None) -> RobotModel:
 
 @cache
 def _registered(name: str) -> RobotModel:
-    from planning.robots.urdf import load_urdf
+    from planning.robots.load_urdf import load_urdf
 
     entry = ROBOTS[name]
     folder = entry.folder()
@@ -234,6 +234,6 @@ def _registered(name: str) -> RobotModel:
 @lru_cache(maxsize=32)
 def _from_file(path: Path, stamp: int) -> RobotModel:
     """Load a user's description; ``stamp`` makes an edited file load anew."""
-    from planning.robots.urdf import load_urdf
+    from planning.robots.load_urdf import load_urdf
 
     return load_urdf(path)

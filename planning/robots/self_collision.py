@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from planning.geometry.chain import joint_poses
-from planning.robots.model import KinematicChain, LinkPart
+from planning.cell.robot_model import KinematicChain, LinkPart
+from planning.kinematics.chain import joint_poses
 from planning.transforms import Array, identity
 
 _SAMPLES = 60

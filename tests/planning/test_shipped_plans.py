@@ -12,14 +12,14 @@ import coal
 import numpy as np
 import pytest
 
-from planning.geometry.body import ConvexBody
-from planning.geometry.chain import joint_poses
-from planning.geometry.cover import box_body
-from planning.kinematics import frame_pose
-from planning.robots.model import RobotModel
+from planning.cell.body import ConvexBody
+from planning.cell.cover import box_body
+from planning.cell.robot_model import RobotModel
+from planning.cell.workcell import PlacedRobot
+from planning.kinematics.chain import joint_poses
+from planning.kinematics.kinematics import frame_pose
 from planning.robots.registry import robot_model
 from planning.transforms import Array, Transform, from_quat_wxyz, translation
-from planning.workcell import PlacedRobot
 
 DATA = Path(
     os.environ.get(

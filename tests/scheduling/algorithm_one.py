@@ -12,6 +12,8 @@ from functools import cached_property
 import networkx as nx
 import numpy as np
 
+from planning.cell.compiled_robot import robot_kernel
+from planning.cell.workcell import Attachment
 from planning.geometry.exact import (
     TOLERANCE,
     Solid,
@@ -20,11 +22,9 @@ from planning.geometry.exact import (
     distance_at,
     resting_solid,
 )
-from planning.geometry.kernel import robot_kernel
-from planning.geometry.scene import flange_pose
+from planning.geometry.scene_checker import flange_pose
 from planning.transforms import Array
-from planning.workcell import Attachment
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 Node = tuple[int, int]
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.motion_plan import MotionPlan, TaskMotion
-from planning.task_graph import Task
+from planning.cell.workcell import Clearances, PlacedRobot, Workcell
+from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.tasks.task_graph import Task
 from planning.transforms import rotation, translation
-from planning.workcell import Clearances, PlacedRobot, Workcell
 from tests.scheduling.mini_world import planar_arm
 
 

@@ -8,15 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from planning.geometry.body import ConvexBody
-from planning.geometry.cover import box_body
-from planning.geometry.exact import TOLERANCE
-from planning.geometry.scene import SceneChecker, flange_pose
-from planning.motion_plan import MotionPlan, TaskMotion
-from planning.robots.model import KinematicChain, LinkPart, RobotModel
-from planning.task_graph import AllowedContact, Handling, Task
-from planning.transforms import Array, inverse, rotation, translation
-from planning.workcell import (
+from planning.cell.body import ConvexBody
+from planning.cell.cover import box_body
+from planning.cell.robot_model import KinematicChain, LinkPart, RobotModel
+from planning.cell.workcell import (
     Attachment,
     CellObject,
     Clearances,
@@ -24,6 +19,11 @@ from planning.workcell import (
     Workcell,
     WorldState,
 )
+from planning.geometry.exact import TOLERANCE
+from planning.geometry.scene_checker import SceneChecker, flange_pose
+from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.tasks.task_graph import AllowedContact, Handling, Task
+from planning.transforms import Array, inverse, rotation, translation
 
 LINK = 0.3
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scheduling.dispatcher import Dispatcher
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.scheduling.algorithm_one import Piece, PlainGraph
 
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from planning.cell.cover import box_body
+from planning.cell.workcell import CellObject
 from planning.errors import PlanInvariantError
-from planning.geometry.cover import box_body
-from planning.motion_plan import MotionPlan
-from planning.task_graph import AllowedContact, Handling
+from planning.motion.motion_plan import MotionPlan
+from planning.tasks.task_graph import AllowedContact, Handling
 from planning.transforms import translation
-from planning.workcell import CellObject
-from scheduling.construction import build_tpg
+from scheduling.build_tpg import build_tpg
 from scheduling.invariant import check_invariant
 from tests.scheduling.algorithm_one import PlainGraph
 from tests.scheduling.corner_arms import one_joint_plan

@@ -10,23 +10,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.composite import CompositeChecker
+from planning.cell.workcell import Workcell, WorldState, start_state
 from planning.errors import PlanInvariantError
 from planning.geometry.moving_pair import MovingPair
-from planning.geometry.scene import SceneChecker
-from planning.motion_plan import MotionPlan
-from planning.sequential import MotionSettings
-from planning.speed import L1Speed
-from planning.synchronous import SynchronousPlan, plan_synchronous
+from planning.geometry.scene_checker import SceneChecker
+from planning.motion.composite import CompositeChecker
+from planning.motion.motion_plan import MotionPlan
+from planning.motion.sequential import MotionSettings
+from planning.motion.speed import L1Speed
+from planning.motion.synchronous import SynchronousPlan, plan_synchronous
+from planning.motion.transit import RrtConnect
 from planning.transforms import Array
-from planning.transit import RrtConnect
-from planning.workcell import Workcell, WorldState, start_state
-from scheduling.barriers import with_barriers
-from scheduling.construction import build_tpg
-from scheduling.contacts import GROUPS
-from scheduling.rollout import earliest_times
-from scheduling.task_conflicts import SweptTaskConflicts
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.build_tpg import build_tpg
+from scheduling.conflicts.allowed_contacts import GROUPS
+from scheduling.graph.barriers import with_barriers
+from scheduling.graph.rollout import earliest_times
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.ordering.task_conflicts import SweptTaskConflicts
 from tests.scheduling.algorithm_one import PlainGraph
 from tests.scheduling.mini_world import planar_cell, random_plan
 from tests.scheduling.random_dispatch import run_at_random

@@ -6,13 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planning.geometry.cover import box_body
-from planning.geometry.scene import SceneChecker
-from planning.motion_plan import MotionPlan, TaskMotion
-from planning.robots.registry import robot_model
-from planning.task_graph import AllowedContact, Handling, Task
-from planning.transforms import Array, Transform, from_rpy, translation
-from planning.workcell import (
+from planning.cell.cover import box_body
+from planning.cell.workcell import (
     Attachment,
     CellObject,
     Fixture,
@@ -21,6 +16,11 @@ from planning.workcell import (
     WorldState,
     start_state,
 )
+from planning.geometry.scene_checker import SceneChecker
+from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.robots.registry import robot_model
+from planning.tasks.task_graph import AllowedContact, Handling, Task
+from planning.transforms import Array, Transform, from_rpy, translation
 
 STEP = 0.05
 """L1 distance of two nodes [rad], at 1 rad/s."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import strategies as st
 
 from tests.twin.twin_toys import random_tpg
-from twin.durations import Fixed, SkillDurations, Uniform, packaged_timings
+from twin.durations import Fixed, Uniform, packaged_timings
 from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,
@@ -14,6 +14,7 @@ from twin.uncertainty.disturbances import (
     SkillFailure,
     StallRate,
 )
+from twin.uncertainty.skill_durations import SkillDurations
 
 VARIED = SkillDurations(packaged_timings())
 TPGS = st.builds(

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.motion_plan import MotionPlan, TaskMotion
-from planning.task_graph import TRANSIT, Task
+from planning.cell.workcell import Workcell
+from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.tasks.task_graph import TRANSIT, Task
 from planning.transforms import Array
-from planning.workcell import Workcell
 
 SCENARIO = """\
 version: 1

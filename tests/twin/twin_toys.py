@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from planning.geometry.body import Capsules, ConvexBody
-from planning.robots.model import KinematicChain, RobotModel
-from planning.task_graph import SKILLS, TRANSIT, Task
+from planning.cell.body import Capsules, ConvexBody
+from planning.cell.robot_model import KinematicChain, RobotModel
+from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
+from planning.tasks.task_graph import SKILLS, TRANSIT, Task
 from planning.transforms import translation
-from planning.workcell import CellObject, Fixture, PlacedRobot, Workcell
-from scheduling.temporal_plan_graph import (
+from scheduling.graph.temporal_plan_graph import (
     NodeChain,
     NodeHandling,
     TemporalPlanGraph,

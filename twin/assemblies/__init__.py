@@ -1,1 +1,4 @@
-"""The kinds of assemblies that a scenario can describe, each behind the same few functions."""
+"""Kinds of assemblies, each behind the same few functions.
+
+Imports scenario.sections, scenario.document and planning; scenario and twin.planning import it.
+"""

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import ScenarioError
 from planning.transforms import Array, Transform, readonly
-from planning.workcell import CellObject, Fixture, Workcell
 from twin.assemblies.kind import Prepared, Stages
-from twin.scenario.construction import (
+from twin.scenario.document.problems import Problem
+from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.sections.construction import (
     ConstructionPartSection,
     ConstructionSection,
     ModelSection,
@@ -24,9 +26,7 @@ from twin.scenario.construction import (
     WallSection,
     WellSection,
 )
-from twin.scenario.poses import build_transform
-from twin.scenario.problems import Problem
-from twin.scenario.yaml_text import KeyPath, YamlDocument
+from twin.scenario.sections.poses import build_transform
 
 if TYPE_CHECKING:
     from planning.construction.problem.models import ModelPart
@@ -119,7 +119,7 @@ class ConstructionKind:
         Raises:
             ConstructionError: it cannot be built as it is, or not by these robots.
         """
-        from planning.construction.problem.checks import require_buildable
+        from planning.construction.problem.feasibility import require_buildable
         from planning.construction.problem.site import build_problem
 
         insertions: dict[str, Array] = {

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import ScenarioError
-from planning.robot_goals import RobotGoal
+from planning.goals.robot_goals import RobotGoal
 from planning.transforms import readonly
-from planning.workcell import CellObject, Fixture, Workcell
 from twin.assemblies.kind import ASSIGNMENT, Prepared, Stages
-from twin.scenario.cell import CellSection
-from twin.scenario.goals import GoalsSection, MoveSection
-from twin.scenario.poses import build_transform
-from twin.scenario.problems import Problem, mark_problems, unknown_name
-from twin.scenario.yaml_text import KeyPath, YamlDocument
+from twin.scenario.document.problems import Problem, mark_problems, unknown_name
+from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.sections.cell import CellSection
+from twin.scenario.sections.goals import GoalsSection, MoveSection
+from twin.scenario.sections.poses import build_transform
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class GoalsKind:
 
     def prepare(self, cell: Workcell, stages: Stages) -> Prepared:
         """Find the configurations of all goals."""
-        from planning.robot_goals import prepare_goals
+        from planning.goals.robot_goals import prepare_goals
 
         goals = tuple(
             _goal(cell, move, k) for k, move in enumerate(self.section.moves, start=1)

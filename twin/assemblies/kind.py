@@ -7,10 +7,10 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from planning.assembly_work import AssemblyWork
-from planning.workcell import CellObject, Fixture, Workcell
-from twin.scenario.problems import Problem
-from twin.scenario.yaml_text import KeyPath, YamlDocument
+from planning.cell.workcell import CellObject, Fixture, Workcell
+from planning.tasks.work import AssemblyWork
+from twin.scenario.document.problems import Problem
+from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 
 ASSIGNMENT = "who does what"
 """Name of the stage that finds the candidates and chooses, for progress displays."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from twin.assemblies.kind import AssemblyKind
-from twin.scenario.construction import ConstructionSection
-from twin.scenario.goals import GoalsSection
-from twin.scenario.lego import LegoSection
-from twin.scenario.pick_place import PickPlaceSection
+from twin.scenario.sections.construction import ConstructionSection
+from twin.scenario.sections.goals import GoalsSection
+from twin.scenario.sections.lego import LegoSection
+from twin.scenario.sections.pick_place import PickPlaceSection
 
 
 def assembly_kind(

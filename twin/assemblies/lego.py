@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import InfeasibleStepError
-from planning.lego.contacts import PlacedBrick
-from planning.lego.structure import (
+from planning.lego.bricks.assembly import (
     Cell,
     LegoAssembly,
     LegoStep,
@@ -19,10 +19,13 @@ from planning.lego.structure import (
     StockBrick,
     Support,
 )
-from planning.workcell import CellObject, Fixture, Workcell
+from planning.lego.bricks.contacts import PlacedBrick
+from twin.assemblies.brick_types import brick_types
 from twin.assemblies.kind import ASSIGNMENT, Prepared, Stages
-from twin.scenario.brick_types import brick_types
-from twin.scenario.lego import (
+from twin.scenario.document.problems import Problem
+from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.sections.drawn_structure import read_structure
+from twin.scenario.sections.lego import (
     LegoSection,
     PlateSection,
     PressSection,
@@ -30,13 +33,10 @@ from twin.scenario.lego import (
     StockSection,
     SupportSection,
 )
-from twin.scenario.poses import build_transform
-from twin.scenario.problems import Problem
-from twin.scenario.structure import read_structure
-from twin.scenario.yaml_text import KeyPath, YamlDocument
+from twin.scenario.sections.poses import build_transform
 
 if TYPE_CHECKING:
-    from planning.lego.sequencing import SequencedStructure, SequencingRules
+    from planning.lego.sequencing.sequencing import SequencedStructure, SequencingRules
 
 SEQUENCE = "which brick when"
 """Name of a stage for progress displays."""
@@ -72,8 +72,8 @@ class LegoKind:
 
     def reserved(self, name: str) -> str | None:
         """Return whether a name is that of a plate, or of a brick that comes up later."""
-        from planning.lego.objects import STORAGE
-        from planning.lego.stations import source_of
+        from planning.lego.bricks.objects import STORAGE
+        from planning.lego.bricks.stations import source_of
 
         stations = {item.name for item in self.section.stock if item.station}
         if name in {"plate", STORAGE}:
@@ -86,13 +86,13 @@ class LegoKind:
 
     def problems(self, document: YamlDocument) -> list[Problem]:
         """Return what cannot be as it is written."""
-        from twin.scenario.lego_checks import find_lego_problems
+        from twin.assemblies.brick_checks import find_lego_problems
 
         return find_lego_problems(self.section, document)
 
     def fixtures(self) -> tuple[Fixture, ...]:
         """Return the plates."""
-        from planning.lego.objects import STORAGE, plate_fixture
+        from planning.lego.bricks.objects import STORAGE, plate_fixture
 
         assembly = build_lego(self.section)
         plates = [plate_fixture(assembly.plate)]
@@ -102,7 +102,7 @@ class LegoKind:
 
     def objects(self) -> tuple[CellObject, ...]:
         """Return the stock."""
-        from planning.lego.objects import stock_objects
+        from planning.lego.bricks.objects import stock_objects
 
         return stock_objects(build_lego(self.section))
 
@@ -111,9 +111,9 @@ class LegoKind:
 
         Given steps are checked: the structure must stand, and bear every press.
         """
-        from planning.lego.assembly_work import prepare_lego
-        from planning.lego.step_reach import check_reach
-        from planning.lego.step_stability import borne_steps
+        from planning.lego.sequencing.borne_steps import borne_steps
+        from planning.lego.sequencing.reachability import check_reach
+        from planning.lego.skills.work import prepare_lego
 
         robots = len(cell.robots)
         if self.section.structure is not None:
@@ -159,7 +159,7 @@ def sequencing_rules(lego: LegoSection, *, robots: int) -> SequencingRules:
         lego: the section.
         robots: how many there are; supports and handovers take two.
     """
-    from planning.lego.sequencing import SequencingRules
+    from planning.lego.sequencing.sequencing import SequencingRules
 
     return SequencingRules(
         support=lego.rules.support and robots > 1,
@@ -182,7 +182,7 @@ def find_sequence(
     Raises:
         InfeasibleStepError: the structure does not stand, or no order leads to it.
     """
-    from planning.lego.finished_structure import resequence, sequenced
+    from planning.lego.sequencing.finished_structure import resequence, sequenced
 
     assembly, structure = build_lego(lego), build_structure(lego)
     rules = sequencing_rules(lego, robots=robots)

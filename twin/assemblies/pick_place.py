@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.pick_place.structure import GripRules, PickPlaceAssembly
+from planning.cell.workcell import CellObject, Fixture, Workcell
+from planning.parts.assembly import GripRules, PickPlaceAssembly
 from planning.transforms import readonly
-from planning.workcell import CellObject, Fixture, Workcell
 from twin.assemblies.kind import ASSIGNMENT, Prepared, Stages
-from twin.scenario.pick_place import GripSection, PartSection, PickPlaceSection
-from twin.scenario.poses import build_transform
-from twin.scenario.problems import Problem, mark_problems, unknown_name
-from twin.scenario.yaml_text import KeyPath, YamlDocument
+from twin.scenario.document.problems import Problem, mark_problems, unknown_name
+from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.sections.pick_place import GripSection, PartSection, PickPlaceSection
+from twin.scenario.sections.poses import build_transform
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class PickPlaceKind:
 
     def prepare(self, cell: Workcell, stages: Stages) -> Prepared:
         """Find the candidates."""
-        from planning.pick_place.assembly_work import prepare_pick_place
+        from planning.parts.work import prepare_pick_place
 
         assembly = build_pick_place(self.section)
         with stages.stage("assignment", ASSIGNMENT):
@@ -118,7 +118,7 @@ def _kind(part: PartSection) -> str:
 
 
 def _part(part: PartSection, steps: tuple[str, ...]) -> CellObject:
-    from planning.geometry.cover import box_body
+    from planning.cell.cover import box_body
 
     size = readonly(part.size_m)
     red, green, blue = part.colour

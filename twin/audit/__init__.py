@@ -1,1 +1,4 @@
-"""The independent witness: what was executed, measured again with PyBullet."""
+"""The independent witness: PyBullet replays what a run executed and measures every distance.
+
+Shares no geometry with planning; trial and study import it.
+"""

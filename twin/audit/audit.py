@@ -13,12 +13,12 @@ from pathlib import Path
 from types import TracebackType
 
 from planning.transforms import Transform
-from twin.audit.contacts import ContactRule
+from twin.audit.accepted_overlaps import ContactRule
+from twin.audit.bullet_world import AuditWorld, homogeneous, overlapping_at_home
+from twin.audit.cell_description import AuditScene, scene_of
+from twin.audit.executed import Recording, read_recording
 from twin.audit.pairs import gaps
-from twin.audit.recording import Recording, read_recording
 from twin.audit.sampling import Stretch, stretches
-from twin.audit.scene import AuditScene, scene_of
-from twin.audit.world import AuditWorld, homogeneous, overlapping_at_home
 
 JUMP = 0.001
 """An object may move this far when it changes hands [m]."""
@@ -73,7 +73,7 @@ def audit_run(folder: Path, progress: Progress | None = None) -> AuditReport:
     Raises:
         OutputError: a file is missing or does not fit the others.
     """
-    from scheduling.plan_files import load_plan
+    from scheduling.graph.plan_files import load_plan
 
     scene = scene_of(load_plan(folder))
     with Auditor(scene) as auditor:

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.transforms import Array
-from scheduling.temporal_plan_graph import Indices
+from scheduling.graph.temporal_plan_graph import Indices
+from twin.audit.bullet_world import AuditWorld, Shape, homogeneous, travel
 from twin.audit.sampling import Stretch, load_frames
-from twin.audit.world import AuditWorld, Shape, homogeneous, travel
 
 REACH = 0.05
 """Gaps are measured up to this (or to the least gap of two robots so far, plus this) [m]."""

@@ -10,9 +10,9 @@ import numpy as np
 
 from planning.errors import OutputError
 from planning.transforms import Array, Transform
-from scheduling.temporal_plan_graph import Indices
-from twin.audit.recording import ObjectRow, Recording
-from twin.audit.world import AuditWorld, carried_poses, travel
+from scheduling.graph.temporal_plan_graph import Indices
+from twin.audit.bullet_world import AuditWorld, carried_poses, travel
+from twin.audit.executed import ObjectRow, Recording
 
 STEP = 0.002
 """No point of a robot or of what it carries moves further than this between samples [m]."""

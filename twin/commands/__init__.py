@@ -1,4 +1,4 @@
-"""The commands of the ``twin`` program, one a file.
+"""The program, one file a command; everything heavy is imported inside the functions.
 
-The modules import nothing heavy: what a command needs is imported when it runs.
+Imports any room of twin; only cli.py imports it.
 """

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from twin.commands.guard import COMPLETED, guarded
+from twin.host.guard import COMPLETED, guarded
 
 if TYPE_CHECKING:
-    from twin.scenario.scenario import Scenario
+    from twin.scenario.sections.scenario import Scenario
 
 File = Annotated[Path, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
 Seeds = Annotated[
@@ -61,9 +61,9 @@ def compare(
     paths, with the same skill durations. Shows makespan and wait with what no coordination
     can beat, and planning time by stage; leaves compare.json and compare.png.
     """
-    from twin.atomic import write_json
-    from twin.kernel_cache import kernels_are_cached
-    from twin.progress import StageDisplay
+    from twin.host.atomic import write_json
+    from twin.host.kernel_cache import kernels_are_cached
+    from twin.host.progress import StageDisplay
     from twin.run.folder import CHART, COMPARISON, run_folder
     from twin.scenario.file import load_scenario
 
@@ -79,8 +79,8 @@ def compare(
             typer.echo("compiling kernels, once ...", err=True)
         from twin.comparison.chart import draw_comparison
         from twin.comparison.comparison import compare_policies, shortcut_budget
-        from twin.comparison.figures import comparison_figures
-        from twin.uncertainty.duration_models import follow_references
+        from twin.comparison.spread import comparison_figures
+        from twin.scenario.duration_models import follow_references
 
         if reference_skills:
             chosen = follow_references(chosen)
@@ -113,10 +113,10 @@ def _write_about(
     folder: Path, scenario: Scenario, base: Path, seeds: list[int], candidates: int
 ) -> None:
     """Write what is needed to understand and repeat the comparison."""
-    from twin.atomic import write_json
-    from twin.cell import build_workcell
+    from twin.host.atomic import write_json
     from twin.run.folder import MANIFEST, manifest
-    from twin.scenario.scenario import resolved
+    from twin.scenario.build_workcell import build_workcell
+    from twin.scenario.sections.scenario import resolved
 
     cell = build_workcell(scenario, base)
     about = manifest(resolved(scenario), cell, seed=scenario.seed)

@@ -12,8 +12,8 @@ from typing import Annotated
 
 import typer
 
-from twin.commands.guard import COMPLETED, FAILED, guarded
-from twin.silence import silenced
+from twin.host.guard import COMPLETED, FAILED, guarded
+from twin.host.silence import silenced
 
 # Distribution and the module that proves it works.
 PARTS = (

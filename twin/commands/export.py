@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from planning.errors import OutputError
-from twin.commands.guard import guarded
+from twin.host.guard import guarded
 
 Run = Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")]
 Names = Annotated[

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from twin.commands.guard import guarded
+from twin.host.guard import guarded
 
 if TYPE_CHECKING:
-    from twin.fit.candidates import Candidate
+    from twin.fit.selection import Candidate
     from twin.fit.snippet import Fit
 
 File = Annotated[
@@ -70,12 +70,12 @@ def fit(
     part by their AICc. Leaves durations.yaml, the lines for a scenario; fit.json, all figures;
     and a picture of each group: histogram with densities, and quantiles.
     """
-    from twin.atomic import write_json
     from twin.fit.chart import draw_fit
-    from twin.fit.run import fit_samples, results_folder
+    from twin.fit.fitting import fit_samples, results_folder
     from twin.fit.samples import read_samples
     from twin.fit.snippet import snippet, write_snippet
-    from twin.progress import StageDisplay
+    from twin.host.atomic import write_json
+    from twin.host.progress import StageDisplay
 
     samples = read_samples(csv, column=column, by=by or (), skill=skill)
     folder = results_folder(out, csv.stem)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from twin.commands.guard import COMPLETED, FAILED, guarded
+from twin.host.guard import COMPLETED, FAILED, guarded
 
 if TYPE_CHECKING:
     from twin.follow.follow import Onlooker
@@ -76,7 +76,7 @@ def follow(
     """
     from contextlib import ExitStack
 
-    from scheduling.plan_files import load_plan
+    from scheduling.graph.plan_files import load_plan
     from twin.follow.follow import follow as follow_run
     from twin.follow.setup import followed_settings
     from twin.follow.state import FollowedRun

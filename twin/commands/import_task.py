@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from planning.errors import InfeasibleStepError, OutputError
-from twin.commands.guard import guarded
+from twin.host.guard import guarded
 
 app = typer.Typer(
     no_args_is_help=True, help="Make scenarios from published task files."
@@ -38,13 +38,13 @@ def apex_mr(
     folder: Folder, task: Task, output: Output, prescribed_stock: Prescribed = False
 ) -> None:
     """Read a task as the authors of APEX-MR publish them."""
-    from planning.lego.importer import import_apex_mr
-    from planning.lego.step_stability import borne_steps
+    from planning.importers.apex_mr.importer import import_apex_mr
+    from planning.lego.sequencing.borne_steps import borne_steps
     from twin.assemblies.kinds import assembly_kind
     from twin.assemblies.lego import build_lego
+    from twin.scenario.document.text import scenario_text
     from twin.scenario.file import load_scenario
-    from twin.scenario.lego import LegoSection
-    from twin.scenario.text import scenario_text
+    from twin.scenario.sections.lego import LegoSection
 
     content = import_apex_mr(
         folder,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from twin.commands.guard import guarded
+from twin.host.guard import guarded
 
 Folder = Annotated[
     Path, typer.Argument(help="Folder of a run, or a .rrd file.", metavar="RUN")

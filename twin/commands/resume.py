@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from twin.commands.guard import COMPLETED, FAILED, guarded
+from twin.host.guard import COMPLETED, FAILED, guarded
 
 Folder = Annotated[Path, typer.Argument(help="Folder of the run.", metavar="LOGDIR")]
 Base = Annotated[
@@ -31,9 +31,9 @@ def resume(
     The run is computed again from the start, compared with the log event by event, and brought
     to its end: the files are those of a run that was never killed.
     """
-    from twin.engine.resume import resume_run
-    from twin.progress import StageDisplay
+    from twin.host.progress import StageDisplay
     from twin.run.folder import SUMMARY
+    from twin.trial.resume import resume_run
 
     silent = quiet or as_json
     with StageDisplay(enabled=not silent) as progress:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from twin.commands.guard import guarded
+from twin.host.guard import guarded
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 

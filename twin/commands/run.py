@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import typer
 
 from planning.errors import ScenarioError
-from twin.commands.guard import COMPLETED, FAILED, INTERRUPTED, guarded, print_error
+from twin.host.guard import COMPLETED, FAILED, INTERRUPTED, guarded, print_error
 
 if TYPE_CHECKING:
-    from scheduling.temporal_plan_graph import TemporalPlanGraph
-    from twin.progress import Report
-    from twin.scenario.scenario import Scenario
+    from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+    from twin.host.progress import Report
+    from twin.scenario.sections.scenario import Scenario
 
 File = Annotated[Path, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
 Seed = Annotated[
@@ -104,8 +104,8 @@ def run(
     quiet: Quiet = False,
 ) -> int:
     """Plan a scenario, execute it in the twin, check it, and show the figures."""
-    from twin.kernel_cache import kernels_are_cached
-    from twin.progress import StageDisplay
+    from twin.host.kernel_cache import kernels_are_cached
+    from twin.host.progress import StageDisplay
     from twin.run.folder import prepare_run_folder
     from twin.scenario.file import load_scenario
 
@@ -126,7 +126,7 @@ def run(
             if not existed:
                 _remove_if_empty(folder)
             raise
-        from twin.trial import Keep, try_plan
+        from twin.trial.trial import Keep, try_plan
 
         trial = try_plan(
             chosen,
@@ -159,9 +159,9 @@ def _changed(
     robots: int | None,
 ) -> Scenario:
     """Return the scenario with what the options say in place of what the file says."""
-    from twin.run.run import POLICIES
-    from twin.scenario.cell import choose_robots
-    from twin.scenario.scenario import resolved
+    from twin.run.run_record import POLICIES
+    from twin.scenario.sections.cell import choose_robots
+    from twin.scenario.sections.scenario import resolved
 
     content: dict[str, Any] = resolved(scenario)
     if robots is not None:
@@ -183,7 +183,7 @@ def _changed(
 def _checked(content: dict[str, Any]) -> Scenario:
     from pydantic import ValidationError
 
-    from twin.scenario.scenario import Scenario
+    from twin.scenario.sections.scenario import Scenario
 
     try:
         return Scenario.model_validate_json(json.dumps(content))
@@ -195,9 +195,9 @@ def _checked(content: dict[str, Any]) -> Scenario:
 
 def _with_settings(scenario: Scenario, settings: list[str], base: Path) -> Scenario:
     """Return the scenario with some keys of its execution section set."""
-    from twin.scenario.scenario import resolved
-    from twin.study.variations import parse_variation, varied
-    from twin.uncertainty.disturbance_models import scenario_disturbances
+    from twin.scenario.disturbance_models import scenario_disturbances
+    from twin.scenario.sections.scenario import resolved
+    from twin.scenario.variations import parse_variation, varied
 
     variant: dict[str, Any] = {}
     for text in settings:
@@ -215,15 +215,15 @@ def _with_settings(scenario: Scenario, settings: list[str], base: Path) -> Scena
 
 
 def _planned(scenario: Scenario, base: Path, progress: Report) -> _Plan:
-    from twin.pipeline import plan_scenario
+    from twin.planning.pipeline import plan_scenario
 
     planned = plan_scenario(scenario, base, progress)
     return planned.tpg, dict(planned.planning_s), planned.turns
 
 
 def _saved_plan(folder: Path, scenario: Scenario, base: Path) -> _Plan:
-    from scheduling.plan_files import load_plan
-    from twin.cell import build_workcell
+    from scheduling.graph.plan_files import load_plan
+    from twin.scenario.build_workcell import build_workcell
 
     tpg = load_plan(folder)
     cell = build_workcell(scenario, base)

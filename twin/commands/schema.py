@@ -6,7 +6,7 @@ import json
 
 import typer
 
-from twin.commands.guard import guarded
+from twin.host.guard import guarded
 
 
 @guarded

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from planning.errors import InfeasibleStepError, OutputError, ScenarioError
-from twin.commands.guard import COMPLETED, guarded
+from twin.host.guard import COMPLETED, guarded
 
 if TYPE_CHECKING:
-    from planning.lego.sequencing import SequencedStep, SequencedStructure
-    from planning.lego.structure import Press, Support
+    from planning.lego.bricks.assembly import Press, Support
+    from planning.lego.sequencing.sequencing import SequencedStep, SequencedStructure
 
 File = Annotated[Path, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
 Output = Annotated[
@@ -32,11 +32,11 @@ def sequence(scenario: File, output: Output = None, as_json: AsJson = False) -> 
     Where the scenario gives steps, only what they build counts, not their order. Whether robots
     reach every brick is checked, but not what may be in their way.
     """
-    from planning.lego.step_reach import check_reach
+    from planning.lego.sequencing.reachability import check_reach
     from twin.assemblies.lego import find_sequence
-    from twin.cell import build_workcell
+    from twin.scenario.build_workcell import build_workcell
     from twin.scenario.file import load_scenario
-    from twin.scenario.lego import LegoSection
+    from twin.scenario.sections.lego import LegoSection
 
     loaded = load_scenario(scenario)
     lego = loaded.assembly
@@ -155,9 +155,9 @@ def _print_table(found: SequencedStructure) -> None:
 
 def _write(source: Path, output: Path, found: SequencedStructure) -> None:
     """Write the scenario with explicit steps, and read it again."""
+    from twin.scenario.document.text import scenario_text
+    from twin.scenario.document.yaml_text import read_yaml
     from twin.scenario.file import load_scenario
-    from twin.scenario.text import scenario_text
-    from twin.scenario.yaml_text import read_yaml
 
     content = read_yaml(source, source.read_text(encoding="utf-8-sig")).data
     assembly = {k: v for k, v in content["assembly"].items() if k != "structure"}

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from planning.errors import RequestError
-from twin.commands.guard import COMPLETED, guarded
+from twin.host.guard import COMPLETED, guarded
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from twin.progress import Report
-    from twin.study.experiment import Experiment
+    from twin.host.progress import Report
+    from twin.study.folder import StudyRequest
+    from twin.study.replications.experiment import Experiment
     from twin.study.study import StudyResult
-    from twin.study.study_folder import StudyRequest
 
 File = Annotated[
     Path | None,
@@ -163,8 +163,8 @@ def study(
     All policies and variants see the same draws, so their differences are sharp. Leaves
     replications.parquet, tasks.parquet, edges.parquet, summary.json, pictures and report.html.
     """
-    from twin.study.executors import check_scheduler, open_executor
-    from twin.study.study_display import StudyDisplay
+    from twin.study.replications.executors import check_scheduler, open_executor
+    from twin.study.report.display import StudyDisplay
 
     silent = quiet or as_json
 
@@ -177,9 +177,9 @@ def study(
         if resume is not None:
             result = _resume(resume, scenario, executor, progress)
         else:
-            from twin.statistics import Precision
-            from twin.study.experiment import Experiment
-            from twin.study.variations import parse_variation, variants
+            from twin.scenario.variations import parse_variation, variants
+            from twin.study.replications.experiment import Experiment
+            from twin.study.replications.statistics import Precision
 
             if scenario is None:
                 raise RequestError("give a scenario file, or --resume DIR")
@@ -194,13 +194,13 @@ def study(
             )
             request = _request(scenario, experiment, seed, shortcuts, deadline, sobol)
             result = _start(request, out, executor, progress)
-        from twin.study.report import write_report
+        from twin.study.report.report import write_report
 
         write_report(result, progress)
     if as_json:
         typer.echo(json.dumps(result.summary, indent=2))
     elif not quiet:
-        from twin.study.study_table import print_study
+        from twin.study.report.terminal_table import print_study
 
         print_study(result)
     return COMPLETED
@@ -219,7 +219,7 @@ def _request(
 ) -> StudyRequest:
     from twin.comparison.comparison import shortcut_budget
     from twin.scenario.file import load_scenario
-    from twin.study.study_folder import StudyRequest
+    from twin.study.folder import StudyRequest
 
     chosen = load_scenario(path)
     if seed is not None:
@@ -235,8 +235,8 @@ def _start(
     progress: Report,
 ) -> StudyResult:
     from twin.run.folder import MANIFEST, run_folder
+    from twin.study.folder import same_study
     from twin.study.study import start_study
-    from twin.study.study_folder import same_study
 
     if out is not None and (out / MANIFEST).exists():
         same_study(out, request.scenario)
@@ -255,8 +255,8 @@ def _resume(
     progress: Report,
 ) -> StudyResult:
     from twin.scenario.file import load_scenario
+    from twin.study.folder import same_study
     from twin.study.study import resume_study
-    from twin.study.study_folder import same_study
 
     if scenario is not None:
         same_study(folder, load_scenario(scenario))

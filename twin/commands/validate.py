@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from planning.errors import ScenarioError
-from twin.commands.guard import BAD_INPUT, COMPLETED, describe, guarded, print_error
+from twin.host.guard import BAD_INPUT, COMPLETED, describe, guarded, print_error
 
 Files = Annotated[list[Path], typer.Argument(help="Scenario files.", metavar="FILE...")]
 Resolved = Annotated[
@@ -22,8 +22,8 @@ Resolved = Annotated[
 def validate(files: Files, resolved: Resolved = False) -> int:
     """Check scenario files and report every problem in them."""
     from twin.assemblies.kinds import assembly_kind
-    from twin.scenario import scenario as model
     from twin.scenario.file import load_scenario
+    from twin.scenario.sections import scenario as model
 
     code = COMPLETED
     for file in files:

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from twin.commands.guard import COMPLETED, FAILED, guarded
+from twin.host.guard import COMPLETED, FAILED, guarded
 
 if TYPE_CHECKING:
-    from scheduling.verification import VerificationReport
-    from twin.engine.adversary import AdversaryReport
+    from scheduling.verification.verify import VerificationReport
+    from twin.trial.adversary import AdversaryReport
 
 Folder = Annotated[
     Path,
@@ -43,10 +43,10 @@ def verify(
     The proof shares no code with the planner: it is slow and looks at everything anew. The
     worst delays are then tried out in PyBullet: robots that stop for ever.
     """
-    from scheduling.plan_files import load_plan
-    from scheduling.verification import verify_plan
-    from twin.engine.adversary import audit_standing_states
-    from twin.progress import StageDisplay
+    from scheduling.graph.plan_files import load_plan
+    from scheduling.verification.verify import verify_plan
+    from twin.host.progress import StageDisplay
+    from twin.trial.adversary import audit_standing_states
 
     tpg = load_plan(folder)
     with StageDisplay(enabled=not (quiet or as_json)) as display:

@@ -1,1 +1,4 @@
-"""Ways of coordinating, compared on the same paths and draws."""
+"""One plan under every policy, compared as in the APEX-MR paper.
+
+Imports planning and trial; commands import it.
+"""

@@ -7,11 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.speed import SpeedModel
+from planning.motion.speed import SpeedModel
 from planning.transforms import Array
-from scheduling.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
 from twin.durations import NANOSECONDS
-from twin.run.run import Run
+from twin.run.run_record import Run
 
 
 def straight_line_s(

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from twin.atomic import replacing
 from twin.comparison.comparison import ASYNCHRONOUS, COMPARED, SEQUENTIAL
-from twin.comparison.figures import STAGES, TOTAL
+from twin.comparison.spread import STAGES, TOTAL
+from twin.host.atomic import replacing
 
 Figures = Mapping[str, Mapping[str, Any]]
 """The figures of one scenario, as in ``compare.json``."""

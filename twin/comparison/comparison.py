@@ -10,11 +10,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from scheduling.construction import build_nodes
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.build_tpg import build_nodes
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.comparison.bounds import straight_line_ratio, straight_line_s
 from twin.durations import NANOSECONDS
-from twin.pipeline import (
+from twin.host.progress import Report, report_nothing
+from twin.planning.pipeline import (
     PlannedInTurns,
     default_shortcuts,
     order_motions,
@@ -23,12 +24,11 @@ from twin.pipeline import (
     planned_shortcuts,
     shorten,
 )
-from twin.progress import Report, report_nothing
-from twin.run.run import Policy, Run
+from twin.planning.stage_watch import StageWatch
+from twin.run.run_record import Policy, Run
 from twin.run.summary import lower_bound_s
-from twin.scenario.scenario import Scenario
-from twin.stage_watch import StageWatch
-from twin.trial import execute
+from twin.scenario.sections.scenario import Scenario
+from twin.trial.trial import execute
 
 SEQUENTIAL = "sequential"
 SYNCHRONOUS = "synchronous"

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from twin.comparison.comparison import BASELINES
-from twin.comparison.figures import STAGES, TOTAL
+from twin.comparison.spread import STAGES, TOTAL
 
 _STAGE_NAMES = {
     "sequence": "sequence",

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.errors import ScenarioError
-from planning.task_graph import SKILLS
+from planning.tasks.task_graph import SKILLS
 from planning.transforms import Array, readonly
 from twin.durations.model import DurationModel, require
 
@@ -122,5 +122,5 @@ def packaged_timings() -> dict[str, DurationModel]:
 @cache
 def packaged_timing(skill: str) -> Empirical:
     """Return the synthetic timings of one skill; read once, for they never change."""
-    folder = Path(__file__).parents[1] / "timings"
+    folder = Path(__file__).parent / "packaged"
     return Empirical.from_csv(folder / f"{skill}.csv")

@@ -1,1 +1,4 @@
-"""The event engine: robots and dispatcher as processes (APEX-MR IV-D)."""
+"""The discrete-event engine: SimPy processes of robots and dispatcher (APEX-MR IV-D).
+
+Imports run, recorders.observers and uncertainty; trial and study import it.
+"""

@@ -13,13 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.errors import TwinError
-from scheduling.barriers import with_barriers
-from scheduling.dispatcher import Dispatcher
-from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import Nanoseconds, NodeDurations
-from twin.engine.contraction import Contraction, contract
-from twin.engine.execution import Execution
-from twin.engine.halts import Halts, sample_halts
+from scheduling.graph.barriers import with_barriers
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.durations import Nanoseconds
 from twin.engine.messages import Messages
 from twin.engine.narrator import failure_text
 from twin.engine.open_loop import (
@@ -28,16 +25,20 @@ from twin.engine.open_loop import (
     open_loop_times,
     planned_starts,
 )
+from twin.engine.processes import Execution
 from twin.recorders.observers import Observers, Recorder
-from twin.run.run import (
+from twin.run.run_record import (
     POLICIES,
     DeadlockError,
     Outcome,
     Policy,
     Run,
 )
+from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.halts import Halts, sample_halts
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
+from twin.uncertainty.skill_durations import NodeDurations
 
 _Times = tuple[Nanoseconds, ...]
 

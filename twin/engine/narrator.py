@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from scheduling.dispatcher import Dispatcher
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
-from twin.engine.halts import Halts
 from twin.recorders.observers import Observers
 from twin.run.events import Event, EventKind
-from twin.run.run import waypoint_offsets_ns
+from twin.run.run_record import waypoint_offsets_ns
+from twin.uncertainty.halts import Halts
 from twin.uncertainty.node_times import NodeTimes, Standstill
 
 _Change = tuple[int, str, str | None]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scheduling.rollout import durations_ns, earliest_times
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.rollout import durations_ns, earliest_times
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds
 from twin.uncertainty.node_times import NodeTimes
 

@@ -1,1 +1,4 @@
-"""Runs in the formats of other programs, one format a file."""
+"""Runs in the formats of other programs.
+
+Imports run; commands import it.
+"""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import networkx as nx
 
-from scheduling.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.exports.exporter import ExportOptions
 from twin.exports.recorded_run import RecordedRun

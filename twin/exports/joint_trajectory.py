@@ -13,16 +13,16 @@ from collections import defaultdict
 from collections.abc import Mapping
 from typing import Any
 
-from scheduling.temporal_plan_graph import (
+from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
     NodeChain,
     TemporalPlanGraph,
 )
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
-from twin.engine.contraction import Contraction, contract
 from twin.exports.exporter import ExportOptions
 from twin.exports.recorded_run import RecordedRun
-from twin.run.run import waypoint_offsets_ns
+from twin.run.run_record import waypoint_offsets_ns
+from twin.uncertainty.contraction import Contraction, contract
 
 FORMAT = "assembly-twin joint trajectories"
 VERSION = 1

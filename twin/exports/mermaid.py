@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.exports.activities import STANDING, Activity, robot_activities
 from twin.exports.exporter import ExportOptions
 from twin.exports.recorded_run import RecordedRun

@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from scheduling.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
 from twin.exports.activities import STANDING, Activity, robot_activities
 from twin.exports.exporter import ExportOptions
 from twin.exports.recorded_run import RecordedRun

@@ -18,7 +18,7 @@ from twin.run.folder import EVENTS, MANIFEST, OBJECTS, SUMMARY, TRAJECTORY
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from scheduling.temporal_plan_graph import TemporalPlanGraph
+    from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
     from twin.durations.nanoseconds import Nanoseconds
 
 PLAN = "plan.json"
@@ -39,7 +39,7 @@ class RecordedRun:
     @cached_property
     def tpg(self) -> TemporalPlanGraph:
         """The temporal plan graph that was executed."""
-        from scheduling.plan_files import load_plan
+        from scheduling.graph.plan_files import load_plan
 
         self._existing(PLAN)
         return load_plan(self.folder)

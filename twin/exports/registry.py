@@ -7,9 +7,9 @@ from importlib import import_module
 from pathlib import Path
 
 from planning.errors import OutputError
-from twin.atomic import replacing
 from twin.exports.exporter import Exporter, ExportOptions
 from twin.exports.recorded_run import RecordedRun
+from twin.host.atomic import replacing
 
 FOLDER = "exports"
 """Where exports of a run go by default, in its folder."""

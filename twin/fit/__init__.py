@@ -1,1 +1,4 @@
-"""Distributions fitted to measured durations: candidates, tests of fit, YAML and pictures."""
+"""Distributions that fit measured durations best.
+
+Imports durations; commands import it.
+"""

@@ -10,9 +10,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from planning.transforms import Array
-from twin.atomic import replacing
-from twin.fit.candidates import Candidate
+from twin.fit.selection import Candidate
 from twin.fit.snippet import Fit
+from twin.host.atomic import replacing
 
 _INK = "#2b2f36"
 _GRID = "#e4e7eb"

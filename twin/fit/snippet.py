@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from twin.atomic import replacing
-from twin.fit.candidates import Candidate
 from twin.fit.family import rounded
 from twin.fit.samples import Sample
-from twin.scenario.text import scenario_text
+from twin.fit.selection import Candidate
+from twin.host.atomic import replacing
+from twin.scenario.document.text import scenario_text
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,4 @@
-"""The twin of a cell that is running: what it does, what it must not, when it will be done."""
+"""A cell that is running: its state from its events, and a forecast of the rest.
+
+Imports run, trial and uncertainty; commands import it.
+"""

@@ -11,9 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.transforms import Array
-from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.bulk.message_times import Past, end_times
-from twin.bulk.policy_graph import policy_graph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import (
     NANOSECONDS,
     DurationModel,
@@ -21,17 +19,19 @@ from twin.durations import (
     Exponential,
     Fixed,
     Nanoseconds,
-    SkillDurations,
     Uniform,
     to_nanoseconds,
 )
+from twin.engine.bulk.message_times import Past, end_times
+from twin.engine.bulk.policy_graph import policy_graph
 from twin.engine.messages import Messages
 from twin.follow.conditional import longer_than
 from twin.follow.state import FollowedRun, RobotProgress
-from twin.run.run import Policy
+from twin.run.run_record import Policy
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.draws import stable_hash, uniforms_bulk
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, Standstill
+from twin.uncertainty.skill_durations import SkillDurations
 
 SAMPLES = 200
 """Futures that are drawn; fewer where a plan is so large that they would not fit."""

@@ -10,13 +10,13 @@ import numpy as np
 import rerun as rr
 
 from planning.errors import OutputError
-from scheduling.temporal_plan_graph import NodeHandling, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, Violation
-from twin.recorders import rerun_layout as layout
-from twin.recorders.rerun_objects import draw_fixtures, draw_object, place_object
-from twin.recorders.rerun_recording import draw_lane, log_events
-from twin.recorders.rerun_robots import (
+from twin.recorders.rerun import layout as layout
+from twin.recorders.rerun.objects import draw_fixtures, draw_object, place_object
+from twin.recorders.rerun.recorder import draw_lane, log_events
+from twin.recorders.rerun.robots import (
     TIMELINE,
     draw_robot,
     entity_path,

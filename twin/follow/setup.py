@@ -9,18 +9,19 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from planning.errors import OutputError, ScenarioError
-from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import SkillDurations, packaged_timings
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.durations import packaged_timings
 from twin.engine.messages import Messages
-from twin.engine.simulation import scenario_messages
 from twin.follow.forecast import Forecaster
 from twin.run.folder import MANIFEST
-from twin.run.run import Policy
+from twin.run.run_record import Policy
+from twin.scenario.disturbance_models import scenario_disturbances
+from twin.scenario.duration_models import skill_durations
 from twin.scenario.file import load_scenario
-from twin.scenario.scenario import Scenario
-from twin.uncertainty.disturbance_models import scenario_disturbances
+from twin.scenario.sections.scenario import Scenario
+from twin.trial.simulation import scenario_messages
 from twin.uncertainty.disturbances import Disturbances
-from twin.uncertainty.duration_models import skill_durations
+from twin.uncertainty.skill_durations import SkillDurations
 
 
 @dataclass(frozen=True)

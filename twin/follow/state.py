@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from scheduling.barriers import with_barriers
-from scheduling.dispatcher import Dispatcher
-from scheduling.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
+from scheduling.graph.barriers import with_barriers
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.run.events import Event
-from twin.run.run import Policy
+from twin.run.run_record import Policy
 
 
 @dataclass(frozen=True)

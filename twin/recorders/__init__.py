@@ -1,1 +1,4 @@
-"""Observers that keep the stream of events."""
+"""Observers of a run that write its events, tables and 3-D recording.
+
+Imports run; engine and trial import it.
+"""

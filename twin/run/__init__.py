@@ -1,1 +1,4 @@
-"""What happened in a run: as data, as files, as tables and as pictures."""
+"""What happened in a run: events, trajectories, summary, pictures, the folder of it.
+
+Imports uncertainty; recorders, engine, exports and trial import it.
+"""

@@ -13,10 +13,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import OutputError
 from planning.transforms import Transform, quat_wxyz
-from planning.workcell import PlacedRobot, Workcell
-from twin.atomic import write_json
+from twin.host.atomic import write_json
 
 MANIFEST = "manifest.json"
 EVENTS = "events.jsonl"

@@ -11,9 +11,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.atomic import replacing
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
+from twin.host.atomic import replacing
 from twin.run.lanes import (
     IDLE,
     LANE_COLOURS,
@@ -23,7 +23,7 @@ from twin.run.lanes import (
     Span,
     robot_lanes,
 )
-from twin.run.run import Run
+from twin.run.run_record import Run
 
 _TASKS_A_ROW = 36
 _WIDTH_IN = 15.0

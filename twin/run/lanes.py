@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planning.task_graph import TRANSIT
-from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.run.run import Run
+from planning.tasks.task_graph import TRANSIT
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.run.run_record import Run
 
 WAITING = "waiting"
 STALLED = "stalled"

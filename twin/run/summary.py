@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from scheduling.construction import dependency_edges
-from scheduling.rollout import earliest_times
-from scheduling.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
-from twin.atomic import write_json
-from twin.durations import NANOSECONDS, total_duration_s
-from twin.run.run import Run
+from scheduling.build_tpg import dependency_edges
+from scheduling.graph.rollout import earliest_times
+from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
+from twin.durations import NANOSECONDS
+from twin.host.atomic import write_json
+from twin.run.run_record import Run
+from twin.uncertainty.skill_durations import total_duration_s
 
 
 def summarise(

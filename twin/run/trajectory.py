@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planning.transforms import Array, Transform
-from scheduling.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
 from twin.durations import Nanoseconds
-from twin.engine.pace import Pace
-from twin.run.run import Run, waypoint_offsets_ns
+from twin.run.run_record import Run, waypoint_offsets_ns
+from twin.uncertainty.pace import Pace
 
 
 @dataclass(frozen=True)

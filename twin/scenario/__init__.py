@@ -1,1 +1,4 @@
-"""What a scenario file may say, how it is read, and what is checked before anything is planned."""
+"""Scenario files: from YAML to checked sections, and from those to cells and models.
+
+Imports its rooms (document, sections), assemblies, durations and uncertainty.
+"""

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from planning.errors import RobotModelError, ScenarioError
 from twin.assemblies.kinds import assembly_kind
-from twin.scenario.cell import CellSection
+from twin.scenario.document.problems import Problem, mark_problems, unknown_name
+from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.duration_checks import Found, check_durations
-from twin.scenario.problems import Problem, mark_problems, unknown_name
-from twin.scenario.scenario import Scenario
-from twin.scenario.yaml_text import KeyPath, YamlDocument
+from twin.scenario.sections.cell import CellSection
+from twin.scenario.sections.scenario import Scenario
 
 
 def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:

@@ -9,10 +9,10 @@ from pydantic import BaseModel
 
 from planning.errors import ScenarioError
 from twin.assemblies.kinds import assembly_kind
-from twin.scenario.durations import AnyDuration, EmpiricalDuration
-from twin.scenario.problems import unknown_name
-from twin.scenario.scenario import Scenario
-from twin.scenario.yaml_text import KeyPath
+from twin.scenario.document.problems import unknown_name
+from twin.scenario.document.yaml_text import KeyPath
+from twin.scenario.sections.durations import AnyDuration, EmpiricalDuration
+from twin.scenario.sections.scenario import Scenario
 
 Found = Iterator[tuple[KeyPath, str]]
 
@@ -50,7 +50,7 @@ def _parts(value: object) -> Iterator[tuple[str | int, object]]:
 
 
 def _check_one(section: AnyDuration, at: KeyPath, folder: Path) -> Found:
-    from twin.uncertainty.duration_models import duration_model
+    from twin.scenario.duration_models import duration_model
 
     if isinstance(section, EmpiricalDuration):
         at = (*at, "csv")

@@ -10,10 +10,14 @@ from typing import Any
 from pydantic import ValidationError
 
 from twin.scenario.checks import find_problems
-from twin.scenario.problems import InvalidScenarioError, Problem, schema_problems
-from twin.scenario.scenario import Scenario
+from twin.scenario.document.problems import (
+    InvalidScenarioError,
+    Problem,
+    schema_problems,
+)
+from twin.scenario.document.yaml_text import Mark, read_yaml
+from twin.scenario.sections.scenario import Scenario
 from twin.scenario.structure_file import check_structure_file, include_structure
-from twin.scenario.yaml_text import Mark, read_yaml
 
 
 def load_scenario(path: Path) -> Scenario:

@@ -8,11 +8,15 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from twin.scenario.lego import LegoSection
-from twin.scenario.problems import InvalidScenarioError, Problem, schema_problems
-from twin.scenario.scenario import Scenario
-from twin.scenario.structure import StructureSection
-from twin.scenario.yaml_text import KeyPath, Mark, YamlDocument, read_yaml
+from twin.scenario.document.problems import (
+    InvalidScenarioError,
+    Problem,
+    schema_problems,
+)
+from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument, read_yaml
+from twin.scenario.sections.drawn_structure import StructureSection
+from twin.scenario.sections.lego import LegoSection
+from twin.scenario.sections.scenario import Scenario
 
 _AT: KeyPath = ("assembly", "structure")
 
@@ -66,8 +70,8 @@ def check_structure_file(scenario: Scenario, included: YamlDocument) -> None:
     Raises:
         InvalidScenarioError: with the places in that file.
     """
-    from twin.scenario.brick_types import brick_types
-    from twin.scenario.structure_checks import find_structure_problems
+    from twin.assemblies.brick_types import brick_types
+    from twin.assemblies.structure_checks import find_structure_problems
 
     lego = scenario.assembly
     assert isinstance(lego, LegoSection)

@@ -1,1 +1,4 @@
-"""Monte-Carlo studies: many replications of a plan under uncertainty, and what they tell."""
+"""Monte-Carlo studies: plans, replications, summary and report.
+
+Imports its rooms (replications, sensitivity), planning and audit; commands import it.
+"""

@@ -7,16 +7,16 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.atomic import write_json
-from twin.recorders.parquet import objects_table, trajectory_table, write_table
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.host.atomic import write_json
+from twin.host.silence import silenced
+from twin.recorders.motion_tables import objects_table, trajectory_table, write_table
 from twin.run.folder import OBJECTS, TRAJECTORY, write_manifest
 from twin.run.trajectory import object_placements, robot_trajectories
-from twin.scenario.scenario import Scenario, resolved
-from twin.silence import silenced
+from twin.scenario.sections.scenario import Scenario, resolved
+from twin.scenario.variations import Variant
 from twin.study.plans import scenario_workload
-from twin.study.variations import Variant
-from twin.study.workload import Engines
+from twin.study.replications.workload import Engines
 
 OPEN_LOOP = "open-loop"
 
@@ -51,7 +51,7 @@ def audit_open_loop(
     """
     with silenced():
         import pybullet  # noqa: F401 - for its greeting
-    from scheduling.plan_files import save_plan
+    from scheduling.graph.plan_files import save_plan
     from twin.audit.audit import audit_run
 
     folder.mkdir(parents=True, exist_ok=True)

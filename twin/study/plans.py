@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from scheduling.plan_files import load_plan, save_plan
-from scheduling.temporal_plan_graph import TemporalPlanGraph
-from twin.pipeline import order_motions, plan_in_slots, plan_motions, shorten
-from twin.progress import Report
-from twin.scenario.scenario import Scenario
-from twin.stage_watch import StageWatch
-from twin.study.experiment import PLAN_OF_POLICY, Experiment
-from twin.study.timing_graph import timing_graph
-from twin.study.variations import Variant, varied
-from twin.study.workload import Workload
-from twin.uncertainty.disturbance_models import (
+from scheduling.graph.plan_files import load_plan, save_plan
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.host.progress import Report
+from twin.planning.pipeline import order_motions, plan_in_slots, plan_motions, shorten
+from twin.planning.stage_watch import StageWatch
+from twin.scenario.disturbance_models import (
     needs_event_engine,
     scenario_disturbances,
 )
-from twin.uncertainty.duration_models import skill_durations
+from twin.scenario.duration_models import skill_durations
+from twin.scenario.sections.scenario import Scenario
+from twin.scenario.variations import Variant, varied
+from twin.study.replications.experiment import PLAN_OF_POLICY, Experiment
+from twin.study.replications.timing_graph import timing_graph
+from twin.study.replications.workload import Workload
 
 TURNS, SLOTS, SHORTENED = "turns", "slots", "shortened"
 

@@ -8,17 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from planning.errors import RequestError
-from twin.atomic import write_json
-from twin.bulk.bulk_engine import BulkEngine
-from twin.cell import build_workcell
 from twin.durations import NANOSECONDS
-from twin.progress import Report, report_nothing
-from twin.study.experiment import PLAN_OF_POLICY
-from twin.study.open_loop_audit import OPEN_LOOP, audit_open_loop
-from twin.study.plans import Plans, load_plans, plan_for_study, save_plans, workloads
-from twin.study.runner import OpenExecutor, run_replications
-from twin.study.sobol import check_points
-from twin.study.study_folder import (
+from twin.engine.bulk.bulk_engine import BulkEngine
+from twin.host.atomic import write_json
+from twin.host.progress import Report, report_nothing
+from twin.scenario.build_workcell import build_workcell
+from twin.scenario.duration_models import skill_durations
+from twin.scenario.variations import varied
+from twin.study.folder import (
     AUDITS,
     BLOCKS,
     EDGES,
@@ -30,11 +27,14 @@ from twin.study.study_folder import (
     read_request,
     write_request,
 )
+from twin.study.open_loop_audit import OPEN_LOOP, audit_open_loop
+from twin.study.plans import Plans, load_plans, plan_for_study, save_plans, workloads
+from twin.study.replications.experiment import PLAN_OF_POLICY
+from twin.study.replications.runner import OpenExecutor, run_replications
+from twin.study.replications.workload import Workload
+from twin.study.sensitivity.sobol import check_points
 from twin.study.summary import check_deadline, summarise_study
 from twin.study.tables import cell_tally, write_edges, write_replications, write_tasks
-from twin.study.variations import varied
-from twin.study.workload import Workload
-from twin.uncertainty.duration_models import skill_durations
 
 REPLICATING, CHECKING = "replications", "open-loop audit"
 """Names of the stages for progress displays."""

@@ -12,15 +12,15 @@ import numpy as np
 from planning.errors import RequestError
 from planning.transforms import Array
 from twin.durations import NANOSECONDS
-from twin.statistics import (
+from twin.study.replications.experiment import Experiment
+from twin.study.replications.replication_rows import COMPLETED, ERROR, WAIT_COLUMNS
+from twin.study.replications.statistics import (
     Interval,
     mean_interval,
     paired_difference,
     quantile_interval,
     share_interval,
 )
-from twin.study.experiment import Experiment
-from twin.study.replication_rows import COMPLETED, ERROR, WAIT_COLUMNS
 from twin.study.tables import cell_blocks
 
 QUANTILES = (0.5, 0.9, 0.95, 0.99)

@@ -12,20 +12,20 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from scheduling.temporal_plan_graph import (
+from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
     TemporalPlanGraph,
 )
-from twin.atomic import replacing
-from twin.bulk.critical_paths import OTHER
-from twin.bulk.policy_graph import policy_graph
 from twin.durations import NANOSECONDS, Nanoseconds
-from twin.engine.contraction import contract
-from twin.study.block_files import blocks_done, read_block
-from twin.study.experiment import Experiment
-from twin.study.task_tally import TaskTally, task_groups
-from twin.study.workload import BlockResult, Workload
+from twin.engine.bulk.critical_paths import OTHER
+from twin.engine.bulk.policy_graph import policy_graph
+from twin.host.atomic import replacing
+from twin.study.replications.block_files import blocks_done, read_block
+from twin.study.replications.experiment import Experiment
+from twin.study.replications.task_tally import TaskTally, task_groups
+from twin.study.replications.workload import BlockResult, Workload
+from twin.uncertainty.contraction import contract
 
 CAUSES = {
     TASK_DEPENDENCY: "dependency",

@@ -1,1 +1,4 @@
-"""What is drawn before a run begins: how long nodes take, and what goes wrong."""
+"""Random draws by name, disturbances, and what they make of every node's time.
+
+Imports durations; engine, run and scenario import it.
+"""

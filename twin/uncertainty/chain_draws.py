@@ -14,7 +14,7 @@ import numpy.typing as npt
 from numba import njit
 
 from planning.transforms import Array
-from scheduling.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
 from twin.durations import (
     NANOSECONDS,
     DurationModel,

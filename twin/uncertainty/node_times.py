@@ -3,7 +3,7 @@
 Of the disturbances these are the ones that depend on nothing that happens in the run: speed of
 motions, jitter, stalls, breakdowns by busy time, failed attempts at skills. The event engine and
 the engine that computes many replications side by side take the same draws. What happens at
-times of the run's clock is in ``twin.engine.halts``.
+times of the run's clock is in ``twin.uncertainty.halts``.
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from scheduling.temporal_plan_graph import Indices, TemporalPlanGraph
-from twin.durations import Nanoseconds, NodeDurations, SkillDurations
-from twin.engine.contraction import Contraction
+from scheduling.graph.temporal_plan_graph import Indices, TemporalPlanGraph
+from twin.durations import Nanoseconds
 from twin.uncertainty.chain_draws import Cause, ChainDraws, Standstills
+from twin.uncertainty.contraction import Contraction
 from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.skill_durations import NodeDurations, SkillDurations
 
 _MOST_VALUES = 4_000_000
 

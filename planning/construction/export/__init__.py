@@ -1,1 +1,4 @@
-"""From a plan in space-time to the motion plan that everything after it takes."""
+"""From a space-time plan to tasks and the motion plan that everything else takes.
+
+Imports problem, world and checks.
+"""

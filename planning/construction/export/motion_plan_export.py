@@ -12,13 +12,14 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from planning.cell.workcell import Workcell
+from planning.construction.checks.checker import HALVINGS, STEP, no_boxes
+from planning.construction.checks.obstacles import Limits, lay_out
 from planning.construction.export.piece_conflicts import (
     conflicting_pieces,
     contact_keys,
 )
 from planning.construction.export.planned_task import PlannedTask, world_of
-from planning.construction.space_time.checker import HALVINGS, STEP, no_boxes
-from planning.construction.space_time.scene import Limits, lay_out
 from planning.construction.world.entities import entity_numbers
 from planning.construction.world.fleet import Carrier, build_fleet
 from planning.construction.world.hands import hand_changes
@@ -28,10 +29,9 @@ from planning.construction.world.timeline import SAME
 from planning.construction.world.tracks import build_tracks
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
-from planning.motion_plan import MotionPlan, TaskMotion
-from planning.task_graph import TRANSIT, AllowedContact, Task
+from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.tasks.task_graph import TRANSIT, AllowedContact, Task
 from planning.transforms import Array
-from planning.workcell import Workcell
 
 _FINER = 3
 """How much more often than in planning a cell may be halved."""

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from planning.construction.space_time.arena import Arena, Integers, column, row, table
-from planning.construction.space_time.body_pairs import capsules_meet, proved_apart
-from planning.construction.space_time.scene import (
+from planning.construction.checks.arena import Arena, Integers, column, row, table
+from planning.construction.checks.close_pairs import capsules_meet, proved_apart
+from planning.construction.checks.obstacles import (
     BODY_ENTITY,
     BODY_FIRST,
     BODY_JOINT,

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from planning.cell.workcell import Workcell
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import SAME, ObjectTimeline, RobotTimeline
 from planning.errors import PlanInvariantError
-from planning.task_graph import TRANSIT, Handling
+from planning.tasks.task_graph import TRANSIT, Handling
 from planning.transforms import Array, readonly
-from planning.workcell import Workcell
 
 Pairs = frozenset[frozenset[str]]
 
@@ -23,7 +23,7 @@ class PlannedTask:
 
     Attributes:
         robot: who does it.
-        kind: ``"transit"`` or a name from ``planning.task_graph.SKILLS``.
+        kind: ``"transit"`` or a name from ``planning.tasks.task_graph.SKILLS``.
         time: of the waypoints, rising, shape (w,) [s].
         path: waypoints, the first where the robot is when the task starts, shape (w, n).
         step: assembly step it serves, counted from 1.

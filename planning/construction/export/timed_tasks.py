@@ -8,12 +8,12 @@ import numpy as np
 
 from planning.construction.export.motion_plan_export import export_motion_plan
 from planning.construction.export.planned_task import PlannedTask
-from planning.construction.problem.part_contacts import Pairs, PartContacts, held_by
 from planning.construction.problem.problem import ConstructionProblem
+from planning.construction.problem.touching import Pairs, PartContacts, held_by
 from planning.construction.world.building import Building, Work
 from planning.construction.world.timeline import SAME, RobotTimeline
-from planning.motion_plan import MotionPlan
-from planning.task_graph import TRANSIT, Handling
+from planning.motion.motion_plan import MotionPlan
+from planning.tasks.task_graph import TRANSIT, Handling
 from planning.transforms import Array, readonly
 
 _WORDS = {"pick": "pick", "place-down": "place", "handover": "hand over"}

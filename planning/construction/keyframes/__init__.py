@@ -1,1 +1,4 @@
-"""Where and when a part is picked, handed over and placed (Hartmann et al. IV-B)."""
+"""Keyframes: configurations at the mode switches of one part (Hartmann et al. IV-B).
+
+Imports problem, world and checks.
+"""

@@ -9,17 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.construction.problem.part_contacts import PartContacts, held_by
+from planning.cell.body import ConvexBody
+from planning.cell.robot_model import KinematicChain, LinkPart, RobotModel
+from planning.cell.workcell import Attachment, PlacedRobot
+from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.problem.problem import ConstructionProblem, Part
-from planning.construction.space_time.checker import SpaceTimeChecker
+from planning.construction.problem.touching import PartContacts, held_by
 from planning.construction.world.building import lying_at
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import RobotTimeline
-from planning.geometry.body import ConvexBody
 from planning.geometry.robot_bodies import entity
-from planning.robots.model import KinematicChain, LinkPart, RobotModel
 from planning.transforms import readonly
-from planning.workcell import Attachment, PlacedRobot
 
 _GHOST = "part in its place"
 

@@ -1,1 +1,4 @@
-"""What is to be built, of which parts, by whom, and whether it can be."""
+"""Construction problems as data: models, parts, supplies, contacts, reach and precedence.
+
+Imports cell, geometry and parts; every other room of construction imports it.
+"""

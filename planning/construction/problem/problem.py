@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planning.construction.problem.part_graph import PartGraph
-from planning.kinematics import frame_in_flange
+from planning.cell.workcell import CellObject, PlacedRobot, Workcell
+from planning.construction.problem.precedence import PartGraph
+from planning.kinematics.kinematics import frame_in_flange
 from planning.transforms import Array, Transform, inverse, readonly, rotation
-from planning.workcell import CellObject, PlacedRobot, Workcell
 
 
 @dataclass(frozen=True)

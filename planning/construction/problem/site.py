@@ -6,13 +6,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from planning.cell.cover import box_body
+from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.construction.problem.models import ModelPart
-from planning.construction.problem.part_graph import (
+from planning.construction.problem.pad_spots import face_grips
+from planning.construction.problem.precedence import (
     TOUCH,
     build_part_graph,
     stacked,
 )
-from planning.construction.problem.part_grips import face_grips
 from planning.construction.problem.problem import (
     ConstructionProblem,
     Part,
@@ -21,10 +23,8 @@ from planning.construction.problem.problem import (
 from planning.construction.problem.supply import SupplyLayout, lay_out
 from planning.construction.problem.ways_in import with_ways_in
 from planning.errors import ConstructionError
-from planning.geometry.cover import box_body
-from planning.pick_place.contact_graph import standing
+from planning.parts.contact_graph import standing
 from planning.transforms import Array, Transform, readonly, translation
-from planning.workcell import CellObject, Fixture, Workcell
 
 GROUND = "ground"
 """Name of the floor."""

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.construction.problem.part_contacts import NEAR
-from planning.construction.problem.part_graph import MOST_OVERLAP, PartGraph
-from planning.pick_place.contact_graph import Lying, near_to
+from planning.construction.problem.precedence import MOST_OVERLAP, PartGraph
+from planning.construction.problem.touching import NEAR
+from planning.parts.contact_graph import Lying, near_to
 from planning.transforms import Array, translation
 
 _STEP = 0.005

@@ -1,1 +1,4 @@
-"""The world as planned so far: who is where, holds what, sweeps what, and what has been built."""
+"""The world as planned so far: timelines of robots and objects, and what they sweep.
+
+Imports problem; checks, keyframes and export import it.
+"""

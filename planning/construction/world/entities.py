@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from planning.workcell import Workcell
+from planning.cell.workcell import Workcell
 
 
 def entity_numbers(cell: Workcell) -> dict[str, int]:

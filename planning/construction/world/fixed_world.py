@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
-from planning.construction.world.swept_tracks import SweptTracks
+from planning.cell.workcell import Attachment, Workcell, WorldState
+from planning.construction.world.kept_tracks import SweptTracks
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
-from planning.workcell import Attachment, Workcell, WorldState
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from planning.geometry.body import ConvexBody
+from planning.cell.body import ConvexBody
+from planning.cell.compiled_robot import RobotKernel
+from planning.cell.workcell import CellObject, PlacedRobot
 from planning.geometry.hull_table import placed_capsules
-from planning.geometry.kernel import RobotKernel
 from planning.geometry.robot_bodies import entity
 from planning.transforms import Array, Transform
-from planning.workcell import CellObject, PlacedRobot
 
 Integers = npt.NDArray[np.int64]
 

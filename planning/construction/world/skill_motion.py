@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.geometry.damped_least_squares import follow_targets
-from planning.kinematics import frame_in_last_joint, frame_pose
+from planning.cell.workcell import PlacedRobot
+from planning.kinematics.damped_least_squares import follow_targets
+from planning.kinematics.kinematics import frame_in_last_joint, frame_pose
 from planning.transforms import Array, Transform, inverse, readonly
-from planning.workcell import PlacedRobot
 
 SPACING = 0.025
 """Distance of the tool poses on a straight way [m]."""

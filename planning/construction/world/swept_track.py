@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from planning.cell.workcell import CellObject, PlacedRobot
 from planning.construction.world.fleet import (
     Carrier,
     Fleet,
@@ -19,7 +20,6 @@ from planning.construction.world.hands import Hand, HandChange, pose_of
 from planning.construction.world.motion_pieces import Pieces
 from planning.geometry.swept import place_capsules
 from planning.transforms import Array
-from planning.workcell import CellObject, PlacedRobot
 
 
 class SweptTrack(NamedTuple):

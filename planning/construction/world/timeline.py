@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from planning.cell.workcell import Attachment
 from planning.errors import PlanInvariantError
 from planning.transforms import Array, Transform, readonly
-from planning.workcell import Attachment
 
 SAME = 1e-9
 """Times that differ by less are the same time [s]; likewise joint values [rad or m]."""

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.space_time.arena import (
+from planning.construction.checks.arena import (
     column,
     counting,
     pack,

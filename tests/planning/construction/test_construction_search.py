@@ -14,39 +14,39 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.fine_check.check import check_construction
+from benchmarks.fixed_time import FixedTimeSolver, plan_fixed_time
+from planning.cell.cover import box_body
+from planning.cell.workcell import Fixture, PlacedRobot, Workcell
 from planning.construction.attempt import Attempt
-from planning.construction.candidates import robot_groups
 from planning.construction.export.timed_tasks import motion_plan
-from planning.construction.fine_check.check import check_construction
-from planning.construction.fixed_time import FixedTimeSolver, plan_fixed_time
 from planning.construction.object_order import rank_parts, ready_at
+from planning.construction.placements import robot_groups
 from planning.construction.planner import (
     ConstructionPlan,
     PlannerSettings,
     plan_construction,
     plan_with,
 )
-from planning.construction.problem.bounds import ReachBounds
 from planning.construction.problem.models import tower
-from planning.construction.problem.part_contacts import PartContacts
-from planning.construction.problem.part_graph import PartGraph
+from planning.construction.problem.precedence import PartGraph
 from planning.construction.problem.problem import Part
+from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.problem.site import (
     build_problem,
     ground_fixture,
     part_objects,
 )
 from planning.construction.problem.supply import Spiral
+from planning.construction.problem.touching import PartContacts
 from planning.construction.skeletons import HANDOVER, in_words, skeletons
 from planning.construction.stopwatch import Stopwatch
 from planning.construction.subproblem import Solution, SubproblemSolver
 from planning.construction.world.building import Building, nothing_built
 from planning.errors import ConstructionError
-from planning.geometry.cover import box_body
-from planning.kinematics import frame_pose
+from planning.kinematics.kinematics import frame_pose
 from planning.robots.registry import robot_model
 from planning.transforms import identity, readonly, translation
-from planning.workcell import Fixture, PlacedRobot, Workcell
 from tests.planning.construction.toy_sites import CHEST, toy_part, toy_problem
 
 ROOT = Path(__file__).parents[3]

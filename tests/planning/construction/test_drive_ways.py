@@ -10,8 +10,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from planning.construction.space_time.checker import SpaceTimeChecker
-from planning.construction.space_time.drive_ways import (
+from planning.cell.workcell import Fixture
+from planning.construction.checks.checker import SpaceTimeChecker
+from planning.construction.paths.drive_ways import (
     SPACING,
     Lattice,
     drive_way,
@@ -19,11 +20,10 @@ from planning.construction.space_time.drive_ways import (
     lay_lattice,
     stand_at,
 )
-from planning.construction.space_time.query import Query
-from planning.construction.space_time.rrt import RrtSettings, space_time_rrt
+from planning.construction.paths.query import Query
+from planning.construction.paths.rrt import RrtSettings, space_time_rrt
 from planning.construction.world.fixed_world import FixedWorld
 from planning.transforms import Array
-from planning.workcell import Fixture
 from tests.planning.construction.toy_teams import fixture, placed, rover, team
 
 PLENTY = 10_000

@@ -11,10 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.fine_check.check import FineCheck, check_construction
-from planning.construction.fine_check.motion import Motion
-from planning.construction.fine_check.walk import Group, Measurer
-from planning.construction.fixed_time import plan_fixed_time
+from benchmarks.fine_check.check import FineCheck, check_construction
+from benchmarks.fine_check.motion import Motion
+from benchmarks.fine_check.walk import Group, Measurer
+from benchmarks.fixed_time import plan_fixed_time
+from planning.cell.workcell import PlacedRobot, Workcell
 from planning.construction.planner import ConstructionPlan, plan_construction
 from planning.construction.problem.models import tower
 from planning.construction.problem.problem import ConstructionProblem
@@ -25,10 +26,9 @@ from planning.construction.problem.site import (
 )
 from planning.construction.problem.supply import Spiral
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
-from planning.geometry.reference import ReferenceRobot, measure
 from planning.robots.registry import robot_model
 from planning.transforms import Array, identity, readonly, rotation, translation
-from planning.workcell import PlacedRobot, Workcell
+from scheduling.verification.reference import ReferenceRobot, measure
 from tests.planning.construction.toy_teams import placed, rover
 
 

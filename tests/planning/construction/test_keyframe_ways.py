@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
+from planning.cell.workcell import Attachment, PlacedRobot, Workcell
+from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.problem.models import pavilion
-from planning.construction.problem.reach import ReachSampler
+from planning.construction.problem.postures import ReachSampler
 from planning.construction.problem.site import (
     build_problem,
     ground_fixture,
     part_objects,
 )
 from planning.construction.problem.supply import Spiral
-from planning.construction.space_time.checker import SpaceTimeChecker
 from planning.construction.world.building import lying_at
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.skill_motion import skill_motion
 from planning.robots.registry import robot_model
 from planning.transforms import readonly
-from planning.workcell import Attachment, PlacedRobot, Workcell
 
 
 def test_a_cassette_goes_straight_to_its_foot_above_a_wide_floor() -> None:

@@ -7,7 +7,7 @@ import heapq
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.space_time.motion_queue import MOST, no_motions, pop, push
+from planning.construction.paths.motion_queue import MOST, no_motions, pop, push
 
 
 @settings(deadline=None)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.construction.problem.models import ModelPart, pavilion, tower, wall, well
-from planning.construction.problem.part_graph import (
+from planning.construction.problem.precedence import (
     PartGraph,
     build_part_graph,
     stacked,

@@ -9,15 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.problem.bounds import ReachBounds, require_reach
-from planning.construction.problem.checks import (
+from planning.cell.workcell import PlacedRobot, Workcell
+from planning.construction.problem.feasibility import (
     require_buildable,
     require_free_supply,
     require_grounded,
 )
 from planning.construction.problem.models import ModelPart, tower
+from planning.construction.problem.postures import ReachSampler
 from planning.construction.problem.problem import ConstructionProblem
-from planning.construction.problem.reach import ReachSampler
+from planning.construction.problem.reach_bounds import ReachBounds, require_reach
 from planning.construction.problem.site import (
     build_problem,
     ground_fixture,
@@ -25,11 +26,10 @@ from planning.construction.problem.site import (
 )
 from planning.construction.problem.supply import Rows, Spiral, SupplyLayout
 from planning.errors import ConstructionError
-from planning.kinematics import frame_pose, inverse_kinematics
+from planning.kinematics.kinematics import frame_pose, inverse_kinematics
 from planning.robots.mobile import is_mobile
 from planning.robots.registry import robot_model
 from planning.transforms import from_rpy, readonly, translation
-from planning.workcell import PlacedRobot, Workcell
 
 
 def standing(name: str, model: str, *park: float, base: float = 0.0) -> PlacedRobot:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from planning.construction.problem.problem import Part
 from planning.construction.rounds import Round, Rounds
-from planning.construction.search_settings import SearchSettings
+from planning.construction.settings import SearchSettings
 from planning.construction.subproblem import Solution
 from planning.construction.world.building import Building, nothing_built
 from tests.planning.construction.toy_sites import toy_part, toy_problem

@@ -10,23 +10,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.export.planned_task import PlannedTask, with_task
-from planning.construction.space_time.arrival_windows import arrival_windows
-from planning.construction.space_time.checker import SpaceTimeChecker
-from planning.construction.space_time.free_cells import strike_out
-from planning.construction.space_time.motion_checks import motion_clear
-from planning.construction.space_time.moving_checks import left_by_robots, met_by_robots
-from planning.construction.space_time.still_checks import (
+from planning.cell.workcell import Attachment, PlacedRobot, Workcell, WorldState
+from planning.construction.checks.arrival_windows import arrival_windows
+from planning.construction.checks.checker import SpaceTimeChecker
+from planning.construction.checks.free_cells import strike_out
+from planning.construction.checks.motion_checks import motion_clear
+from planning.construction.checks.moving_checks import left_by_robots, met_by_robots
+from planning.construction.checks.still_checks import (
     lies_throughout,
     still_clear_until,
 )
+from planning.construction.export.planned_task import PlannedTask, with_task
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.geometry.exact import hull_shape
 from planning.geometry.robot_bodies import joint_poses_of
-from planning.task_graph import Handling
+from planning.tasks.task_graph import Handling
 from planning.transforms import Array, translation
-from planning.workcell import Attachment, PlacedRobot, Workcell, WorldState
 from tests.planning.construction.toy_teams import (
     box,
     fixture,

@@ -9,12 +9,12 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 
-from planning.construction.space_time.checker import SpaceTimeChecker
-from planning.construction.space_time.path import SpaceTimePath
-from planning.construction.space_time.rrt import RrtSettings, space_time_rrt
+from planning.cell.robot_model import RobotModel
+from planning.construction.checks.checker import SpaceTimeChecker
+from planning.construction.paths.rrt import RrtSettings, space_time_rrt
+from planning.construction.paths.space_time_path import SpaceTimePath
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import RobotTimeline
-from planning.robots.model import RobotModel
 from planning.transforms import Array
 from tests.planning.construction.toy_teams import SPEED, fixture, placed, slider, team
 

@@ -6,14 +6,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planning.cell.workcell import CellObject
 from planning.construction.world.hands import HandChange, pose_of
+from planning.construction.world.kept_tracks import SweptTracks
 from planning.construction.world.motion_pieces import cut_timeline
 from planning.construction.world.swept_track import SweptTrack, sweep_track
-from planning.construction.world.swept_tracks import SweptTracks
 from planning.construction.world.timeline import RobotTimeline
 from planning.geometry.robot_bodies import joint_poses_of
 from planning.transforms import Array, translation
-from planning.workcell import CellObject
 from tests.planning.construction.toy_teams import box, placed, rover
 
 STEP = 0.1

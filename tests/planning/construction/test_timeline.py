@@ -16,7 +16,7 @@ from planning.construction.world.fixed_world import FixedWorld, drop_tail
 from planning.construction.world.motion_pieces import cut_timeline
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.errors import PlanInvariantError
-from planning.task_graph import TRANSIT, Handling
+from planning.tasks.task_graph import TRANSIT, Handling
 from planning.transforms import translation
 from tests.planning.construction.toy_teams import box, placed, slider, team
 

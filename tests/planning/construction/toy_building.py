@@ -6,18 +6,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from planning.cell.workcell import Attachment, Workcell
+from planning.construction.checks.arrival_windows import arrival_windows
+from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.export.planned_task import (
     PlannedTask,
     drop_way_out,
     with_task,
 )
-from planning.construction.space_time.arrival_windows import arrival_windows
-from planning.construction.space_time.checker import SpaceTimeChecker
-from planning.construction.space_time.rrt import RrtSettings, space_time_rrt
+from planning.construction.paths.rrt import RrtSettings, space_time_rrt
 from planning.construction.world.fixed_world import FixedWorld, drop_tail
-from planning.task_graph import TRANSIT, Handling
+from planning.tasks.task_graph import TRANSIT, Handling
 from planning.transforms import Array, inverse, translation
-from planning.workcell import Attachment, Workcell
 
 ABOVE = np.array([0.0, 0.0, 0.05])
 SKILL_S = 1.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from planning.cell.workcell import PlacedRobot, Workcell
 from planning.construction.problem.models import ModelPart
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.site import (
@@ -14,7 +15,6 @@ from planning.construction.problem.site import (
 from planning.construction.problem.supply import Spiral, SupplyLayout
 from planning.robots.registry import robot_model
 from planning.transforms import identity, readonly, translation
-from planning.workcell import PlacedRobot, Workcell
 
 
 def toy_problem(

@@ -10,17 +10,17 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from planning.geometry.cover import box_body
-from planning.robots.model import RobotModel
-from planning.robots.urdf import load_urdf
-from planning.transforms import Array, rotation, translation
-from planning.workcell import (
+from planning.cell.cover import box_body
+from planning.cell.robot_model import RobotModel
+from planning.cell.workcell import (
     CellObject,
     Clearances,
     Fixture,
     PlacedRobot,
     Workcell,
 )
+from planning.robots.load_urdf import load_urdf
+from planning.transforms import Array, rotation, translation
 
 SPEED = 0.5
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.geometry.cover import box_body
-from planning.robots.model import KinematicChain, LinkPart, RobotModel
+from planning.cell.cover import box_body
+from planning.cell.robot_model import KinematicChain, LinkPart, RobotModel
+from planning.cell.workcell import PlacedRobot
 from planning.transforms import from_rpy, translation
-from planning.workcell import PlacedRobot
 
 ArmMaker = Callable[..., PlacedRobot]
 

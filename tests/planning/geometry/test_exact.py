@@ -8,11 +8,11 @@ import coal
 import numpy as np
 import pytest
 
+from planning.cell.compiled_robot import robot_kernel
+from planning.cell.workcell import PlacedRobot
 from planning.geometry.exact import TOLERANCE, Solid, come_close, distance, place
-from planning.geometry.kernel import robot_kernel
-from planning.geometry.scene import robot_solids
+from planning.geometry.scene_checker import robot_solids
 from planning.transforms import from_rpy
-from planning.workcell import PlacedRobot
 
 
 def _sampled(
@@ -56,7 +56,7 @@ def test_bisection_agrees_with_sampling(
 
 
 def test_touching_within_the_tolerance_counts_as_close() -> None:
-    from planning.geometry.cover import box_body
+    from planning.cell.cover import box_body
     from planning.geometry.exact import resting_solid
     from planning.transforms import translation
 
@@ -73,7 +73,7 @@ def test_touching_within_the_tolerance_counts_as_close() -> None:
 
 
 def test_hulls_measure_as_coal_boxes_do() -> None:
-    from planning.geometry.cover import box_body
+    from planning.cell.cover import box_body
     from planning.geometry.exact import hull_shape
 
     size = np.array([0.016, 0.032, 0.0096])

@@ -8,13 +8,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planning.geometry.cover import box_body
-from planning.geometry.exact import Solid, distance_at, resting_solid
-from planning.geometry.kernel import robot_kernel
-from planning.geometry.scene import SceneChecker, flange_pose, robot_solids
-from planning.robots.registry import robot_model
-from planning.transforms import Array, from_rpy, identity, translation
-from planning.workcell import (
+from planning.cell.compiled_robot import robot_kernel
+from planning.cell.cover import box_body
+from planning.cell.workcell import (
     Attachment,
     CellObject,
     Clearances,
@@ -23,6 +19,10 @@ from planning.workcell import (
     Workcell,
     WorldState,
 )
+from planning.geometry.exact import Solid, distance_at, resting_solid
+from planning.geometry.scene_checker import SceneChecker, flange_pose, robot_solids
+from planning.robots.registry import robot_model
+from planning.transforms import Array, from_rpy, identity, translation
 
 LENGTH = 0.5
 SAMPLES = 240

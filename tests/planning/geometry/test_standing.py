@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from planning.geometry.cover import box_body
+from planning.cell.compiled_robot import robot_kernel
+from planning.cell.cover import box_body
+from planning.cell.workcell import PlacedRobot, Workcell
 from planning.geometry.hull_table import AT_REST
-from planning.geometry.kernel import robot_kernel
 from planning.geometry.standing import stand_boxes
 from planning.transforms import from_rpy
-from planning.workcell import PlacedRobot, Workcell
 
 SIZE = np.array([0.06, 0.12, 0.04])
 

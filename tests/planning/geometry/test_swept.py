@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from planning.geometry.chain import joint_poses
-from planning.geometry.kernel import RobotKernel, robot_kernel
+from planning.cell.compiled_robot import RobotKernel, robot_kernel
+from planning.cell.workcell import PlacedRobot
 from planning.geometry.swept import sweep_segments
+from planning.kinematics.chain import joint_poses
 from planning.transforms import Array
-from planning.workcell import PlacedRobot
 
 
 def _capsules_at(kernel: RobotKernel, q: Array) -> tuple[Array, Array]:

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.lego.bricks import BRICKS
-from planning.lego.objects import plate_fixture, stock_objects
-from planning.lego.skill_targets import DEFAULT_TWIST
-from planning.lego.structure import (
+from planning.cell.workcell import PlacedRobot, Workcell
+from planning.lego.bricks.assembly import (
     Cell,
     LegoAssembly,
     LegoStep,
@@ -20,9 +18,11 @@ from planning.lego.structure import (
     StockBrick,
     Support,
 )
+from planning.lego.bricks.catalogue import BRICKS
+from planning.lego.bricks.objects import plate_fixture, stock_objects
+from planning.lego.skills.targets import DEFAULT_TWIST
 from planning.robots.registry import robot_model
 from planning.transforms import from_rpy, translation
-from planning.workcell import PlacedRobot, Workcell
 
 TOWER = (
     StockBrick("f1", "2x6", Cell(23, 14, 1), fixed=True),

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from planning.lego.finished_structure import scaffold, sequenced
-from planning.lego.grid import occupied_studs
+from planning.lego.bricks.grid import occupied_studs
+from planning.lego.sequencing.finished_structure import scaffold, sequenced
 from twin.assemblies.lego import build_lego, build_structure
 from twin.scenario.file import load_scenario
-from twin.scenario.scenario import LegoSection
+from twin.scenario.sections.scenario import LegoSection
 
 FOLDER = Path(__file__).parents[3] / "scenarios" / "lego"
 

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.assignment import HighsAssignmentSolver
 from planning.errors import InfeasibleStepError
-from planning.kinematics import frame_pose
-from planning.lego.brick_world import grasp_number, press_of
-from planning.lego.candidates import LegoCandidates, find_candidates
-from planning.lego.grips import grip_pose, presses
-from planning.lego.skill_options import SkillOption, StandingSupport
-from planning.lego.structure import Cell, LegoStep, Press, StockBrick
-from planning.skill_paths import Obstruction, SkillPath
-from planning.task_plan import plan_violations
+from planning.kinematics.kinematics import frame_pose
+from planning.lego.bricks.assembly import Cell, LegoStep, Press, StockBrick
+from planning.lego.bricks.brick_world import grasp_number, press_of
+from planning.lego.bricks.grips import grip_pose, presses
+from planning.lego.skills.candidates import LegoCandidates, find_candidates
+from planning.lego.skills.options import SkillOption, StandingSupport
+from planning.skills.joint_paths import Obstruction, SkillPath
+from planning.tasks.highs_solver import HighsAssignmentSolver
+from planning.tasks.plan import plan_violations
 from tests.planning.lego.overhang import STEPS, STOCK, overhang
 
 DATA = Path(
@@ -176,10 +176,10 @@ def test_an_arm_that_stands_in_the_way_is_an_obstruction() -> None:
     not (DATA / "steps").is_dir(), reason="the published APEX-MR data are not there"
 )
 def test_the_published_cliff_gets_the_published_robots() -> None:
-    from planning.lego.importer import import_apex_mr
+    from planning.importers.apex_mr.importer import import_apex_mr
     from twin.assemblies.lego import build_lego
-    from twin.cell import build_workcell
-    from twin.scenario.scenario import Scenario
+    from twin.scenario.build_workcell import build_workcell
+    from twin.scenario.sections.scenario import Scenario
 
     content = import_apex_mr(DATA, "cliff")
     scenario = Scenario.model_validate_json(json.dumps(content))

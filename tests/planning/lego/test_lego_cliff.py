@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 import yaml
 
-from planning.lego.bricks import BRICKS
-from planning.lego.grid import neighbours, occupied_studs, on_plate, overlapping
-from planning.lego.grips import check_press, press_cell
-from planning.lego.structure import BrickType, Cell, Plate, Press, Support
-from planning.lego.support import supported_cell
+from planning.lego.bricks.assembly import BrickType, Cell, Plate, Press, Support
+from planning.lego.bricks.catalogue import BRICKS
+from planning.lego.bricks.grid import neighbours, occupied_studs, on_plate, overlapping
+from planning.lego.bricks.grips import check_press, press_cell
+from planning.lego.skills.support import supported_cell
 from planning.transforms import identity
 
 FILE = Path(__file__).parents[3] / "scenarios/lego/cliff.yaml"

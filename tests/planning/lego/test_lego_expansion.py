@@ -6,17 +6,18 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from planning.assembly_work import StepExpansions
-from planning.assignment import HighsAssignmentSolver
-from planning.kinematics import frame_pose
-from planning.lego.assembly_work import lego_work
-from planning.lego.candidates import LegoCandidates, find_candidates
-from planning.lego.expansion import expand_plan, link_steps
-from planning.lego.grid import box_pose
-from planning.lego.grips import grip_pose
-from planning.lego.structure import Cell, LegoStep, Press, StockBrick
-from planning.step_tasks import StepTasks
-from planning.task_graph import (
+from planning.cell.workcell import start_state
+from planning.kinematics.kinematics import frame_pose
+from planning.lego.bricks.assembly import Cell, LegoStep, Press, StockBrick
+from planning.lego.bricks.grid import box_pose
+from planning.lego.bricks.grips import grip_pose
+from planning.lego.skills.candidates import LegoCandidates, find_candidates
+from planning.lego.skills.expansion import expand_plan, link_steps
+from planning.lego.skills.work import lego_work
+from planning.tasks.highs_solver import HighsAssignmentSolver
+from planning.tasks.plan import StepChoice, TaskPlan
+from planning.tasks.steps import StepTasks
+from planning.tasks.task_graph import (
     SKILLS,
     TRANSIT,
     Task,
@@ -24,10 +25,9 @@ from planning.task_graph import (
     object_node,
     task_node,
 )
-from planning.task_plan import StepChoice, TaskPlan
+from planning.tasks.work import StepExpansions
+from planning.tasks.world_progress import apply_handlings, move_robot
 from planning.transforms import Transform
-from planning.workcell import start_state
-from planning.world_progress import apply_handlings, move_robot
 from tests.planning.lego.overhang import overhang
 
 
@@ -254,9 +254,9 @@ def test_other_ways_of_a_step_differ_and_are_remembered(
 def test_everything_can_be_planned_in_sequence(
     found: LegoCandidates, plan: TaskPlan
 ) -> None:
-    from planning.sequential import MotionSettings, plan_sequential
-    from planning.speed import L1Speed
-    from planning.transit import RrtConnect
+    from planning.motion.sequential import MotionSettings, plan_sequential
+    from planning.motion.speed import L1Speed
+    from planning.motion.transit import RrtConnect
 
     robots = found.world.cell.robots
     speeds = {robot.name: L1Speed(1.0) for robot in robots}

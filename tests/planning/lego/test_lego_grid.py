@@ -8,8 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
-from planning.lego.bricks import BRICKS, brick_type
-from planning.lego.grid import (
+from planning.lego.bricks.assembly import (
+    LAYER_HEIGHT,
+    STUD_PITCH,
+    BrickType,
+    Cell,
+    Plate,
+)
+from planning.lego.bricks.catalogue import BRICKS, brick_type
+from planning.lego.bricks.grid import (
     BRICK_GAP,
     box_from_top,
     box_pose,
@@ -21,13 +28,6 @@ from planning.lego.grid import (
     overlapping,
     top_from_box,
     top_pose,
-)
-from planning.lego.structure import (
-    LAYER_HEIGHT,
-    STUD_PITCH,
-    BrickType,
-    Cell,
-    Plate,
 )
 from planning.transforms import Array, from_rpy, rotation
 

@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
-from planning.lego.bricks import BRICKS
-from planning.lego.grid import top_pose
-from planning.lego.grips import (
+from planning.lego.bricks.assembly import STUD_PITCH, BrickType, Cell, Plate, Press
+from planning.lego.bricks.catalogue import BRICKS
+from planning.lego.bricks.grid import top_pose
+from planning.lego.bricks.grips import (
     check_press,
     contact_press,
     grip_pose,
@@ -20,7 +21,6 @@ from planning.lego.grips import (
     side_contact_pose,
     side_studs,
 )
-from planning.lego.structure import STUD_PITCH, BrickType, Cell, Plate, Press
 from planning.transforms import Transform, from_rpy, rotation, translation
 
 OPPOSITE = {1: 4, 4: 1, 2: 3, 3: 2}

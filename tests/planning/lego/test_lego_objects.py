@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from planning.errors import ScenarioError
-from planning.lego.bricks import BRICKS
-from planning.lego.objects import plate_fixture, stock_objects
-from planning.lego.structure import (
+from planning.lego.bricks.assembly import (
     Cell,
     LegoAssembly,
     LegoStep,
     Plate,
     StockBrick,
 )
+from planning.lego.bricks.catalogue import BRICKS
+from planning.lego.bricks.objects import plate_fixture, stock_objects
 from planning.transforms import from_rpy
 
 ASSEMBLY = LegoAssembly(

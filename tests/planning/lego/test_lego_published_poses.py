@@ -16,11 +16,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planning.lego.grid import top_pose
-from planning.lego.grips import press_cell
-from planning.lego.handover import giver_rest, receive_poses
-from planning.lego.importer import import_apex_mr
-from planning.lego.skill_targets import (
+from planning.importers.apex_mr.importer import import_apex_mr
+from planning.lego.bricks.assembly import (
+    BrickType,
+    Cell,
+    Plate,
+    Press,
+    Support,
+)
+from planning.lego.bricks.grid import top_pose
+from planning.lego.bricks.grips import press_cell
+from planning.lego.skills.meeting_points import giver_rest, receive_poses
+from planning.lego.skills.support import support_bottom_targets, support_top_targets
+from planning.lego.skills.targets import (
     handover_targets,
     pick_targets,
     place_down_targets,
@@ -28,15 +36,7 @@ from planning.lego.skill_targets import (
     place_up_targets,
     received_top,
 )
-from planning.lego.structure import (
-    BrickType,
-    Cell,
-    Plate,
-    Press,
-    Support,
-)
-from planning.lego.support import support_bottom_targets, support_top_targets
-from planning.skill_targets import Subgoal
+from planning.skills.subgoals import Subgoal
 from planning.transforms import Array, Transform, from_rpy, translation
 
 DATA = Path(

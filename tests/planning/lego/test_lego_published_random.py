@@ -10,10 +10,10 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from planning.lego.importer import import_apex_mr
+from planning.importers.apex_mr.importer import import_apex_mr
+from twin.scenario.document.text import scenario_text
 from twin.scenario.file import load_scenario
-from twin.scenario.lego import LegoSection
-from twin.scenario.text import scenario_text
+from twin.scenario.sections.lego import LegoSection
 
 SIZES = {"2": (2, 4), "5": (1, 4), "7": (1, 4), "9": (1, 2), "10": (1, 1), "20": (2, 6)}
 HALF_TURN = "3.1415926"

@@ -10,10 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from planning.errors import RobotModelError
-from planning.lego.bricks import BRICKS
-from planning.lego.grips import presses
-from planning.lego.handover import giver_rest, receive_poses
-from planning.lego.skill_targets import (
+from planning.lego.bricks.assembly import BrickType, Plate, Press, Support
+from planning.lego.bricks.catalogue import BRICKS
+from planning.lego.bricks.grips import presses
+from planning.lego.skills.meeting_points import giver_rest, receive_poses
+from planning.lego.skills.support import support_bottom_targets
+from planning.lego.skills.targets import (
     DEFAULT_TWIST,
     handover_targets,
     held_box,
@@ -24,9 +26,7 @@ from planning.lego.skill_targets import (
     received_top,
     support_skill,
 )
-from planning.lego.structure import BrickType, Plate, Press, Support
-from planning.lego.support import support_bottom_targets
-from planning.skill_targets import SkillTargets
+from planning.skills.subgoals import SkillTargets
 from planning.transforms import Transform, from_rpy, inverse, rotation, translation
 
 FRAMES = {

@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
-from planning.lego.structure import (
+from planning.lego.bricks.assembly import (
     LAYER_HEIGHT,
     STUD_PITCH,
     Plate,
     Support,
 )
-from planning.lego.support import (
+from planning.lego.skills.support import (
     LEVER_WALL,
     STUD_HEIGHT,
     SupportTargets,

@@ -10,21 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import InfeasibleStepError
-from planning.lego.bricks import BRICKS
-from planning.lego.contacts import PlacedBrick
-from planning.lego.finished_structure import resequence
-from planning.lego.grid import occupied_studs
-from planning.lego.grips import press_cell, presses
-from planning.lego.importer import import_apex_mr
-from planning.lego.insertion import InsertionRules
-from planning.lego.partial_structures import PartialStructures
-from planning.lego.sequencing import (
-    SequencedStructure,
-    SequencingRules,
-    sequence_structure,
-)
-from planning.lego.stability import Hold, Load, stability
-from planning.lego.structure import (
+from planning.importers.apex_mr.importer import import_apex_mr
+from planning.lego.bricks.assembly import (
     LAYER_HEIGHT,
     STUD_PITCH,
     BrickType,
@@ -35,7 +22,20 @@ from planning.lego.structure import (
     StockBrick,
     Support,
 )
-from planning.lego.tool_room import GRID, BrickTool, support_face
+from planning.lego.bricks.catalogue import BRICKS
+from planning.lego.bricks.contacts import PlacedBrick
+from planning.lego.bricks.grid import occupied_studs
+from planning.lego.bricks.grips import press_cell, presses
+from planning.lego.sequencing.finished_structure import resequence
+from planning.lego.sequencing.insertion import InsertionRules
+from planning.lego.sequencing.sequencing import (
+    SequencedStructure,
+    SequencingRules,
+    sequence_structure,
+)
+from planning.lego.sequencing.tool_room import GRID, BrickTool, support_face
+from planning.lego.stability.partial_structures import PartialStructures
+from planning.lego.stability.stability import Hold, Load, stability
 
 _DATA = Path(
     os.environ.get(

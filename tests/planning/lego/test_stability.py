@@ -9,18 +9,18 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
-from planning.lego.bricks import BRICKS
-from planning.lego.contacts import PlacedBrick, knob_points
-from planning.lego.grid import footprint, occupied_studs
-from planning.lego.partial_structures import PartialStructures
-from planning.lego.stability import (
+from planning.lego.bricks.assembly import STUD_PITCH, BrickType, Cell
+from planning.lego.bricks.catalogue import BRICKS
+from planning.lego.bricks.contacts import PlacedBrick, knob_points
+from planning.lego.bricks.grid import footprint, occupied_studs
+from planning.lego.stability.partial_structures import PartialStructures
+from planning.lego.stability.stability import (
     STANDARD_GRAVITY,
     Hold,
     JointStrength,
     Load,
     stability,
 )
-from planning.lego.structure import STUD_PITCH, BrickType, Cell
 
 
 def _brick(

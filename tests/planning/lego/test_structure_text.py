@@ -6,16 +6,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.lego.bricks import BRICKS
-from planning.lego.grid import footprint, occupied_studs
-from planning.lego.structure import BrickType, Cell
-from planning.lego.structure_text import (
+from planning.lego.bricks.assembly import BrickType, Cell
+from planning.lego.bricks.catalogue import BRICKS
+from planning.lego.bricks.drawing import (
     draw_layers,
     name_bricks,
     read_elevation,
     read_layer,
     type_of_size,
 )
+from planning.lego.bricks.grid import footprint, occupied_studs
 
 
 def cells(drawing):

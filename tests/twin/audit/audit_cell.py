@@ -10,10 +10,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from planning.geometry.cover import box_body
-from planning.kinematics import frame_pose, inverse_kinematics
+from planning.cell.cover import box_body
+from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
+from planning.kinematics.kinematics import frame_pose, inverse_kinematics
 from planning.robots.registry import robot_model
-from planning.task_graph import AllowedContact, Task
+from planning.tasks.task_graph import AllowedContact, Task
 from planning.transforms import (
     Array,
     Transform,
@@ -23,8 +24,7 @@ from planning.transforms import (
     rotation,
     translation,
 )
-from planning.workcell import CellObject, Fixture, PlacedRobot, Workcell
-from scheduling.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 
 BRICK = np.array([0.0158, 0.0318, 0.0096])
 TOP = 0.19
@@ -146,7 +146,7 @@ class HandWrittenRun:
 
     def write(self, folder: Path) -> Path:
         """Write plan.json, plan.npz, trajectory.parquet and objects.parquet."""
-        from scheduling.plan_files import save_plan
+        from scheduling.graph.plan_files import save_plan
 
         save_plan(self.tpg(), folder)
         rows = [

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from planning.cell.cover import box_body
+from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.errors import OutputError
-from planning.geometry.cover import box_body
-from planning.geometry.reference import ReferenceRobot, measure
-from planning.kinematics import frame_pose, inverse_kinematics
+from planning.kinematics.kinematics import frame_pose, inverse_kinematics
 from planning.robots.registry import robot_model
-from planning.task_graph import AllowedContact
+from planning.tasks.task_graph import AllowedContact
 from planning.transforms import Array, translation
-from planning.workcell import CellObject, PlacedRobot, Workcell
+from scheduling.verification.reference import ReferenceRobot, measure
 from tests.twin.audit.audit_cell import (
     BRICK,
     TOP,
@@ -26,13 +26,13 @@ from tests.twin.audit.audit_cell import (
     straight_down,
     two_arm_cell,
 )
+from twin.audit.accepted_overlaps import CONTACT_DEPTH, SLACK
 from twin.audit.audit import Auditor, AuditReport, audit_run
-from twin.audit.contacts import CONTACT_DEPTH, SLACK
+from twin.audit.bullet_world import AuditWorld, overlapping_at_home, travel
+from twin.audit.cell_description import scene_of
+from twin.audit.executed import read_recording
 from twin.audit.pairs import tracks_of
-from twin.audit.recording import read_recording
 from twin.audit.sampling import STEP, stretches
-from twin.audit.scene import scene_of
-from twin.audit.world import AuditWorld, overlapping_at_home, travel
 
 X, Y = 0.42, -0.05
 EDGE = X + BRICK[0] / 2
@@ -328,7 +328,7 @@ def _random_run(seed: int, folder: Path) -> Path:
 def test_skipping_measurements_changes_nothing(tmp_path: Path, seed: int) -> None:
     """Oracle: every pair at every sample, without spheres or skipped samples."""
     folder = _random_run(seed, tmp_path)
-    from scheduling.plan_files import load_plan
+    from scheduling.graph.plan_files import load_plan
 
     scene = scene_of(load_plan(folder))
     recording = read_recording(folder, scene)
@@ -372,7 +372,7 @@ def test_skipping_measurements_changes_nothing(tmp_path: Path, seed: int) -> Non
 
 def test_no_point_moves_further_than_the_step(tmp_path: Path) -> None:
     folder = _random_run(7, tmp_path)
-    from scheduling.plan_files import load_plan
+    from scheduling.graph.plan_files import load_plan
 
     scene = scene_of(load_plan(folder))
     recording = read_recording(folder, scene)

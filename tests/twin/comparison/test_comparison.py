@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from scheduling.shortcutting import shorten_tpg
+from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.cli import app
 from twin.comparison.comparison import (
     ASYNCHRONOUS,
@@ -25,9 +25,9 @@ from twin.comparison.comparison import (
     Measurement,
     measure_policies,
 )
-from twin.pipeline import motion_settings, plan_scenario
+from twin.planning.pipeline import motion_settings, plan_scenario
 from twin.scenario.file import load_scenario
-from twin.trial import execute
+from twin.trial.trial import execute
 
 CLIFF = Path(__file__).parents[3] / "scenarios" / "lego" / "cliff.yaml"
 

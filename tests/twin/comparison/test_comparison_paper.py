@@ -25,7 +25,7 @@ from twin.comparison.comparison import (
     Comparison,
     Measurement,
 )
-from twin.comparison.figures import comparison_figures
+from twin.comparison.spread import comparison_figures
 
 STAGES = ("assignment", "motion", "synchronous", "tpg", "shortcut")
 

@@ -10,20 +10,19 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from planning.errors import ScenarioError
-from planning.task_graph import SKILLS
+from planning.tasks.task_graph import SKILLS
 from tests.twin.twin_toys import random_tpg
 from twin.durations import (
     DurationModel,
     Empirical,
     Fixed,
     Lognormal,
-    SkillDurations,
     Uniform,
-    nominal_durations,
     packaged_timings,
     to_nanoseconds,
 )
-from twin.timings.generate import SPREAD_S, SPREAD_SHARE, write_timings
+from twin.durations.packaged.generate import SPREAD_S, SPREAD_SHARE, write_timings
+from twin.uncertainty.skill_durations import SkillDurations, nominal_durations
 
 PROBABILITIES = (np.arange(200_000) + 0.5) / 200_000
 MEASURED = [3.0, 1.0, 2.0, 2.0, 8.0]
@@ -143,10 +142,10 @@ def test_packaged_timings_keep_the_two_facts_of_the_paper() -> None:
 
 
 def test_packaged_timings_come_out_of_their_script(tmp_path: Path) -> None:
-    import twin.timings
+    import twin.durations.packaged
 
     write_timings(tmp_path)
-    committed = Path(str(twin.timings.__file__)).parent
+    committed = Path(str(twin.durations.packaged.__file__)).parent
     for skill in SKILLS:
         name = f"{skill}.csv"
         assert (tmp_path / name).read_text() == (committed / name).read_text()

@@ -10,20 +10,20 @@ import pytest
 from typer.testing import CliRunner
 
 from planning.errors import ScenarioError
-from planning.task_graph import TRANSIT
-from scheduling.construction import build_nodes
-from twin.cell import build_workcell
+from planning.tasks.task_graph import TRANSIT
+from scheduling.build_tpg import build_nodes
 from twin.cli import app
-from twin.durations import SkillDurations
-from twin.pipeline import plan_in_turns
-from twin.scenario.file import load_scenario
-from twin.space_time import construction_problem
-from twin.stage_watch import StageWatch
-from twin.uncertainty.duration_models import (
+from twin.planning.pipeline import plan_in_turns
+from twin.planning.space_time import construction_problem
+from twin.planning.stage_watch import StageWatch
+from twin.scenario.build_workcell import build_workcell
+from twin.scenario.duration_models import (
     follow_references,
     skill_durations,
     skill_models,
 )
+from twin.scenario.file import load_scenario
+from twin.uncertainty.skill_durations import SkillDurations
 
 ROOT = Path(__file__).parents[3]
 CLIFF = ROOT / "scenarios" / "lego" / "cliff.yaml"

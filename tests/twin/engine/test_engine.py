@@ -8,19 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import TwinError
-from scheduling.rollout import earliest_times
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.rollout import earliest_times
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
 from tests.twin.recorded_events import InterruptsAt, story
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.durations import SkillDurations
-from twin.engine.contraction import contract
 from twin.engine.engine import Simulator, simulate
 from twin.recorders.memory import MemoryRecorder
 from twin.run.events import Event
-from twin.run.run import DeadlockError, Run
+from twin.run.run_record import DeadlockError, Run
+from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import Disturbances, RandomStalls
 from twin.uncertainty.node_times import sample_node_times
+from twin.uncertainty.skill_durations import SkillDurations
 
 NOMINAL = SkillDurations({})
 

@@ -10,17 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import ANYTHING, STOPS, TPGS, VARIED
 from tests.twin.recorded_events import story
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.durations import Fixed, SkillDurations, Uniform
+from twin.durations import Fixed, Uniform
 from twin.engine.engine import Simulator, simulate
-from twin.engine.halts import Halts, Stop
-from twin.engine.pace import Pace
 from twin.recorders.memory import MemoryRecorder
 from twin.run.lanes import FAILED, STOPPED, robot_lanes
-from twin.run.run import Run
+from twin.run.run_record import Run
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import (
     Breakdowns,
@@ -29,6 +27,9 @@ from twin.uncertainty.disturbances import (
     SkillFailure,
     StallRate,
 )
+from twin.uncertainty.halts import Halts, Stop
+from twin.uncertainty.pace import Pace
+from twin.uncertainty.skill_durations import SkillDurations
 
 NOMINAL = SkillDurations({})
 

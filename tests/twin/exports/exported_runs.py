@@ -5,16 +5,16 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.twin_toys import random_tpg
-from twin.durations import Fixed, SkillDurations, packaged_timings
+from twin.durations import Fixed, packaged_timings
 from twin.engine.engine import simulate
 from twin.exports.exporter import ExportOptions
 from twin.exports.recorded_run import RecordedRun
 from twin.exports.registry import exporter
 from twin.recorders.jsonl import JsonlRecorder
-from twin.recorders.parquet import objects_table, trajectory_table, write_table
-from twin.run.run import Run
+from twin.recorders.motion_tables import objects_table, trajectory_table, write_table
+from twin.run.run_record import Run
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import (
     Disturbances,
@@ -22,6 +22,7 @@ from twin.uncertainty.disturbances import (
     RandomStalls,
     SkillFailure,
 )
+from twin.uncertainty.skill_durations import SkillDurations
 
 DISTURBED = Disturbances(
     stalls=RandomStalls(2),

@@ -10,12 +10,12 @@ import networkx as nx
 import pytest
 from typer.testing import CliRunner, Result
 
-from scheduling.construction import build_tpg
-from scheduling.plan_files import save_plan
+from scheduling.build_tpg import build_tpg
+from scheduling.graph.plan_files import save_plan
 from tests.twin.turning_arms import SCENARIO, turning_plan
-from twin.cell import build_workcell
 from twin.cli import app
 from twin.exports.registry import FORMATS, exporter
+from twin.scenario.build_workcell import build_workcell
 from twin.scenario.file import load_scenario
 
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scheduling.rollout import earliest_times
+from scheduling.graph.rollout import earliest_times
 from tests.twin.exports.exported_runs import exported, toy_run
 from twin.durations import to_nanoseconds
 from twin.exports.recorded_run import RecordedRun
-from twin.run.run import Run
+from twin.run.run_record import Run
 
 POINT = {"positions", "velocities", "accelerations", "effort", "time_from_start"}
 

@@ -12,7 +12,7 @@ import pytest
 from tests.twin.exports.exported_runs import exported, toy_run
 from twin.exports.mermaid import _plain
 from twin.exports.recorded_run import RecordedRun
-from twin.run.run import Run
+from twin.run.run_record import Run
 
 _TIME = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}"
 _TEXT = r"[^:;#,%{}\n]+"

@@ -14,7 +14,7 @@ import pytest
 from tests.twin.exports.exported_runs import exported, toy_run
 from twin.exports.activities import STANDING
 from twin.exports.recorded_run import RecordedRun
-from twin.run.run import Run
+from twin.run.run_record import Run
 
 REQUIRED = {
     "M": {"name", "pid", "tid", "args"},

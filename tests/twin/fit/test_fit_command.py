@@ -11,12 +11,12 @@ import yaml
 from scipy import stats
 from typer.testing import CliRunner, Result
 
-from planning.task_graph import SKILLS
+from planning.tasks.task_graph import SKILLS
 from planning.transforms import Array
 from twin.cli import app
 from twin.durations import Empirical, Fixed
+from twin.scenario.duration_models import skill_durations
 from twin.scenario.file import load_scenario
-from twin.uncertainty.duration_models import skill_durations
 
 SMALL = """\
 version: 1

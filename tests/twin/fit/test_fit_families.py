@@ -10,9 +10,9 @@ from scipy import optimize, stats
 
 from planning.transforms import Array
 from twin.fit.bounded import PertFamily, TriangularFamily, UniformFamily
-from twin.fit.candidates import FAMILIES, section_model
 from twin.fit.family import Family
 from twin.fit.search import golden_section
+from twin.fit.selection import FAMILIES, section_model
 from twin.fit.shifted import ShiftedFamily
 from twin.fit.unbounded import (
     ExponentialFamily,

@@ -19,14 +19,12 @@ from rich.console import Console
 from typer.testing import CliRunner, Result
 
 from planning.errors import OutputError
-from scheduling.construction import build_tpg
-from scheduling.plan_files import load_plan, save_plan
+from scheduling.build_tpg import build_tpg
+from scheduling.graph.plan_files import load_plan, save_plan
 from tests.twin.drawn_runs import VARIED
 from tests.twin.turning_arms import SCENARIO, turning_plan
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.cell import build_workcell
 from twin.cli import app
-from twin.durations import SkillDurations
 from twin.engine.engine import simulate
 from twin.follow.display import TerminalDisplay, run_picture
 from twin.follow.follow import follow
@@ -37,7 +35,9 @@ from twin.follow.state import FollowedRun
 from twin.recorders.jsonl import event_line
 from twin.recorders.memory import MemoryRecorder
 from twin.run.event_log import EventLogError
+from twin.scenario.build_workcell import build_workcell
 from twin.scenario.file import load_scenario
+from twin.uncertainty.skill_durations import SkillDurations
 
 ROOT = Path(__file__).parents[3]
 TPG = random_tpg(16, tasks=14, edges=12)

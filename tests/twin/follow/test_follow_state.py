@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.durations import SkillDurations
 from twin.engine.engine import simulate
 from twin.follow.state import FollowedRun
 from twin.recorders.jsonl import event_line
@@ -20,6 +19,7 @@ from twin.recorders.memory import MemoryRecorder
 from twin.run.event_log import EventLogError, parse_event
 from twin.run.events import Event
 from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.skill_durations import SkillDurations
 
 NOMINAL = SkillDurations({})
 

@@ -7,17 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.durations import (
-    Empirical,
-    Exponential,
-    Fixed,
-    Lognormal,
-    SkillDurations,
-    Uniform,
-)
+from twin.durations import Empirical, Exponential, Fixed, Lognormal, Uniform
 from twin.engine.engine import Simulator, simulate
 from twin.engine.messages import Messages
 from twin.follow.conditional import longer_than
@@ -32,6 +25,7 @@ from twin.uncertainty.disturbances import (
     SkillFailure,
     StallRate,
 )
+from twin.uncertainty.skill_durations import SkillDurations
 
 NOMINAL = SkillDurations({})
 SPREAD = SkillDurations(

@@ -10,20 +10,20 @@ import pyarrow as pa
 import pytest
 from rerun.chunk import RrdReader
 
-from planning.geometry.chain import joint_poses
+from planning.cell.workcell import PlacedRobot
+from planning.kinematics.chain import joint_poses
 from planning.robots.registry import robot_model
 from planning.transforms import from_quat_wxyz, from_rpy
-from planning.workcell import PlacedRobot
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import VARIED
 from tests.twin.twin_toys import random_tpg
 from twin.engine.engine import simulate
 from twin.recorders.memory import MemoryRecorder
-from twin.recorders.rerun_recording import write_recording
-from twin.recorders.rerun_robots import frame_times
+from twin.recorders.rerun.recorder import write_recording
+from twin.recorders.rerun.robots import frame_times
 from twin.run.gantt import draw_gantt
 from twin.run.lanes import robot_lanes
-from twin.run.run import Run
+from twin.run.run_record import Run
 from twin.run.trajectory import object_placements, robot_trajectories
 
 

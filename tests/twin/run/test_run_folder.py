@@ -8,7 +8,7 @@ import pytest
 
 from planning.errors import OutputError
 from tests.twin.twin_toys import toy_cell
-from twin.atomic import replacing, write_json
+from twin.host.atomic import replacing, write_json
 from twin.run.folder import (
     MANIFEST,
     prepare_run_folder,

@@ -8,12 +8,12 @@ import pytest
 from matplotlib.image import imread
 
 from tests.twin.twin_toys import random_tpg, toy_cell
-from twin.durations import SkillDurations
 from twin.engine.engine import simulate
 from twin.recorders.memory import MemoryRecorder
-from twin.recorders.rerun_recording import write_recording
+from twin.recorders.rerun.recorder import write_recording
 from twin.run.replay import replay_run
 from twin.run.viewer import ViewerError
+from twin.uncertainty.skill_durations import SkillDurations
 
 ARM = """<robot name="toy">
   <link name="base"/>

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
 from tests.twin.twin_toys import two_robot_tpg
-from twin.durations import SkillDurations
 from twin.engine.engine import simulate
 from twin.run.summary import summarise, write_summary
+from twin.uncertainty.skill_durations import SkillDurations
 
 NOMINAL = SkillDurations({})
 

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
 from tests.twin.recorded_events import InterruptsAt
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.engine.engine import simulate
-from twin.recorders.parquet import objects_table, trajectory_table
-from twin.run.run import Run
+from twin.recorders.motion_tables import objects_table, trajectory_table
+from twin.run.run_record import Run
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import Disturbances, RandomStalls
 

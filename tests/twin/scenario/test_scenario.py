@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from twin.scenario.document.problems import InvalidScenarioError
 from twin.scenario.file import load_scenario, scenario_schema
-from twin.scenario.problems import InvalidScenarioError
-from twin.scenario.scenario import Scenario, fingerprint, resolved
+from twin.scenario.sections.scenario import Scenario, fingerprint, resolved
 
 ROOT = Path(__file__).parents[3]
 

@@ -9,13 +9,13 @@ import pytest
 
 from tests.twin.turning_arms import SCENARIO
 from twin.durations import Fixed, Lognormal, Uniform
-from twin.scenario.execution import ExecutionSection
-from twin.scenario.file import load_scenario
-from twin.scenario.problems import InvalidScenarioError
-from twin.uncertainty.disturbance_models import (
+from twin.scenario.disturbance_models import (
     needs_event_engine,
     scenario_disturbances,
 )
+from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.file import load_scenario
+from twin.scenario.sections.execution import ExecutionSection
 from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,

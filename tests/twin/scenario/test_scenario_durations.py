@@ -13,11 +13,10 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
 from planning.errors import ScenarioError
-from planning.task_graph import SKILLS
+from planning.tasks.task_graph import SKILLS
 from tests.twin.twin_toys import random_tpg
 from twin.durations import (
     DurationModel,
-    DurationOverride,
     Empirical,
     Exponential,
     Fixed,
@@ -27,22 +26,22 @@ from twin.durations import (
     Retries,
     Scaled,
     Shifted,
-    SkillDurations,
     Triangular,
     TruncatedNormal,
     Uniform,
     Weibull,
     packaged_timings,
 )
-from twin.scenario.durations import AnyDuration, DurationSection, Skill
-from twin.scenario.file import load_scenario
-from twin.scenario.problems import InvalidScenarioError
-from twin.scenario.scenario import Scenario, resolved
-from twin.uncertainty.duration_models import (
+from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.duration_models import (
     duration_model,
     skill_durations,
     skill_models,
 )
+from twin.scenario.file import load_scenario
+from twin.scenario.sections.durations import AnyDuration, DurationSection, Skill
+from twin.scenario.sections.scenario import Scenario, resolved
+from twin.uncertainty.skill_durations import DurationOverride, SkillDurations
 
 SECTION: TypeAdapter[AnyDuration] = TypeAdapter(DurationSection)
 

@@ -9,7 +9,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.scenario.yaml_text import Mark, YamlDocument, read_yaml
+from twin.scenario.document.yaml_text import Mark, YamlDocument, read_yaml
 
 
 def read(text: str) -> YamlDocument:

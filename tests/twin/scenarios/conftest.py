@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from twin.pipeline import Planned, plan_scenario
+from twin.planning.pipeline import Planned, plan_scenario
 from twin.run.folder import prepare_run_folder
 from twin.scenario.file import load_scenario
-from twin.scenario.scenario import Scenario
-from twin.trial import Keep, Trial, try_plan
+from twin.scenario.sections.scenario import Scenario
+from twin.trial.trial import Keep, Trial, try_plan
 
 
 @pytest.fixture(scope="module")

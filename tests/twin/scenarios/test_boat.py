@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from benchmarks.stalled_runs import run_with_stalls
-from scheduling.verification import verify_plan
-from twin.pipeline import Planned
-from twin.scenario.scenario import Scenario
-from twin.trial import Trial
+from scheduling.verification.verify import verify_plan
+from twin.planning.pipeline import Planned
+from twin.scenario.sections.scenario import Scenario
+from twin.trial.trial import Trial
 
 FILE = Path(__file__).parents[3] / "scenarios" / "multi_arm" / "assembly.yaml"
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from benchmarks.stalled_runs import run_with_stalls
-from planning.task_graph import TRANSIT
-from scheduling.verification import verify_plan
-from twin.engine.adversary import audit_standing_states
-from twin.pipeline import Planned
-from twin.scenario.scenario import Scenario
-from twin.trial import Trial
+from planning.tasks.task_graph import TRANSIT
+from scheduling.verification.verify import verify_plan
+from twin.planning.pipeline import Planned
+from twin.scenario.sections.scenario import Scenario
+from twin.trial.adversary import audit_standing_states
+from twin.trial.trial import Trial
 
 FILE = Path(__file__).parents[3] / "scenarios" / "lego" / "cliff.yaml"
 

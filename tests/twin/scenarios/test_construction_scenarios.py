@@ -14,13 +14,13 @@ from planning.construction.problem.problem import ConstructionProblem, SkillSeco
 from planning.errors import ConstructionError, RobotModelError, ScenarioError
 from twin.assemblies.construction import ConstructionKind
 from twin.assemblies.kinds import assembly_kind
-from twin.cell import build_workcell
 from twin.cli import app
-from twin.pipeline import motion_settings
-from twin.scenario.cell import choose_robots
+from twin.planning.pipeline import motion_settings
+from twin.scenario.build_workcell import build_workcell
+from twin.scenario.document.problems import InvalidScenarioError
 from twin.scenario.file import load_scenario
-from twin.scenario.problems import InvalidScenarioError
-from twin.scenario.scenario import Scenario, resolved
+from twin.scenario.sections.cell import choose_robots
+from twin.scenario.sections.scenario import Scenario, resolved
 
 FOLDER = Path(__file__).parents[3] / "scenarios" / "construction"
 

@@ -17,7 +17,7 @@ import yaml
 from typer.testing import CliRunner, Result
 
 from planning.errors import InfeasibleStepError
-from planning.lego.step_stability import borne_steps
+from planning.lego.sequencing.borne_steps import borne_steps
 from twin.assemblies.lego import build_lego
 from twin.cli import app
 from twin.scenario.file import load_scenario, scenario_schema

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from scheduling.verification import verify_plan
+from scheduling.verification.verify import verify_plan
 from twin.cli import app
-from twin.pipeline import Planned, plan_scenario
+from twin.planning.pipeline import Planned, plan_scenario
+from twin.scenario.document.problems import InvalidScenarioError
 from twin.scenario.file import load_scenario
-from twin.scenario.poses import build_transform
-from twin.scenario.problems import InvalidScenarioError
-from twin.scenario.scenario import Scenario
-from twin.trial import Keep, Trial, try_plan
+from twin.scenario.sections.poses import build_transform
+from twin.scenario.sections.scenario import Scenario
+from twin.trial.trial import Keep, Trial, try_plan
 
 SCENARIO = """\
 version: 1

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from scheduling.verification import verify_plan
+from scheduling.verification.verify import verify_plan
 from twin.cli import app
-from twin.pipeline import plan_scenario
+from twin.planning.pipeline import plan_scenario
 from twin.run.folder import prepare_run_folder
 from twin.scenario.file import load_scenario
-from twin.trial import Keep, try_plan
+from twin.trial.trial import Keep, try_plan
 
 DATA = Path(
     os.environ.get(

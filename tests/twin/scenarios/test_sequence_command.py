@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from planning.lego.finished_structure import sequenced
+from planning.lego.sequencing.finished_structure import sequenced
 from twin.assemblies.lego import build_lego, build_structure
 from twin.cli import app
+from twin.scenario.document.problems import InvalidScenarioError
 from twin.scenario.file import load_scenario
-from twin.scenario.problems import InvalidScenarioError
-from twin.scenario.scenario import LegoSection
+from twin.scenario.sections.scenario import LegoSection
 
 HEAD = """\
 version: 1

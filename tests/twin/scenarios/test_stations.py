@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 
 from planning.errors import PlanInvariantError
-from planning.task_graph import build_task_graph, object_node, task_node
+from planning.tasks.task_graph import build_task_graph, object_node, task_node
 from planning.transforms import translation
-from scheduling.construction import build_tpg
-from scheduling.object_spans import trace_objects
-from scheduling.order import planned_ranks
-from scheduling.plan_files import load_plan, save_plan
-from scheduling.verification import verify_plan
-from scheduling.verification_structure import check_structure
+from scheduling.build_tpg import build_tpg
+from scheduling.conflicts.object_spans import trace_objects
+from scheduling.graph.plan_files import load_plan, save_plan
+from scheduling.graph.total_order import planned_ranks
+from scheduling.verification.graph_structure import check_structure
+from scheduling.verification.verify import verify_plan
 from twin.audit.audit import audit_run
-from twin.engine.adversary import audit_standing_states
-from twin.pipeline import Planned, plan_scenario
+from twin.planning.pipeline import Planned, plan_scenario
 from twin.run.trajectory import object_placements
 from twin.scenario.file import load_scenario
-from twin.scenario.scenario import Scenario
-from twin.trial import Keep, Trial, try_plan
+from twin.scenario.sections.scenario import Scenario
+from twin.trial.adversary import audit_standing_states
+from twin.trial.trial import Keep, Trial, try_plan
 
 SCENARIO = """\
 version: 1
@@ -227,8 +227,8 @@ def test_a_brick_that_comes_up_elsewhere_is_a_violation(
 ) -> None:
     """The audit holds the recording against the place that the plan gives."""
     from twin.audit.audit import Auditor
-    from twin.audit.recording import read_recording
-    from twin.audit.scene import scene_of
+    from twin.audit.cell_description import scene_of
+    from twin.audit.executed import read_recording
 
     scene = scene_of(planned.tpg)
     recording = read_recording(folder / "run", scene)

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scheduling.verification import verify_plan
-from twin.pipeline import Planned
+from scheduling.verification.verify import verify_plan
+from twin.planning.pipeline import Planned
+from twin.scenario.document.problems import InvalidScenarioError
 from twin.scenario.file import load_scenario
-from twin.scenario.problems import InvalidScenarioError
-from twin.trial import Keep, try_plan
+from twin.trial.trial import Keep, try_plan
 
 SCENARIO = """\
 version: 1

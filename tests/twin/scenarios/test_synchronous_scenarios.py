@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scheduling.plan_files import load_plan, save_plan
-from scheduling.verification import verify_plan
+from scheduling.graph.plan_files import load_plan, save_plan
+from scheduling.verification.verify import verify_plan
 from twin.durations import NANOSECONDS
-from twin.pipeline import Planned, plan_scenario
+from twin.planning.pipeline import Planned, plan_scenario
+from twin.scenario.document.problems import InvalidScenarioError
 from twin.scenario.file import load_scenario
-from twin.scenario.problems import InvalidScenarioError
-from twin.scenario.scenario import Scenario, resolved
-from twin.trial import Keep, try_plan
+from twin.scenario.sections.scenario import Scenario, resolved
+from twin.trial.trial import Keep, try_plan
 
 FOLDER = Path(__file__).parents[3] / "scenarios" / "multi_arm"
 NAMES = ("rearrangement", "multi_goal")

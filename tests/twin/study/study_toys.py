@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from tests.twin.twin_toys import random_tpg
-from twin.durations import Lognormal, SkillDurations, Uniform
-from twin.run.run import Policy
-from twin.study.timing_graph import timing_graph
-from twin.study.workload import Workload
+from twin.durations import Lognormal, Uniform
+from twin.run.run_record import Policy
+from twin.study.replications.timing_graph import timing_graph
+from twin.study.replications.workload import Workload
 from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.skill_durations import SkillDurations
 
 DURATIONS = SkillDurations(
     {

@@ -15,10 +15,10 @@ from typing import Any
 import pytest
 
 from tests.twin.study.study_toys import toy_workload
-from twin.study import runner
-from twin.study.executors import ClusterError, open_executor, parallelism
-from twin.study.experiment import Experiment
-from twin.study.runner import run_replications
+from twin.study.replications import runner
+from twin.study.replications.executors import ClusterError, open_executor, parallelism
+from twin.study.replications.experiment import Experiment
+from twin.study.replications.runner import run_replications
 from twin.study.tables import write_replications
 
 distributed = pytest.importorskip("distributed")

@@ -16,14 +16,14 @@ import pytest
 
 from planning.errors import TwinError
 from tests.twin.study.study_toys import toy_workload
-from twin.statistics import Precision
-from twin.study import runner
-from twin.study.block_files import blocks_done, read_block
-from twin.study.executors import InProcess, open_executor
-from twin.study.experiment import Block, Experiment
-from twin.study.runner import run_replications
+from twin.study.replications import runner
+from twin.study.replications.block_files import blocks_done, read_block
+from twin.study.replications.executors import InProcess, open_executor
+from twin.study.replications.experiment import Block, Experiment
+from twin.study.replications.runner import run_replications
+from twin.study.replications.statistics import Precision
+from twin.study.replications.workload import Workload, compute_block, pack
 from twin.study.tables import write_replications
-from twin.study.workload import Workload, compute_block, pack
 from twin.uncertainty.disturbances import Disturbances, SkillFailure
 
 TWO = Experiment(("asynchronous", "sequential"), replications=70)

@@ -10,14 +10,15 @@ import pytest
 from planning.errors import RequestError
 from tests.twin.study.study_toys import toy_workload
 from tests.twin.twin_toys import random_tpg
-from twin.durations import Fixed, SkillDurations, Uniform
-from twin.study.experiment import Block
-from twin.study.inputs import inputs_of
-from twin.study.sobol import sobol_indices
-from twin.study.timing_graph import timing_graph
-from twin.study.tornado import influences, makespans_s
-from twin.study.workload import Workload
+from twin.durations import Fixed, Uniform
+from twin.study.replications.experiment import Block
+from twin.study.replications.timing_graph import timing_graph
+from twin.study.replications.workload import Workload
+from twin.study.sensitivity.inputs import inputs_of
+from twin.study.sensitivity.sobol import sobol_indices
+from twin.study.sensitivity.tornado import influences, makespans_s
 from twin.uncertainty.disturbances import Disturbances, StallRate
+from twin.uncertainty.skill_durations import SkillDurations
 
 
 def _sum_of_two() -> Workload:

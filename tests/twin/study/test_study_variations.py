@@ -8,8 +8,8 @@ import pytest
 
 from planning.errors import ScenarioError
 from twin.scenario.file import load_scenario
-from twin.scenario.scenario import Scenario
-from twin.study.variations import Variation, parse_variation, variants, varied
+from twin.scenario.sections.scenario import Scenario
+from twin.scenario.variations import Variation, parse_variation, variants, varied
 
 CLIFF = Path(__file__).parents[3] / "scenarios/lego/cliff.yaml"
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from planning.errors import ScenarioError
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.twin_toys import random_tpg
-from twin.durations import SkillDurations
 from twin.uncertainty.disturbances import Disturbances, RandomStalls
 from twin.uncertainty.node_times import sample_node_times
+from twin.uncertainty.skill_durations import SkillDurations
 
 
 def stalls_of(

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
-from scheduling.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Fixed, Uniform
-from twin.engine.contraction import contract
 from twin.uncertainty.chain_draws import choose
+from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,

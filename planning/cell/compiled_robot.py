@@ -1,0 +1,114 @@
+"""A placed robot, and what it holds, as flat arrays for compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.cell.body import ConvexBody
+from planning.cell.robot_model import RobotModel
+from planning.cell.workcell import PlacedRobot
+from planning.transforms import Array, Transform
+
+
+class RobotKernel(NamedTuple):
+    """Kinematics and capsules of one robot.
+
+    Attributes:
+        placement, axis, prismatic: see KinematicChain.
+        base: pose of the base in the world, shape (4, 4).
+        joint: the joint that moves each capsule, -1 for the base, shape (c,).
+        start, end: capsule segments in the frame of their joint, shape (c, 3) [m].
+        radius: capsule radii, shape (c,) [m].
+        body: index of the body of each capsule, shape (c,): the robot's parts in order, then
+            the objects it holds.
+    """
+
+    placement: Array
+    axis: Array
+    prismatic: npt.NDArray[np.bool_]
+    base: Array
+    joint: npt.NDArray[np.int64]
+    start: Array
+    end: Array
+    radius: Array
+    body: npt.NDArray[np.int64]
+
+
+_BARE: dict[int, tuple[RobotModel, RobotKernel]] = {}
+
+
+def robot_kernel(
+    robot: PlacedRobot, held: Sequence[tuple[ConvexBody, Transform]] = ()
+) -> RobotKernel:
+    """Return the arrays of a robot and of what it holds.
+
+    Args:
+        robot: the placed robot.
+        held: bodies in the hand, each with its pose in the flange frame.
+    """
+    if not held:
+        # Bodies never change. The model is kept so that its id is not given to another one.
+        known = _BARE.get(id(robot.model))
+        if known is not None and known[0] is robot.model:
+            base = np.ascontiguousarray(robot.base, dtype=np.float64)
+            return known[1]._replace(base=base)
+        kernel = _collect(robot, held)
+        _BARE[id(robot.model)] = (robot.model, kernel)
+        return kernel
+    bare = robot_kernel(robot)
+    return _join(bare, _collect(robot, held, parts=False))
+
+
+def _join(first: RobotKernel, second: RobotKernel) -> RobotKernel:
+    """Return a robot with the bodies of both."""
+    return first._replace(
+        joint=np.concatenate([first.joint, second.joint]),
+        start=np.concatenate([first.start, second.start]),
+        end=np.concatenate([first.end, second.end]),
+        radius=np.concatenate([first.radius, second.radius]),
+        body=np.concatenate([first.body, second.body]),
+    )
+
+
+def _collect(
+    robot: PlacedRobot,
+    held: Sequence[tuple[ConvexBody, Transform]],
+    *,
+    parts: bool = True,
+) -> RobotKernel:
+    """Return the arrays of the robot's parts, if wanted, and of what it holds."""
+    model = robot.model
+    joint: list[npt.NDArray[np.int64]] = []
+    start: list[Array] = []
+    end: list[Array] = []
+    radius: list[Array] = []
+    body: list[npt.NDArray[np.int64]] = []
+
+    def add(which: int, carrier: int, capsules_of: ConvexBody, pose: Transform) -> None:
+        capsules = capsules_of.capsules
+        count = len(capsules.radius)
+        joint.append(np.full(count, carrier))
+        start.append(capsules.start @ pose[:3, :3].T + pose[:3, 3])
+        end.append(capsules.end @ pose[:3, :3].T + pose[:3, 3])
+        radius.append(capsules.radius)
+        body.append(np.full(count, which))
+
+    for index, part in enumerate(model.parts if parts else ()):
+        add(index, part.joint, part.body, np.eye(4))
+    for index, (item, pose) in enumerate(held):
+        add(len(model.parts) + index, model.dof - 1, item, model.flange @ pose)
+    return RobotKernel(
+        np.ascontiguousarray(model.chain.placement, dtype=np.float64),
+        np.ascontiguousarray(model.chain.axis, dtype=np.float64),
+        np.ascontiguousarray(model.chain.prismatic, dtype=np.bool_),
+        np.ascontiguousarray(robot.base, dtype=np.float64),
+        np.ascontiguousarray(np.concatenate(joint), dtype=np.int64),
+        np.ascontiguousarray(np.concatenate(start), dtype=np.float64),
+        np.ascontiguousarray(np.concatenate(end), dtype=np.float64),
+        np.ascontiguousarray(np.concatenate(radius), dtype=np.float64),
+        np.ascontiguousarray(np.concatenate(body), dtype=np.int64),
+    )

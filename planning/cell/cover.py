@@ -1,0 +1,248 @@
+"""Capsules that bound a convex hull, several where one would be loose.
+
+The hull is cut by a grid of planes into convex cells. Each cell's corners, those on the
+cuts included, lie in one capsule; a capsule is convex, so it holds the whole cell, and the
+cells make up the hull: the union of the capsules contains it.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import ConvexHull, QhullError
+
+from planning.cell.body import Capsules, ConvexBody
+from planning.transforms import Array, readonly
+
+_ROUNDING = 1e-9
+"""Added to every radius [m]: more than all rounding in the cuts at metre scale."""
+
+_MOST_BOX_TILES = 40
+
+_Segment = tuple[Array, Array, float]
+
+
+def capsule_cover(
+    vertices: npt.ArrayLike,
+    *,
+    tolerance: float = 0.015,
+    most: int = 4,
+    thrift: float = 0.5,
+) -> Capsules:
+    """Bound a convex hull by capsules.
+
+    Of all grids with up to ``most`` cells the one is taken that stands out least for its size:
+    ``n`` capsules must pay by a cover ``n ** thrift`` times as tight, down to ``tolerance``.
+
+    Args:
+        vertices: points whose hull is covered, shape (v, 3) [m].
+        tolerance: a cover that stands out of the hull by less is tight enough [m].
+        most: largest number of capsules.
+        thrift: 0 takes the tightest grid, 1 hardly ever more than one capsule.
+
+    Returns:
+        Capsules in the frame of ``vertices``; their union contains the hull.
+    """
+    points = hull_vertices(vertices)
+    axes = _tightest_axes(points)
+    local = points @ axes
+    normals = _directions()
+    # Grids are compared on a sketch of the hull; the one chosen is cut from all of it.
+    sketch = local[np.unique((local @ _directions(40).T).argmax(axis=0))]
+    support = (sketch @ normals.T).max(axis=0)
+    sides = range(1, most + 1)
+    chosen, least = (1, 1, 1), np.inf
+    for grid in ((i, j, k) for i in sides for j in sides for k in sides):
+        count = int(np.prod(grid))
+        if count > most:
+            continue
+        segments = [_capsule(cell, normals, support) for cell in _cells(sketch, grid)]
+        excess = _excess(segments, normals, support)
+        score = max(excess, tolerance) * count**thrift + 1e-3 * excess
+        if score < least:
+            chosen, least = grid, score
+    support = (local @ normals.T).max(axis=0)
+    segments = [_capsule(cell, normals, support) for cell in _cells(local, chosen)]
+    return _capsules(segments, axes)
+
+
+def box_body(name: str, size: npt.ArrayLike) -> ConvexBody:
+    """Return a box centred at the origin, its middle axis tiled by the shortest one.
+
+    Args:
+        name: unique within what carries the box.
+        size: edge lengths, shape (3,), all positive [m].
+
+    Raises:
+        ValueError: an edge is not a positive finite number.
+    """
+    edges = np.asarray(size, dtype=np.float64)
+    if edges.shape != (3,) or not np.all(np.isfinite(edges)) or np.any(edges <= 0.0):
+        raise ValueError(f"box {name!r} needs three positive edge lengths, got {edges}")
+    vertices, capsules = _box(float(edges[0]), float(edges[1]), float(edges[2]))
+    return ConvexBody(name, vertices, capsules)
+
+
+def protrusion(vertices: npt.ArrayLike, capsules: Capsules) -> float:
+    """Return how far a cover stands out of its hull at most [m].
+
+    For convex sets the largest distance of a point of A from B is the largest difference of
+    their support functions over all directions; evaluated on some thousand directions.
+    """
+    points = np.asarray(vertices, dtype=np.float64)
+    normals = _directions(4000)
+    support = (points @ normals.T).max(axis=0)
+    segments = [
+        (start, end, float(radius))
+        for start, end, radius in zip(
+            capsules.start, capsules.end, capsules.radius, strict=True
+        )
+    ]
+    return _excess(segments, normals, support)
+
+
+def hull_vertices(vertices: npt.ArrayLike) -> Array:
+    """Return the extreme points of a cloud, shape (v, 3); a flat cloud is only thinned."""
+    points = np.unique(np.asarray(vertices, dtype=np.float64), axis=0)
+    if len(points) < 5:
+        return points
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except QhullError:  # all points in one plane
+        return points
+
+
+@lru_cache(maxsize=256)
+def _box(x: float, y: float, z: float) -> tuple[Array, Capsules]:
+    size = np.array([x, y, z])
+    vertices = readonly(list(product(*((-s / 2, s / 2) for s in size))))
+    short, middle, _ = np.argsort(size, kind="stable")
+    counts = [1, 1, 1]
+    tiles = round(float(size[middle] / size[short]))
+    counts[middle] = min(max(tiles, 1), _MOST_BOX_TILES)
+    normals = _directions()
+    support = (vertices @ normals.T).max(axis=0)
+    segments = [
+        _capsule(cell, normals, support)
+        for cell in _cells(vertices, (counts[0], counts[1], counts[2]))
+    ]
+    return vertices, _capsules(segments, np.eye(3))
+
+
+def _directions(count: int = 300) -> Array:
+    """Return unit vectors spread over the sphere, the coordinate axes among them."""
+    k = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * k / count
+    angle = np.pi * (1.0 + np.sqrt(5.0)) * k
+    ring = np.sqrt(1.0 - z * z)
+    spread = np.column_stack([ring * np.cos(angle), ring * np.sin(angle), z])
+    return np.vstack([spread, np.eye(3), -np.eye(3)])
+
+
+def _tightest_axes(points: Array) -> Array:
+    """Return orthonormal axes (columns): coordinate or principal, the tighter box wins."""
+    centred = points - points.mean(axis=0)
+    principal = np.linalg.svd(centred, full_matrices=True)[2].T
+    frames = (np.eye(3), principal)
+    volumes = [np.prod(np.ptp(points @ axes, axis=0) + 1e-6) for axes in frames]
+    return frames[1] if volumes[1] < 0.98 * volumes[0] else frames[0]
+
+
+def _cells(points: Array, counts: tuple[int, int, int]) -> list[Array]:
+    """Cut the hull of ``points`` into a grid; return the corners of every non-empty cell."""
+    cells = [points]
+    for axis, count in enumerate(counts):
+        low, high = points[:, axis].min(), points[:, axis].max()
+        for cut in np.linspace(low, high, count + 1)[1:-1]:
+            last = cells
+            cells = []
+            for cell in last:
+                below, above = _cut(cell, axis, float(cut))
+                cells += [part for part in (below, above) if len(part)]
+    return cells
+
+
+def _cut(points: Array, axis: int, level: float) -> tuple[Array, Array]:
+    """Cut a hull in two; the corners of either half are its points and those on the cut.
+
+    Every corner of the cut polygon lies on an edge of the hull, so on a segment between a
+    point below and one above: taking all such segments misses none and adds none outside.
+    """
+    height = points[:, axis] - level
+    below, above = points[height <= 0.0], points[height >= 0.0]
+    low, high = points[height < 0.0], points[height > 0.0]
+    if not len(low) or not len(high):
+        empty = np.empty((0, 3))
+        return (points, empty) if len(low) else (empty, points)
+    a = (level - low[:, axis])[:, None]
+    b = (high[:, axis] - level)[None, :]
+    share = (a / (a + b))[..., None]
+    crossing = (low[:, None] * (1.0 - share) + high[None, :] * share).reshape(-1, 3)
+    crossing[:, axis] = level
+    return (
+        hull_vertices(np.vstack([below, crossing])),
+        hull_vertices(np.vstack([above, crossing])),
+    )
+
+
+def _capsule(points: Array, normals: Array, support: Array) -> _Segment:
+    """Return the capsule along the longest axis that holds ``points`` and stands out least."""
+    long = int(np.argmax(np.ptp(points, axis=0)))
+    others = [i for i in range(3) if i != long]
+    centre = _circle_centre(points[:, others])
+    along = points[:, long]
+    aside = np.linalg.norm(points[:, others] - centre, axis=1)
+    radii = np.maximum(aside.max(), 1e-9) * np.linspace(1.0, 1.6, 25)
+    # A point is inside when the segment reaches within `reach` of its foot.
+    reach = np.sqrt(np.maximum(radii[:, None] ** 2 - aside**2, 0.0))
+    first, last = (along + reach).min(axis=1), (along - reach).max(axis=1)
+    middle = (first + last) / 2.0
+    first, last = np.minimum(first, middle), np.maximum(last, middle)
+    # The radius that counts is measured again on the segment as it is stored.
+    offset = along - np.clip(along, first[:, None], last[:, None])
+    radii = np.sqrt(offset**2 + aside**2).max(axis=1) + _ROUNDING
+    starts = np.empty((len(radii), 3))
+    starts[:, others], starts[:, long] = centre, first
+    ends = starts.copy()
+    ends[:, long] = last
+    excess = _excess_each(starts, ends, radii, normals, support)
+    volume = radii**2 * (last - first + 4.0 / 3.0 * radii)
+    best = np.lexsort((volume, excess))[0]
+    return starts[best], ends[best], float(radii[best])
+
+
+def _circle_centre(points: Array) -> Array:
+    """Return a point near the centre of the smallest circle (Badoiu and Clarkson)."""
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2.0
+    best, radius = centre, np.linalg.norm(points - centre, axis=1).max()
+    for k in range(1, 30):
+        distance = np.linalg.norm(points - centre, axis=1)
+        far = int(np.argmax(distance))
+        if distance[far] < radius:
+            best, radius = centre, distance[far]
+        centre = centre + (points[far] - centre) / (k + 1.0)
+    return np.asarray(best)
+
+
+def _excess(segments: list[_Segment], normals: Array, support: Array) -> float:
+    starts, ends, radii = (np.array(column) for column in zip(*segments, strict=True))
+    return float(_excess_each(starts, ends, radii, normals, support).max())
+
+
+def _excess_each(
+    starts: Array, ends: Array, radii: Array, normals: Array, support: Array
+) -> Array:
+    """Return how far each capsule stands out of the hull with that support function."""
+    reach = np.maximum(starts @ normals.T, ends @ normals.T) + radii[:, None]
+    return np.asarray((reach - support).max(axis=1))
+
+
+def _capsules(segments: list[_Segment], axes: Array) -> Capsules:
+    return Capsules(
+        readonly(np.array([s for s, _, _ in segments]) @ axes.T),
+        readonly(np.array([e for _, e, _ in segments]) @ axes.T),
+        readonly([r for _, _, r in segments]),
+    )

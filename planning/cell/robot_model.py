@@ -1,0 +1,84 @@
+"""A robot as the planner sees it: a serial chain of joints that carries convex bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.cell.body import ConvexBody
+from planning.transforms import Array, Transform
+
+
+@dataclass(frozen=True)
+class KinematicChain:
+    """Joints in order from the base; every joint hangs on the one before it.
+
+    Attributes:
+        placement: pose of each joint's frame in the frame of the joint before it (the base
+            for the first) at zero, shape (n, 4, 4).
+        axis: unit joint axes in their joint's frame, shape (n, 3).
+        prismatic: True where the joint slides, shape (n,).
+    """
+
+    placement: Array
+    axis: Array
+    prismatic: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class LinkPart:
+    """One convex body of a robot.
+
+    Attributes:
+        joint: index of the joint that moves it, -1 for the base.
+        group: ``"arm"`` or ``"tool"``: what allowed contacts speak of.
+        body: the hull and its capsules, in the joint's frame (the base frame for -1).
+    """
+
+    joint: int
+    group: str
+    body: ConvexBody
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """A robot type, free of any placement in a cell.
+
+    Attributes:
+        name: name in the registry, or the file's stem.
+        urdf: the description it was read from.
+        package_dirs: where ``package://`` paths of the description are looked up.
+        joint_names: the n moved joints, base to tip.
+        lower, upper: joint limits, shape (n,) [rad or m].
+        velocity: joint speed limits, shape (n,) [rad/s or m/s].
+        chain: the kinematics.
+        flange: pose of the flange in the last joint's frame.
+        frames: named tool frames, each a pose in the flange frame.
+        parts: everything that can be touched.
+        never_collide: pairs of part indices (low, high) exempt from self-collision: the same
+            joint, neighbours in the chain, or pairs that no configuration brings together.
+        home: a collision-free configuration, shape (n,).
+    """
+
+    name: str
+    urdf: Path
+    package_dirs: tuple[Path, ...]
+    joint_names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    velocity: Array
+    chain: KinematicChain
+    flange: Transform
+    frames: Mapping[str, Transform]
+    parts: tuple[LinkPart, ...]
+    never_collide: frozenset[tuple[int, int]]
+    home: Array
+
+    @property
+    def dof(self) -> int:
+        """Number of moved joints."""
+        return len(self.joint_names)

@@ -1,0 +1,141 @@
+"""The cell: what stands in it (static), and where things are at one instant (state)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from planning.cell.body import ConvexBody
+from planning.cell.robot_model import RobotModel
+from planning.transforms import Array, Transform
+
+
+@dataclass(frozen=True)
+class PlacedRobot:
+    """A robot of the cell.
+
+    Attributes:
+        name: unique in the cell.
+        model: the robot type.
+        base: pose of its base in the world.
+        home: its HOME configuration, shape (n,).
+    """
+
+    name: str
+    model: RobotModel
+    base: Transform
+    home: Array
+
+
+@dataclass(frozen=True)
+class Fixture:
+    """An immovable box: table, plate, shelf.
+
+    Attributes:
+        name: unique among fixtures and objects.
+        size: edge lengths, shape (3,) [m].
+        pose: of the box centre in the world.
+        body: hull and capsules in the box frame.
+    """
+
+    name: str
+    size: Array
+    pose: Transform
+    body: ConvexBody
+
+
+@dataclass(frozen=True)
+class CellObject:
+    """A box that can be handled, or that is part of the scenery until the end.
+
+    Attributes:
+        name: unique among fixtures and objects.
+        kind: its type, such as ``"2x4"``; objects of one kind are interchangeable.
+        size: edge lengths, shape (3,) [m].
+        start: pose of the box centre in the world where it first is.
+        body: hull and capsules in the box frame.
+        mass: [kg].
+        fixed: True for scaffolding that no step may use.
+        colour: (r, g, b), 0 to 255, for pictures.
+        later: True when it is not there at the start. It comes up, at rest at ``start``, by a
+            handling without a holder: the next brick of a feeding station.
+    """
+
+    name: str
+    kind: str
+    size: Array
+    start: Transform
+    body: ConvexBody
+    mass: float = 0.0
+    fixed: bool = False
+    colour: tuple[int, int, int] = (200, 60, 50)
+    later: bool = False
+
+
+@dataclass(frozen=True)
+class Clearances:
+    """Least distances kept [m]: between robots, and between a robot and anything else."""
+
+    robot_robot: float = 0.001
+    robot_object: float = 0.0
+
+
+@dataclass(frozen=True)
+class Workcell:
+    """Everything that does not change while the cell works."""
+
+    robots: tuple[PlacedRobot, ...]
+    fixtures: tuple[Fixture, ...]
+    objects: tuple[CellObject, ...]
+    clearances: Clearances = field(default_factory=Clearances)
+
+    def robot(self, name: str) -> PlacedRobot:
+        """Return the robot called ``name``; KeyError lists the names."""
+        for robot in self.robots:
+            if robot.name == name:
+                return robot
+        raise KeyError(f"no robot {name!r}; robots: {[r.name for r in self.robots]}")
+
+    def object(self, name: str) -> CellObject:
+        """Return the object called ``name``."""
+        for item in self.objects:
+            if item.name == name:
+                return item
+        raise KeyError(f"no object {name!r}")
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """Where an object is: held by a robot, or at rest.
+
+    Attributes:
+        holder: name of the robot that holds it, None at rest.
+        pose: of the object's centre in the holder's flange frame, or in the world.
+    """
+
+    holder: str | None
+    pose: Transform
+
+
+@dataclass(frozen=True)
+class WorldState:
+    """One instant of the cell.
+
+    Attributes:
+        configurations: robot name to joint values, each of shape (n,).
+        attachments: object name to where it is; an object that is not there yet has none.
+    """
+
+    configurations: Mapping[str, Array]
+    attachments: Mapping[str, Attachment]
+
+
+def start_state(cell: Workcell) -> WorldState:
+    """Return the state in which every robot is at HOME and every object at its start.
+
+    Objects that come up later are not part of it.
+    """
+    return WorldState(
+        {r.name: r.home for r in cell.robots},
+        {o.name: Attachment(None, o.start) for o in cell.objects if not o.later},
+    )

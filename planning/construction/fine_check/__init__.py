@@ -1,1 +1,0 @@
-"""A check of finished plans that shares nothing with the planner."""

@@ -1,0 +1,4 @@
+"""Paths through space and time: straight ways, roadmaps, the space-time RRT, retiming (IV-C).
+
+Imports checks; the search imports it.
+"""

@@ -1,0 +1,278 @@
+"""The earliest arrival over a roadmap, compiled: which way, and when to wait where.
+
+Vertices are configurations, each with the spans of time in which one may stand there. The
+search goes from span to span in order of earliest arrival (safe-interval path planning), and
+looks at a motion only once nothing else promises an earlier arrival. A motion that a robot is in
+the way of is looked at again for when that robot has left. It finds ways that a tree in
+space-time has to be lucky to find: any wait at any vertex.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from planning.construction.checks.arena import Arena, column
+from planning.construction.checks.motion_checks import motion_clear
+from planning.construction.checks.moving_checks import left_by_robots, met_by_robots
+from planning.construction.checks.obstacles import BEGIN
+from planning.construction.checks.still_checks import (
+    lies_throughout,
+    still_clear_until,
+)
+from planning.construction.paths.motion_queue import Motions, no_motions, pop, push
+from planning.construction.paths.query import Query, arrive, next_arrival
+from planning.construction.paths.roadmap import (
+    SPANS,
+    Roadmap,
+    draw_roadmap,
+    find_stands,
+)
+from planning.transforms import Array
+
+_TINY = 1e-9
+_TRIES = 5
+"""Departures tried from one span to another."""
+
+_LATER = 0.4
+"""A second departure is so much later at least, a third one twice as much... [s]."""
+
+_UNKNOWN = -1
+"""Instead of tries: it is not known yet when one may stand where the motion ends."""
+
+_LEEWAY = 4.0
+"""What is clear of all that lies still for so long needs no second look within that time [s]."""
+
+_CLEAR, _NOT_NOW, _BLOCKED = 1, 0, -1
+"""Answers of ``_look``."""
+
+_GREED = 1.0
+"""Weight of the time that is left against the time that has passed."""
+
+
+@njit(cache=True, nogil=True)
+def search_roadmap(
+    scene: Arena,
+    query: Query,
+    extra: Array,
+    vertices: int,
+    neighbours: int,
+    checks: int,
+    step: float,
+    depart: float,
+    bound: float,
+    wide: float,
+    seed: int,
+) -> tuple[Array, Array, int, int]:
+    """Return a path with an early arrival over a random roadmap.
+
+    Args:
+        scene: what must be kept clear of.
+        query: what is asked for.
+        extra: configurations that become vertices, such as those of a path, shape (e, n).
+        vertices: in all, at least start, goals and extra ones.
+        neighbours: nearest vertices that motions from one lead to.
+        checks: motions checked at most.
+        step: length of the cells of time [s].
+        depart: the movers stand until then, or as long as they may [s].
+        bound: only an arrival before this is of use [s].
+        wide: configurations are drawn from which a goal can be reached by then [s].
+        seed: of the random configurations.
+
+    Returns:
+        Times and configurations, shapes (w,) and (w, n), empty where there is no path; its
+        goal; and motions checked.
+    """
+    n, goals = len(query.start), len(query.goals)
+    start = np.min(query.begin)
+    first = int(np.floor(start / step + 1e-6))
+    cells = max(int(np.ceil(bound / step)) - first, 1)
+    road = draw_roadmap(scene, query, extra, vertices, cells, wide, seed)
+    # It begins where it stands, even where it has to leave at once.
+    find_stands(scene, road, 0, first, step)
+    if road.number[0] == 0 or road.spans[0, 0, 0] > start + _TINY:
+        road.spans[0, 0] = start
+        road.number[0] = 1
+    heap = no_motions()
+    road.come[0, 0] = max(start, min(depart, road.spans[0, 0, 1]))
+    best, last = bound, -1
+    at = next_arrival(query, 0, np.inf)
+    checked = 0
+    state = 0
+    order = np.empty(len(road.q))
+    known = goals + len(extra)
+    while True:
+        v, i = state // SPANS, state % SPANS
+        if 1 <= v <= goals:
+            at = next_arrival(query, v - 1, road.come[v, i])
+            if at <= road.spans[v, i, 1] + _TINY and at < best - _TINY:
+                best, last = at, state
+        for k in range(len(road.q)):
+            order[k] = (
+                np.inf
+                if road.blocked[v, k]
+                else arrive(query, road.q[v], start, road.q[k])
+            )
+        order[v] = np.inf
+        # The goals first, and from ways given to ways given, then the nearest vertices.
+        given = goals if 0 < v <= goals or v > known else known
+        for turn in range(given + neighbours):
+            u = turn + 1
+            if turn >= given:
+                u = int(np.argmin(order))
+            if order[u] == np.inf:
+                continue
+            same = order[u] <= start + _TINY
+            order[u] = np.inf
+            if same:
+                continue
+            if road.number[u] < 0:
+                _offer_unknown(query, road, heap, state, u, road.come[v, i], best)
+            for j in range(road.number[u]):
+                _offer(
+                    query, road, heap, state, u * SPANS + j, road.come[v, i], 0, best
+                )
+        state = -1
+        while heap.size[0] > 0 and checked < checks and heap.key[0] < best - _TINY:
+            depart, source, target, tries = (
+                heap.depart[0],
+                heap.edge[0, 0],
+                heap.edge[0, 1],
+                heap.edge[0, 2],
+            )
+            pop(heap)
+            v, u, j = source // SPANS, target // SPANS, target % SPANS
+            if road.blocked[v, u]:
+                continue
+            if tries == _UNKNOWN:
+                if road.number[u] < 0:
+                    find_stands(scene, road, u, first, step)
+                for k in range(road.number[u]):
+                    _offer(query, road, heap, source, u * SPANS + k, depart, 0, best)
+                continue
+            if road.come[u, j] < np.inf:
+                continue
+            arrival = arrive(query, road.q[v], depart, road.q[u])
+            checked += 1
+            found, met = _look(scene, road, v, depart, u, arrival)
+            if found == _CLEAR:
+                road.come[u, j], road.left[u, j] = arrival, depart
+                road.parent[u, j] = source
+                state = target
+                break
+            if tries == 0 and found == _BLOCKED:
+                road.blocked[v, u] = road.blocked[u, v] = True
+                continue
+            if tries + 1 < _TRIES:
+                later = np.floor(depart / step + 1e-6) * step + _LATER * (1 << tries)
+                if met < np.inf:
+                    share = (met - depart) / (arrival - depart)
+                    there = road.q[v] + share * (road.q[u] - road.q[v])
+                    until = left_by_robots(scene, there, met, best)
+                    later = max(later, depart + until - met)
+                _offer(query, road, heap, source, target, later, tries + 1, best)
+        if state < 0:
+            break
+    if last < 0:
+        return np.empty(0), np.empty((0, n)), -1, checked
+    times, path = _trace(road, last, best)
+    times[0] = start
+    return times, path, last // SPANS - 1, checked
+
+
+@njit(cache=True, nogil=True)
+def _look(
+    scene: Arena, road: Roadmap, v: int, depart: float, u: int, arrival: float
+) -> tuple[int, float]:
+    """Tell whether a motion is clear, and else whether what lies still is in its way.
+
+    Returns:
+        The answer, and when a robot is met, infinity where that is not known [s].
+    """
+    a, b = road.q[v], road.q[u]
+    if len(column(scene, BEGIN)) > 1:
+        if motion_clear(scene, a, depart, b, arrival):
+            return _CLEAR, np.inf
+        still, _ = still_clear_until(scene, a, depart, b, arrival, 0.0)
+        return (_NOT_NOW if still else _BLOCKED), np.inf
+    if not 0.0 <= depart - road.still[v, u] <= _LEEWAY:
+        # It will be asked for again, for a later departure: that is why what comes to lie there
+        # meanwhile is looked at, too.
+        until = arrival + _LEEWAY
+        still, _ = still_clear_until(scene, a, depart, b, until, until - depart)
+        if still:
+            road.still[v, u] = depart
+        elif (
+            lies_throughout(scene, depart, until)
+            or not still_clear_until(scene, a, depart, b, arrival, 0.0)[0]
+        ):
+            return _BLOCKED, np.inf
+    met = met_by_robots(scene, a, depart, b, arrival)
+    return (_CLEAR if met == np.inf else _NOT_NOW), met
+
+
+@njit(cache=True, nogil=True)
+def _offer(
+    query: Query,
+    road: Roadmap,
+    heap: Motions,
+    source: int,
+    target: int,
+    depart: float,
+    tries: int,
+    bound: float,
+) -> None:
+    """Let a motion wait to be looked at, if it may be of use."""
+    v, i = source // SPANS, source % SPANS
+    u, j = target // SPANS, target % SPANS
+    lo, hi = road.spans[u, j]
+    arrival = arrive(query, road.q[v], depart, road.q[u])
+    if arrival < lo:
+        # As late as that it need not even leave.
+        depart = depart + lo - arrival
+        arrival = arrive(query, road.q[v], depart, road.q[u])
+    if (
+        depart > road.spans[v, i, 1] + _TINY
+        or arrival > hi
+        or arrival + road.rest[u] >= bound - _TINY
+        or road.come[u, j] <= arrival
+    ):
+        return
+    push(heap, arrival + _GREED * road.rest[u], depart, source, target, tries)
+
+
+@njit(cache=True, nogil=True)
+def _offer_unknown(
+    query: Query,
+    road: Roadmap,
+    heap: Motions,
+    source: int,
+    u: int,
+    depart: float,
+    bound: float,
+) -> None:
+    """Let a motion to a vertex wait until it matters when one may stand there."""
+    arrival = arrive(query, road.q[source // SPANS], depart, road.q[u])
+    if arrival + road.rest[u] < bound - _TINY:
+        key = arrival + _GREED * road.rest[u]
+        push(heap, key, depart, source, u * SPANS, _UNKNOWN)
+
+
+@njit(cache=True, nogil=True)
+def _trace(road: Roadmap, last: int, best: float) -> tuple[Array, Array]:
+    """Return the path that leads to a span of a vertex."""
+    count = 1
+    k = last
+    while road.parent[k // SPANS, k % SPANS] >= 0:
+        count += 1
+        k = road.parent[k // SPANS, k % SPANS]
+    times, path = np.empty(2 * count), np.empty((2 * count, road.q.shape[1]))
+    k = last
+    leave = best
+    for c in range(count - 1, -1, -1):
+        v, i = k // SPANS, k % SPANS
+        times[2 * c], times[2 * c + 1] = road.come[v, i], leave
+        path[2 * c], path[2 * c + 1] = road.q[v], road.q[v]
+        leave = road.left[v, i]
+        k = road.parent[v, i]
+    return times, path

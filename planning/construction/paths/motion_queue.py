@@ -1,0 +1,82 @@
+"""Motions that wait to be looked at, in order of what they promise, compiled: a heap."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from planning.construction.checks.arena import Integers
+from planning.transforms import Array
+
+MOST = 40_000
+"""Motions that may wait."""
+
+
+class Motions(NamedTuple):
+    """A heap.
+
+    Attributes:
+        size: how many motions there are, shape (1,).
+        key: least arrival at a goal, shape (MOST,) [s].
+        depart: when one leaves, likewise [s].
+        edge: from which span of which vertex, to which, and how often it has been tried, shape
+            (MOST, 3).
+    """
+
+    size: Integers
+    key: Array
+    depart: Array
+    edge: Integers
+
+
+@njit(cache=True, nogil=True)
+def no_motions() -> Motions:
+    """Return an empty heap."""
+    return Motions(
+        np.zeros(1, dtype=np.int64),
+        np.empty(MOST),
+        np.empty(MOST),
+        np.empty((MOST, 3), dtype=np.int64),
+    )
+
+
+@njit(cache=True, nogil=True)
+def push(
+    heap: Motions, key: float, depart: float, source: int, target: int, tries: int
+) -> None:
+    """Add a motion, unless there are too many."""
+    k = heap.size[0]
+    if k == MOST:
+        return
+    heap.size[0] += 1
+    while k > 0 and heap.key[(k - 1) // 2] > key:
+        up = (k - 1) // 2
+        heap.key[k], heap.depart[k] = heap.key[up], heap.depart[up]
+        heap.edge[k] = heap.edge[up]
+        k = up
+    heap.key[k], heap.depart[k] = key, depart
+    heap.edge[k, 0], heap.edge[k, 1], heap.edge[k, 2] = source, target, tries
+
+
+@njit(cache=True, nogil=True)
+def pop(heap: Motions) -> None:
+    """Take the motion with the least key away, which is the first one."""
+    heap.size[0] -= 1
+    size = heap.size[0]
+    if size == 0:
+        return
+    k = size * 0
+    key = heap.key[size]
+    while 2 * k + 1 < size:
+        down = 2 * k + 1
+        if down + 1 < size and heap.key[down + 1] < heap.key[down]:
+            down += 1
+        if heap.key[down] >= key:
+            break
+        heap.key[k], heap.depart[k] = heap.key[down], heap.depart[down]
+        heap.edge[k] = heap.edge[down]
+        k = down
+    heap.key[k], heap.depart[k] = key, heap.depart[size]
+    heap.edge[k] = heap.edge[size]

@@ -1,0 +1,216 @@
+"""Shorter, earlier, smoother: paths through space-time after they have been found (Hartmann et al. IV-C).
+
+Only the movers' own motion changes; everything fixed stays, and is checked against again. No
+step makes the arrival later.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from planning.construction.checks.checker import SpaceTimeChecker
+from planning.construction.paths.query import Query
+from planning.construction.paths.retiming import (
+    dense,
+    earliest_along,
+    latest_along,
+)
+from planning.construction.paths.space_time_path import SpaceTimePath
+from planning.transforms import Array
+
+_GAIN = 1e-6
+_SPACING = 0.5
+"""Travel time between the places on a path at which one may wait [s]."""
+
+
+def shorten(
+    checker: SpaceTimeChecker,
+    found: SpaceTimePath,
+    query: Query,
+    tries: int,
+    seed: int,
+) -> SpaceTimePath:
+    """Return a path of the same ends and times that goes less far.
+
+    Stretches are replaced by straight lines in space-time, for all joints or for one.
+
+    Args:
+        checker: who moves, and among what.
+        found: a free path.
+        query: speeds, and when joints are free to move.
+        tries: number of random stretches.
+        seed: of the random numbers.
+    """
+    rng = np.random.default_rng([seed, 17])
+    time, path = _without_corners(checker, found.time, found.path, query)
+    for attempt in range(tries):
+        if len(time) < 3:
+            break
+        lo, hi = np.sort(rng.uniform(time[0], time[-1], 2)).tolist()
+        i, j = np.searchsorted(time, [lo, hi]).tolist()
+        if i == j or hi - lo < 1e-3:
+            continue
+        a, b = _point(query, time, path, lo), _point(query, time, path, hi)
+        old = np.vstack([a[None], path[i:j], b[None]])
+        when = np.concatenate([[lo], time[i:j], [hi]])
+        if attempt % 3 < 2:
+            bridge, when = np.array([a, b]), np.array([lo, hi])
+        else:
+            joint = int(rng.integers(path.shape[1]))
+            bridge = old.copy()
+            share = (when - lo) / (hi - lo)
+            bridge[:, joint] = a[joint] + share * (b[joint] - a[joint])
+        if _length(bridge, query) > _length(old, query) - _GAIN:
+            continue
+        if _possible(query, when, bridge) and _all_free(checker, when, bridge):
+            time = np.concatenate([time[:i], when, time[j:]])
+            path = np.vstack([path[:i], bridge, path[j:]])
+            time, path = _merged(time, path)
+    time, path = _without_corners(checker, time, path, query)
+    return replace(found, time=time, path=path)
+
+
+def hasten(
+    checker: SpaceTimeChecker, found: SpaceTimePath, query: Query
+) -> SpaceTimePath:
+    """Return the path with the earliest arrival that waits allow, or as it is.
+
+    Args:
+        checker: who moves, and among what.
+        found: a free path.
+        query: speeds, when joints are free to move, and when one may arrive.
+    """
+    out = retimed(checker, found, query, found.arrival)
+    return found if out is None else out
+
+
+def retimed(
+    checker: SpaceTimeChecker, way: SpaceTimePath, query: Query, latest: float
+) -> SpaceTimePath | None:
+    """Return the earliest arrival along a way, whenever one must wait; None where there is none.
+
+    Args:
+        checker: who moves, and among what.
+        way: a path whose times do not matter.
+        query: speeds, when joints are free to move, and when one may arrive.
+        latest: only an arrival before this is of use [s].
+    """
+    places = dense(_corners(way.path), query.velocity, _SPACING)
+    if len(places) < 2:
+        return None
+    come, leave = earliest_along(
+        checker.scene, query, places, way.goal, checker.step, latest
+    )
+    if len(come) == 0:
+        return None
+    return _timed(way, places, come, leave)
+
+
+def delayed(
+    checker: SpaceTimeChecker, found: SpaceTimePath, query: Query
+) -> SpaceTimePath:
+    """Return the path with waits as early on it as possible, and the same arrival, or as it is.
+
+    Args:
+        checker: who moves, one robot, and among what.
+        found: a free path.
+        query: speeds, and when the robot is free to move.
+    """
+    places = dense(_corners(found.path), query.velocity, _SPACING)
+    if len(places) < 2:
+        return found
+    come, leave = latest_along(
+        checker.scene, query, places, checker.step, found.arrival
+    )
+    return found if len(come) == 0 else _timed(found, places, come, leave)
+
+
+def _timed(
+    way: SpaceTimePath, places: Array, come: Array, leave: Array
+) -> SpaceTimePath:
+    """Return the path through places, each with the time of coming and of leaving."""
+    time = np.stack([come, leave], axis=1).ravel()
+    path = np.repeat(places, 2, axis=0)
+    keep = np.concatenate([[True], np.diff(time) > 1e-9])
+    time, path = _without_waypoints(time[keep], path[keep])
+    return replace(way, time=time, path=path)
+
+
+def _corners(path: Array) -> Array:
+    """Return a polyline without repeated places."""
+    moves = np.any(np.abs(np.diff(path, axis=0)) > 1e-12, axis=1)
+    return np.asarray(path[np.concatenate([[True], moves])])
+
+
+def _point(query: Query, time: Array, path: Array, t: float) -> Array:
+    """Return where the path is at a time; joints that are not free to move stand."""
+    k = min(max(int(np.searchsorted(time, t, side="right")) - 1, 0), len(time) - 2)
+    begin = np.maximum(time[k], query.begin)
+    span = np.maximum(time[k + 1] - begin, 1e-300)
+    share = np.clip((t - begin) / span, 0.0, 1.0)
+    return np.asarray(path[k] + share * (path[k + 1] - path[k]))
+
+
+def _length(path: Array, query: Query) -> float:
+    """Return the travel time of a polyline, with a little of every joint's travel [s]."""
+    travel = np.abs(np.diff(path, axis=0)) / query.velocity
+    return float(travel.max(axis=1).sum() + 0.1 * travel.sum())
+
+
+def _possible(query: Query, time: Array, path: Array) -> bool:
+    """Tell whether no joint must go faster than it can, or before it is free to move."""
+    begin = np.maximum(time[:-1, None], query.begin[None])
+    room = np.maximum(time[1:, None] - begin, 0.0)
+    travel = np.abs(np.diff(path, axis=0)) / query.velocity
+    return bool(np.all((travel <= room + 1e-9) | (travel < 1e-12)))
+
+
+def _all_free(checker: SpaceTimeChecker, time: Array, path: Array) -> bool:
+    stretches = zip(pairwise(path), pairwise(time), strict=True)
+    return all(checker.motion_free(a, s, b, t) for (a, b), (s, t) in stretches)
+
+
+def _without_corners(
+    checker: SpaceTimeChecker, time: Array, path: Array, query: Query
+) -> tuple[Array, Array]:
+    """Leave out waypoints, longest stretches first, where that is free and possible."""
+    kept = [0]
+    i = 0
+    while i < len(time) - 1:
+        j = len(time) - 1
+        while j > i + 1:
+            ends = [i, j]
+            if (
+                _length(path[ends], query) <= _length(path[i : j + 1], query) + _GAIN
+                and _possible(query, time[ends], path[ends])
+                and checker.motion_free(path[i], time[i], path[j], time[j])
+            ):
+                break
+            j -= 1
+        kept.append(j)
+        i = j
+    return time[kept], path[kept]
+
+
+def _merged(time: Array, path: Array) -> tuple[Array, Array]:
+    keep = np.concatenate([[True], np.diff(time) > 1e-9])
+    keep[-1] = True
+    if len(time) > 1 and time[-1] - time[-2] <= 1e-9:
+        keep[-2] = len(time) == 2
+    return time[keep], path[keep]
+
+
+def _without_waypoints(time: Array, path: Array) -> tuple[Array, Array]:
+    """Leave out waypoints that lie on the straight line in space-time around them."""
+    kept = [0]
+    for k in range(1, len(time) - 1):
+        i = kept[-1]
+        share = (time[k] - time[i]) / (time[k + 1] - time[i])
+        on_line = path[i] + share * (path[k + 1] - path[i])
+        if np.max(np.abs(on_line - path[k])) > 1e-9:
+            kept.append(k)
+    kept.append(len(time) - 1)
+    return time[kept], path[kept]

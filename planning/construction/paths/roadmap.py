@@ -1,0 +1,137 @@
+"""Random roadmaps, compiled: configurations, and the spans of time in which one may stand at each."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from planning.construction.checks.arena import Arena, Integers
+from planning.construction.checks.free_cells import spans_of, strike_out
+from planning.construction.checks.still_checks import still_clear_until
+from planning.construction.paths.query import Query, least_time
+from planning.construction.paths.random_numbers import (
+    random_normal,
+    random_share,
+    sample_between,
+)
+from planning.transforms import Array
+
+SPANS = 12
+"""Spans kept at one vertex."""
+
+
+class Roadmap(NamedTuple):
+    """Vertices, and how far the search has come at each.
+
+    Attributes:
+        q: shape (v, n).
+        number: spans of each vertex, -1 where they are not known yet, shape (v,).
+        spans: when one may stand there, shape (v, SPANS, 2) [s].
+        come: when one is there, infinity where that is not known, shape (v, SPANS) [s].
+        left: when one left the vertex before, likewise [s].
+        parent: which span of which vertex that was, likewise.
+        rest: least time from there to a goal, shape (v,) [s].
+        blocked: motions that are not clear of what lies still, shape (v, v).
+        still: departure from which on, for some while, a motion is clear of it, infinity where
+            that is not known, shape (v, v) [s].
+        free: room to work in, shape (cells,).
+    """
+
+    q: Array
+    number: Integers
+    spans: Array
+    come: Array
+    left: Array
+    parent: Integers
+    rest: Array
+    blocked: npt.NDArray[np.bool_]
+    still: Array
+    free: npt.NDArray[np.bool_]
+
+
+@njit(cache=True, nogil=True)
+def draw_roadmap(
+    scene: Arena,
+    query: Query,
+    extra: Array,
+    vertices: int,
+    cells: int,
+    wide: float,
+    seed: int,
+) -> Roadmap:
+    """Draw the vertices: start, goals, extra ones, and random ones."""
+    n, goals = len(query.start), len(query.goals)
+    state = np.zeros(1, dtype=np.uint64)
+    state[0] = np.uint64(seed) * np.uint64(7919) + np.uint64(11)
+    start = np.min(query.begin)
+    q = np.empty((vertices, n))
+    q[0] = query.start
+    q[1 : 1 + goals] = query.goals
+    number = 1 + goals
+    for e in range(len(extra)):
+        if number < vertices:
+            q[number] = extra[e]
+            number += 1
+    tries = 0
+    while number < vertices and tries < 3 * vertices:
+        tries += 1
+        goal = int(random_share(state) * goals)
+        kind = random_share(state)
+        if kind < 0.35:
+            # Where it must leave soon, or can only come late, short ways are what is free; and
+            # an arm that reaches over something leaves by driving away, as it is.
+            near = int(random_share(state) * (1 + goals))
+            far = 0.2 + 2.0 * random_share(state)
+            drives = random_share(state) < 0.6 and not np.all(query.leans)
+            for j in range(n):
+                at = 2.0 * random_share(state) - 1.0
+                if drives and query.leans[j]:
+                    at = 0.0
+                at = q[near, j] + far * query.velocity[j] * at
+                q[number, j] = min(max(at, query.lower[j]), query.upper[j])
+        elif kind < 0.85:
+            sample_between(query, goal, wide, state, q[number])
+        else:
+            share = random_share(state)
+            spread = 0.25 * random_share(state)
+            for j in range(n):
+                middle = query.start[j] + share * (
+                    query.goals[goal, j] - query.start[j]
+                )
+                far = spread * min(
+                    query.upper[j] - query.lower[j],
+                    query.velocity[j] * max(wide - query.begin[j], 0.0),
+                )
+                at = middle + far * random_normal(state)
+                q[number, j] = min(max(at, query.lower[j]), query.upper[j])
+        clear, _ = still_clear_until(scene, q[number], start, q[number], start, 0.0)
+        if clear:
+            number += 1
+    q, vertices = q[:number], number
+    rest = np.full(vertices, np.inf)
+    for k in range(vertices):
+        for g in range(goals):
+            rest[k] = min(rest[k], least_time(query, q[k], start, g) - start)
+    return Roadmap(
+        q,
+        np.full(vertices, -1, dtype=np.int64),
+        np.empty((vertices, SPANS, 2)),
+        np.full((vertices, SPANS), np.inf),
+        np.full((vertices, SPANS), np.inf),
+        np.full((vertices, SPANS), -1, dtype=np.int64),
+        rest,
+        np.zeros((vertices, vertices), dtype=np.bool_),
+        np.full((vertices, vertices), np.inf),
+        np.empty(cells, dtype=np.bool_),
+    )
+
+
+@njit(cache=True, nogil=True)
+def find_stands(scene: Arena, road: Roadmap, v: int, first: int, step: float) -> None:
+    """Work out when one may stand at a vertex."""
+    road.free[:] = True
+    strike_out(scene, road.q[v], road.q[v], first, step, road.free)
+    road.number[v] = spans_of(road.free, first, step, road.spans[v])

@@ -1,0 +1,207 @@
+"""Which parts touch each other in their places, and which may be placed when (V-A1, eq. 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from planning.errors import ConstructionError
+from planning.parts.contact_graph import Lying, lowest, near_to
+from planning.transforms import translation
+
+TOUCH = 0.03
+"""Parts that are nearer to each other than this touch: a joint with room to spare [m]."""
+
+MOST_OVERLAP = 0.002
+"""Deepest that a part may be in what it touches: rounding of poses in files [m]."""
+
+_SINK = 0.01
+_RESTS = 0.5
+
+
+@dataclass(frozen=True)
+class PartGraph:
+    """Contacts of the finished structure.
+
+    Attributes:
+        neighbours: part to the parts that it touches.
+        ground: part to the fixtures that it touches; parts that stand on nothing fixed are
+            left out.
+        carriers: part to the neighbours that it rests on, and to those whose way in would lead
+            through it: they come before it.
+        covers: part to the parts that lie on it in the supply: they must be taken first. Parts
+            that nothing lies on may be left out.
+    """
+
+    neighbours: Mapping[str, frozenset[str]]
+    ground: Mapping[str, frozenset[str]]
+    carriers: Mapping[str, frozenset[str]]
+    covers: Mapping[str, frozenset[str]] = field(default_factory=dict)
+
+    def placeable(
+        self, placed: Collection[str], *, carried: bool = True
+    ) -> tuple[str, ...]:
+        """Return the parts that may be placed next, in the order of the graph.
+
+        Args:
+            placed: the parts that are in place.
+            carried: whether a part waits for everything that it rests on. Without, one placed
+                neighbour is enough, as in the paper.
+        """
+        there = frozenset(placed)
+        return tuple(
+            part
+            for part, near in self.neighbours.items()
+            if part not in there
+            and (part in self.ground or near & there)
+            and (not carried or self.carriers[part] <= there)
+            and self.covers.get(part, frozenset()) <= there
+        )
+
+    def placed_neighbours(self, part: str, placed: Collection[str]) -> int:
+        """Return how many neighbours of a part are in place: the heuristic h of eq. 6."""
+        return len(self.neighbours[part].intersection(placed))
+
+    def floating(self) -> tuple[str, ...]:
+        """Return the parts that no chain of contacts connects to the ground."""
+        reached = set(self.ground)
+        front = list(reached)
+        while front:
+            new = self.neighbours[front.pop()] - reached
+            reached |= new
+            front += new
+        return tuple(part for part in self.neighbours if part not in reached)
+
+    def never_placeable(self, *, carried: bool = True) -> tuple[str, ...]:
+        """Return the parts that wait for each other, whatever is placed before: see placeable."""
+        placed: set[str] = set()
+        while new := self.placeable(placed, carried=carried):
+            placed.update(new)
+        return tuple(part for part in self.neighbours if part not in placed)
+
+    def longest_chain(self, *, carried: bool = True) -> tuple[str, ...]:
+        """Return parts that can only be placed one after another: the critical path.
+
+        However many robots build, their placements follow each other. With ``carried`` it is
+        the longest chain of parts each of which rests on the one before; or the longest of the
+        shortest ways from the ground, whichever has more parts.
+        """
+        best = self._shortest_way_up()
+        if carried:
+            best = max(best, self._longest_pile(), key=len)
+        return best
+
+    def _shortest_way_up(self) -> tuple[str, ...]:
+        chain: dict[str, tuple[str, ...]] = {
+            part: (part,) for part in self.neighbours if part in self.ground
+        }
+        front = list(chain)
+        last: tuple[str, ...] = ()
+        for part in front:  # grows while it is gone through: breadth first
+            last = chain[part]
+            for near in sorted(self.neighbours[part]):
+                if near not in chain:
+                    chain[near] = (*chain[part], near)
+                    front.append(near)
+        return last
+
+    def _longest_pile(self) -> tuple[str, ...]:
+        known: dict[str, tuple[str, ...]] = {}
+        for part in self._bottom_up():
+            below = (known[other] for other in sorted(self.carriers[part]))
+            known[part] = (*max(below, key=len, default=()), part)
+        return max(known.values(), key=len, default=())
+
+    @cached_property
+    def piled_on(self) -> Mapping[str, int]:
+        """Part to how many others must follow it, one resting on the other."""
+        out = dict.fromkeys(self.carriers, 0)
+        for part in reversed(self._bottom_up()):
+            for below in self.carriers[part]:
+                out[below] = max(out[below], out[part] + 1)
+        return out
+
+    def _bottom_up(self) -> list[str]:
+        """Return the parts, each after all that it rests on.
+
+        Raises:
+            ConstructionError: some rest on each other in a circle.
+        """
+        order: list[str] = []
+        left = dict(self.carriers)
+        while left:
+            ready = [p for p, below in left.items() if below.isdisjoint(left)]
+            if not ready:
+                raise ConstructionError(
+                    f"{', '.join(sorted(left))} rest on each other in a circle"
+                )
+            for part in ready:
+                del left[part]
+            order += ready
+        return order
+
+
+def build_part_graph(
+    parts: Mapping[str, Lying],
+    fixtures: Sequence[Lying],
+    *,
+    touch: float = TOUCH,
+    covers: Mapping[str, frozenset[str]] | None = None,
+) -> PartGraph:
+    """Find what touches what where every part is in its place.
+
+    A part rests on a neighbour that it would come at least half as much nearer to as it sinks.
+
+    Args:
+        parts: every part in its place, by name.
+        fixtures: what stands fast.
+        touch: parts nearer to each other than this touch [m].
+        covers: see PartGraph and ``stacked``.
+
+    Raises:
+        ConstructionError: two parts, or a part and a fixture, would overlap.
+    """
+    grounds = {item.name: (item, pose) for item, pose in fixtures}
+    neighbours, ground, carriers = {}, {}, {}
+    for name, (item, pose) in parts.items():
+        others = {key: value for key, value in parts.items() if key != name}
+        near = near_to((item, pose), others | grounds, touch)
+        for other, gap in near.items():
+            if gap < -MOST_OVERLAP:
+                raise ConstructionError(
+                    f"{name} and {other} would overlap by {-gap * 1e3:.0f} mm where they belong"
+                )
+        neighbours[name] = frozenset(key for key in near if key in others)
+        carriers[name] = _below((item, pose), others, near, touch)
+        if fixed := frozenset(near) & frozenset(grounds):
+            ground[name] = fixed
+    return PartGraph(neighbours, ground, carriers, covers or {})
+
+
+def stacked(parts: Mapping[str, Lying]) -> dict[str, frozenset[str]]:
+    """Return for parts in the supply what lies on them, those on which nothing does left out.
+
+    Args:
+        parts: every part where it lies at the start, by name.
+    """
+    bottom = {name: lowest(lying) for name, lying in parts.items()}
+    floor = min(bottom.values(), default=0.0) + _SINK
+    above: dict[str, set[str]] = {}
+    for name, lying in parts.items():
+        if bottom[name] > floor:
+            others = {key: value for key, value in parts.items() if key != name}
+            for below in _below(lying, others, near_to(lying, others, _SINK), _SINK):
+                above.setdefault(below, set()).add(name)
+    return {name: frozenset(found) for name, found in above.items()}
+
+
+def _below(
+    lying: Lying, others: Mapping[str, Lying], near: Mapping[str, float], touch: float
+) -> frozenset[str]:
+    """Return the parts near to a part to which it would come much nearer if it sank."""
+    item, pose = lying
+    sunk = (item, translation(0.0, 0.0, -_SINK) @ pose)
+    close = {key: others[key] for key in near if key in others}
+    gaps = near_to(sunk, close, touch)
+    return frozenset(k for k, gap in gaps.items() if near[k] - gap > _RESTS * _SINK)

@@ -1,0 +1,389 @@
+"""May this robot be here, or move along there, in the cell as it stands at one instant?"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass
+from functools import lru_cache
+from operator import is_
+
+import numpy as np
+
+from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell, WorldState
+from planning.geometry.clearing import HIT, find_undecided
+from planning.geometry.exact import (
+    Solid,
+    come_close,
+    come_close_together,
+    distance_at,
+)
+from planning.geometry.proposals import BOX, SELF, SKIP, Integers, Scene
+from planning.geometry.robot_bodies import (
+    Held,
+    entity,
+    flange_pose,
+    held_by,
+    joint_poses_of,
+    robot_bodies,
+    robot_solids,
+)
+from planning.geometry.standing import StandingBoxes, stand_boxes, stand_robots
+from planning.transforms import Array
+
+__all__ = [
+    "Contact",
+    "SceneChecker",
+    "entity",
+    "flange_pose",
+    "joint_poses_of",
+    "robot_solids",
+]
+
+RESOLUTION = 0.02
+"""Stretches of a motion that move no link further than this go to the exact decision [m]."""
+
+_PROBE = 0.35
+"""Joint travel (largest joint) between the configurations probed before a whole motion [rad]."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two bodies that are too close.
+
+    Attributes:
+        first: the checked robot's body, as entity and body name.
+        second: the other one.
+        distance: signed distance, negative for penetration [m].
+        limit: least distance that was asked for [m].
+    """
+
+    first: str
+    second: str
+    distance: float
+    limit: float
+
+    def __str__(self) -> str:
+        """Describe the contact in one phrase."""
+        how = (
+            f"overlap by {-self.distance * 1e3:.1f} mm"
+            if self.distance < 0
+            else f"come within {self.distance * 1e3:.1f} mm"
+        )
+        return f"{self.first} and {self.second} {how}"
+
+
+class SceneChecker:
+    """Collision checks of one robot against everything else, which stands still.
+
+    Capsules propose; what hulls in motion are not proved apart, coal decides.
+
+    Args:
+        cell: the static cell.
+        robot: name of the robot that is checked.
+        state: configurations of the other robots, and where every object is; what the checked
+            robot holds moves with it, and what has no place is not there yet.
+        allowed: unordered pairs of entities that may touch.
+        margin: added to the cell's clearances [m].
+    """
+
+    def __init__(
+        self,
+        cell: Workcell,
+        robot: str,
+        state: WorldState,
+        allowed: frozenset[frozenset[str]] = frozenset(),
+        *,
+        margin: float = 0.0,
+    ) -> None:
+        around = _sort_objects(cell, state)
+        boxes, held = around.boxes, around.held
+        for item, at in held:
+            if at.holder is not None and at.holder != robot:
+                holder = cell.robot(at.holder)
+                hand = flange_pose(holder, state.configurations[at.holder])
+                there = (item.name, item.body, item.size, hand @ at.pose)
+                boxes = boxes.plus([there])
+        self._begin(
+            cell,
+            robot,
+            held_by(robot, held),
+            boxes,
+            state.configurations,
+            allowed,
+            margin,
+        )
+
+    @classmethod
+    def amid(
+        cls,
+        cell: Workcell,
+        robot: str,
+        held: Sequence[Held],
+        boxes: StandingBoxes,
+        configurations: Mapping[str, Array],
+        allowed: frozenset[frozenset[str]],
+        *,
+        margin: float = 0.0,
+    ) -> SceneChecker:
+        """Return the checker of a robot amid boxes that are chosen already.
+
+        Args:
+            cell: its robots and clearances count, its objects do not.
+            robot: name of the robot that is checked.
+            held: what it holds.
+            boxes: fixtures and all objects at rest.
+            configurations: of the other robots.
+            allowed: unordered pairs of entities that may touch.
+            margin: added to the cell's clearances [m].
+        """
+        checker = cls.__new__(cls)
+        checker._begin(cell, robot, held, boxes, configurations, allowed, margin)
+        return checker
+
+    def _begin(
+        self,
+        cell: Workcell,
+        robot: str,
+        held: Sequence[Held],
+        boxes: StandingBoxes,
+        configurations: Mapping[str, Array],
+        allowed: frozenset[frozenset[str]],
+        margin: float,
+    ) -> None:
+        self.robot = cell.robot(robot)
+        self._between_robots = cell.clearances.robot_robot + margin
+        self._to_objects = cell.clearances.robot_object + margin
+        self._own = robot_bodies(self.robot, held)
+        self._boxes = boxes
+        self._gone: tuple[int, ...] = ()
+        others = [other for other in cell.robots if other.name != robot]
+        self._others = stand_robots(others, configurations)
+        self.kernel = self._own.kernel
+        self._box_hulls = boxes.hulls(self.kernel)
+        self._corners = np.array(
+            [
+                np.max(np.diff(self._own.hulls.corner_first), initial=0),
+                boxes.places.most_corners,
+                np.max(np.diff(self._others.hulls.corner_first), initial=0),
+            ],
+            dtype=np.int64,
+        )
+        none = np.empty((0, 0))
+        self._scene = Scene(
+            boxes.pose,
+            boxes.half,
+            boxes.bounds,
+            none,
+            self._others.start,
+            self._others.end,
+            self._others.radius,
+            self._others.first,
+            self._others.bounds,
+            none,
+            none,
+            self._own.first,
+        )
+        self._allow(allowed)
+
+    def with_allowed(self, allowed: frozenset[frozenset[str]]) -> SceneChecker:
+        """Return the same checker with other pairs that may touch; the two share their memory."""
+        other = copy(self)
+        other._allow(allowed)
+        return other
+
+    def without(self, objects: Iterable[str]) -> SceneChecker:
+        """Return the same checker as if some objects at rest were not there."""
+        other = copy(self)
+        column = self._boxes.column
+        gone = {column[name] for name in objects if name in column}
+        other._gone = tuple({*self._gone, *gone})
+        limits = self._scene.box_limit.copy()
+        limits[:, list(other._gone)] = SKIP
+        other._scene = self._scene._replace(box_limit=limits)
+        return other
+
+    def _allow(self, allowed: frozenset[frozenset[str]]) -> None:
+        """Write the least distances to boxes, to other robots, and between own bodies."""
+        own, boxes, others = self._own, self._boxes, self._others
+        parts = own.parts
+        box_limit = np.full((len(own.solids), len(boxes.rows)), self._to_objects)
+        solid_limit = np.full(
+            (len(own.solids), len(others.solids)), self._between_robots
+        )
+        solid_limit[parts:] = self._to_objects
+        self_limit = own.self_limits.copy()
+        box_limit[own.hulls.joint < 0, : boxes.fixtures] = SKIP
+        for pair in allowed:
+            if len(pair) != 2:
+                continue
+            one, two = pair
+            for mine, other in ((one, two), (two, one)):
+                bodies = own.of_entity(mine)
+                if not bodies:
+                    continue
+                if other in boxes.column:
+                    box_limit[bodies, boxes.column[other]] = SKIP
+                    continue
+                theirs = [k for k, name in enumerate(others.entities) if name == other]
+                if theirs:
+                    solid_limit[np.ix_(bodies, theirs)] = SKIP
+                for i in bodies:
+                    for j in own.of_entity(other):
+                        if i < parts <= j:
+                            self_limit[i, j] = SKIP
+        box_limit[:, list(self._gone)] = SKIP
+        self._scene = self._scene._replace(
+            box_limit=box_limit, solid_limit=solid_limit, self_limit=self_limit
+        )
+
+    def configuration_free(self, q: Array) -> bool:
+        """Tell whether the robot may stand at ``q``, shape (n,)."""
+        return self._clear(q, q, _NO_PROBES)
+
+    def motion_free(self, q_a: Array, q_b: Array) -> bool:
+        """Tell whether the whole straight joint-space line from ``q_a`` to ``q_b`` is free.
+
+        Args:
+            q_a, q_b: ends, shape (n,).
+        """
+        probes = int(np.max(np.abs(q_b - q_a)) / _PROBE) + 1
+        return self._clear(q_a, q_b, _spread(probes))
+
+    def _clear(self, q_a: Array, q_b: Array, probes: Array) -> bool:
+        # Writable copies: numba compiles read-only arrays anew.
+        q_a, q_b = np.array(q_a, dtype=np.float64), np.array(q_b, dtype=np.float64)
+        at = 0
+        while at <= len(probes):
+            at, when, what = self._undecided(q_a, q_b, probes, at, stop=True)
+            if at == HIT:
+                return False
+            first, last = q_a, q_b
+            if at < len(probes):
+                first = last = q_a + probes[at] * (q_b - q_a)
+            for (lo, hi), (kind, body, other) in zip(
+                when.tolist(), what.tolist(), strict=True
+            ):
+                q0, q1 = first + lo * (last - first), first + hi * (last - first)
+                mine, limit = self._own.solids[body], self._limit(kind, body, other)
+                solid = self._obstacle(kind, other)
+                if kind == SELF:
+                    hit = come_close_together(mine, solid, q0, q1, limit)
+                else:
+                    hit = come_close(mine, q0, q1, solid, q1, q1, limit)
+                if hit:
+                    return False
+            at += 1
+        return True
+
+    def contact(self, q: Array) -> Contact | None:
+        """Return the closest forbidden contact at ``q``, shape (n,), None where there is none."""
+        q = np.array(q, dtype=np.float64)
+        _, _, what = self._undecided(q, q, _NO_PROBES, 0, stop=False)
+        worst: Contact | None = None
+        for kind, body, other in what.tolist():
+            mine, second = self._own.solids[body], self._obstacle(kind, other)
+            limit = self._limit(kind, body, other)
+            gap = distance_at(mine, q, second, q)
+            if gap < limit and (
+                worst is None or gap - limit < worst.distance - worst.limit
+            ):
+                name = self._boxes.names[other] if kind == BOX else second.name
+                worst = Contact(mine.name, name, gap, limit)
+        return worst
+
+    def _undecided(
+        self, q_a: Array, q_b: Array, probes: Array, begin: int, *, stop: bool
+    ) -> tuple[int, Array, Integers]:
+        return find_undecided(
+            self.kernel,
+            self._scene,
+            self._own.hulls,
+            self._box_hulls,
+            self._others.hulls,
+            self._corners,
+            q_a,
+            q_b,
+            probes,
+            begin,
+            stop,
+            RESOLUTION,
+        )
+
+    def _limit(self, kind: int, body: int, other: int) -> float:
+        scene = self._scene
+        table = (scene.box_limit, scene.solid_limit, scene.self_limit)[kind]
+        return float(table[body, other])
+
+    def _obstacle(self, kind: int, other: int) -> Solid:
+        if kind == BOX:
+            return self._boxes.solid(other)
+        return self._own.solids[other] if kind == SELF else self._others.solids[other]
+
+
+_NO_PROBES = np.empty(0)
+
+
+@dataclass(frozen=True)
+class _Sorted:
+    """Objects of a cell by who holds them, and what that was worked out from."""
+
+    fixtures: tuple[Fixture, ...]
+    objects: tuple[CellObject, ...]
+    names: list[str]
+    places: list[Attachment]
+    boxes: StandingBoxes
+    held: list[Held]
+
+    def holds_for(self, cell: Workcell, state: WorldState) -> bool:
+        return (
+            self.fixtures is cell.fixtures
+            and self.objects is cell.objects
+            and len(self.places) == len(state.attachments)
+            and all(map(is_, self.places, state.attachments.values()))
+            and self.names == list(state.attachments)
+        )
+
+
+_SORTED: deque[_Sorted] = deque(maxlen=4)
+
+
+def _sort_objects(cell: Workcell, state: WorldState) -> _Sorted:
+    """Return the fixtures of a cell and its objects at rest, and those that robots hold.
+
+    Robots move far more often than objects: the last few answers are remembered.
+    """
+    for known in tuple(_SORTED):
+        if known.holds_for(cell, state):
+            return known
+    boxes, held = [], []
+    for item in cell.objects:
+        at = state.attachments.get(item.name)
+        if at is None:
+            continue
+        if at.holder is None:
+            boxes.append((item.name, item.body, item.size, at.pose))
+        else:
+            held.append((item, at))
+    found = _Sorted(
+        cell.fixtures,
+        cell.objects,
+        list(state.attachments),
+        list(state.attachments.values()),
+        stand_boxes(cell, boxes),
+        held,
+    )
+    _SORTED.appendleft(found)
+    return found
+
+
+@lru_cache
+def _spread(count: int) -> Array:
+    """Return ``count`` parameters in (0, 1], the end first and then ever finer in between."""
+    out = [1.0]
+    bits = max(count - 1, 0).bit_length()
+    for i in range(1, 1 << bits):
+        flipped = int(f"{i:0{bits}b}"[::-1], 2)
+        out.append(flipped / (1 << bits))
+    return np.array(out)

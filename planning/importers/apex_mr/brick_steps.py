@@ -1,0 +1,210 @@
+"""Brick types, stock and steps of a published APEX-MR task."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from planning.errors import ScenarioError
+from planning.importers.apex_mr.task_files import (
+    Notes,
+    Record,
+    choice,
+    integer,
+    number,
+    read_json,
+)
+
+NONE = -1
+"""Stands for a value that a step does not have."""
+
+_CELL = ("x", "y", "z", "ori")
+_BRICK_KEYS = frozenset(("height", "width", "weight", "mass", "inventory"))
+_STOCK_KEYS = frozenset((*_CELL, "fixed"))
+_STEP_KEYS = frozenset(
+    (
+        *_CELL,
+        "brick_id",
+        "press_side",
+        "press_offset",
+        "manipulate_type",
+        "attack_dir",
+        *(f"press_{k}" for k in _CELL),
+        *(f"support_{k}" for k in _CELL),
+        "brick_seq",
+        "robot_id",
+        "sup_robot_id",
+    )
+)
+
+
+def brick_names(library: Record) -> dict[str, str]:
+    """Return readable names by published number: ``"2x4"``, or ``"1x4-7"`` if not unique."""
+    plain = {}
+    for key in library.content:
+        brick = library.child(key)
+        plain[key] = f"{integer(brick, 'height')}x{integer(brick, 'width')}"
+    count = Counter(plain.values())
+    return {k: n if count[n] == 1 else f"{n}-{k}" for k, n in plain.items()}
+
+
+def published_bricks(
+    library: Record, names: Mapping[str, str], notes: Notes
+) -> dict[str, Any]:
+    """Return the entries of the brick types."""
+    out: dict[str, Any] = {}
+    for key, name in names.items():
+        brick = library.child(key)
+        notes.unused(brick, _BRICK_KEYS)
+        mass = "mass" if "mass" in brick.content else "weight"
+        studs = [integer(brick, "height"), integer(brick, "width")]
+        out[name] = {"studs": studs, "mass_kg": number(brick, mass)}
+    return out
+
+
+def published_stock(
+    path: Path, names: Mapping[str, str], notes: Notes
+) -> list[dict[str, Any]]:
+    """Return the entries of the stock, stations and scaffolding included."""
+    file = read_json(path)
+    out: list[dict[str, Any]] = []
+    for name, value in file.content.items():
+        match = re.fullmatch(r"b(\d+)_([A-Za-z0-9_-]+)", name)
+        if match is None and not isinstance(value, dict):
+            notes.unused_key(file, name)
+            continue
+        if match is None:
+            raise ScenarioError(
+                f"{path}: {name!r} does not name a brick",
+                choices=("b<brick>_<number>", "b<brick>_station<number>"),
+            )
+        item = file.child(name)
+        notes.unused(item, _STOCK_KEYS)
+        entry: dict[str, Any] = {
+            "name": name,
+            "brick": _name(file, name, match[1], names),
+            **_cell(item, ""),
+        }
+        if item.content.get("fixed", False):
+            entry["fixed"] = True
+        if re.fullmatch(r"station\d*", match[2]):
+            if "fixed" in entry:
+                raise ScenarioError(
+                    f"{item.where('fixed')}: a feeding station cannot be fixed"
+                )
+            entry["station"] = True
+        out.append(entry)
+    return out
+
+
+def published_steps(
+    path: Path,
+    names: Mapping[str, str],
+    stock: Sequence[Mapping[str, Any]] | None,
+    notes: Notes,
+) -> list[dict[str, Any]]:
+    """Return the entries of the steps, in order.
+
+    Published numbers of stock bricks can be older than the stock: one that is scaffolding now,
+    or taken by an earlier step, is not taken over.
+
+    Args:
+        path: of the task, or of the sequence that was chosen for it.
+        names: of the brick types.
+        stock: entries of the stock when steps prescribe it, None when they do not.
+        notes: takes what is not used.
+    """
+    file = read_json(path)
+    keys = []
+    for key, value in file.content.items():
+        if isinstance(value, dict) or key.isdecimal():
+            keys.append(key)
+        else:
+            notes.unused_key(file, key)
+    expected = [str(k) for k in range(1, len(keys) + 1)]
+    if not keys or sorted(keys, key=lambda k: (len(k), k)) != expected:
+        last = max(1, len(expected))
+        raise ScenarioError(f"{path}: steps must be numbered 1 to {last}")
+    out = []
+    used: set[str] = set()
+    for key in expected:
+        step = file.child(key)
+        notes.unused(step, _STEP_KEYS)
+        brick_id = str(integer(step, "brick_id"))
+        entry = {
+            "brick": _name(file, key, brick_id, names),
+            **_cell(step, ""),
+            **_ways(step),
+        }
+        if stock is not None and step.content.get("brick_seq") not in (None, "", NONE):
+            source = _prescribed(step, brick_id, stock)
+            if source.get("fixed") or source["name"] in used:
+                why = "scaffolding" if source.get("fixed") else "taken already"
+                notes.add(f"{step.where('brick_seq')}: {source['name']} is {why}")
+            else:
+                entry["stock"] = source["name"]
+                if not source.get("station"):
+                    used.add(source["name"])
+        out.append(entry)
+    return out
+
+
+def _ways(step: Record) -> dict[str, Any]:
+    """Return how a step is done, as far as it says."""
+    entry: dict[str, Any] = {}
+    if choice(step, "manipulate_type", (0, 1), default=0) == 1:
+        entry["place"] = "up"
+    side = choice(step, "press_side", (1, 2, 3, 4, NONE), default=NONE)
+    offset = integer(step, "press_offset", default=NONE)
+    if side != NONE and offset != NONE:
+        entry["press"] = {"side": side, "offset": offset}
+    # A place from above does not need the contact cell: side and offset say it all.
+    if "place" in entry and integer(step, "press_x", default=NONE) != NONE:
+        entry["press_cell"] = _cell(step, "press_")
+    if integer(step, "support_x", default=NONE) != NONE:
+        entry["support"] = {
+            "at": [integer(step, f"support_{k}") for k in "xyz"],
+            "orientation": choice(step, "support_ori", (0, 1, 2, 3)),
+        }
+    if choice(step, "attack_dir", (1, -1), default=1) == -1:
+        entry["attack"] = -1
+    return entry
+
+
+def _prescribed(
+    step: Record, brick_id: str, stock: Sequence[Mapping[str, Any]]
+) -> Mapping[str, Any]:
+    # A station's brick is published as "station2.17": the station and the step it is for.
+    sequence = str(step.content["brick_seq"]).split(".")[0]
+    name = f"b{brick_id}_{sequence}"
+    for item in stock:
+        if item["name"] == name:
+            return item
+    raise ScenarioError(
+        f"{step.where('brick_seq')}: there is no stock brick {name!r}",
+        choices=tuple(
+            str(item["name"])
+            for item in stock
+            if str(item["name"]).startswith(f"b{brick_id}_")
+        ),
+    )
+
+
+def _name(file: Record, key: str, brick_id: str, names: Mapping[str, str]) -> str:
+    try:
+        return names[brick_id]
+    except KeyError:
+        raise ScenarioError(
+            f"{file.path}: {key}: the library has no brick {brick_id}",
+            choices=tuple(names),
+        ) from None
+
+
+def _cell(record: Record, prefix: str) -> dict[str, Any]:
+    out: dict[str, Any] = {"at": [integer(record, f"{prefix}{k}") for k in "xyz"]}
+    if choice(record, f"{prefix}ori", (0, 1)) == 1:
+        out["turned"] = True
+    return out

@@ -1,0 +1,4 @@
+"""Forward and inverse kinematics of placed robots, compiled.
+
+Imports cell only.
+"""

@@ -1,0 +1,233 @@
+"""Forward and inverse kinematics of placed robots.
+
+Inverse kinematics runs compiled damped least squares from the seed and from random restarts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from planning.cell.robot_model import RobotModel
+from planning.cell.workcell import PlacedRobot
+from planning.errors import RobotModelError
+from planning.kinematics.chain import joint_poses
+from planning.kinematics.damped_least_squares import (
+    TOLERANCE,
+    follow_targets,
+    solve_from,
+)
+from planning.transforms import Array, Transform, identity, inverse
+
+__all__ = [
+    "TOLERANCE",
+    "follow_poses",
+    "forget_solutions",
+    "frame_in_last_joint",
+    "frame_pose",
+    "inverse_kinematics",
+]
+
+_SOLVED: dict[tuple[object, ...], tuple[RobotModel, list[Array]]] = {}
+"""Answers given: the same poses are asked for again and again while candidates are sought."""
+
+_MOST_SOLVED = 20_000
+
+
+def frame_pose(robot: PlacedRobot, q: Array, frame: str = "flange") -> Transform:
+    """Return the world pose of the flange or of a tool frame.
+
+    Args:
+        robot: robot and where it stands.
+        q: configuration, shape (n,) [rad or m].
+        frame: ``"flange"`` or a key of the model's frames.
+
+    Raises:
+        RobotModelError: the robot has no such frame.
+    """
+    chain = robot.model.chain
+    poses = np.empty((robot.model.dof + 1, 4, 4))
+    joint_poses(
+        chain.placement,
+        chain.axis,
+        chain.prismatic,
+        np.ascontiguousarray(robot.base, dtype=np.float64),
+        np.ascontiguousarray(q, dtype=np.float64),
+        poses,
+    )
+    return np.asarray(poses[-1] @ frame_in_last_joint(robot.model, frame))
+
+
+def frame_in_last_joint(model: RobotModel, frame: str) -> Transform:
+    """Return the pose of the flange or of a tool frame in the last joint's frame.
+
+    Raises:
+        RobotModelError: the robot has no such frame.
+    """
+    if frame == "flange":
+        return model.flange
+    return np.asarray(model.flange @ frame_in_flange(model, frame))
+
+
+def frame_in_flange(model: RobotModel, frame: str) -> Transform:
+    """Return the pose of the flange or of a tool frame in the flange's frame.
+
+    Raises:
+        RobotModelError: the robot has no such frame.
+    """
+    if frame == "flange":
+        return identity()
+    if frame not in model.frames:
+        raise RobotModelError(
+            f"robot {model.name!r} has no frame {frame!r}",
+            choices=("flange", *model.frames),
+        )
+    return model.frames[frame]
+
+
+def inverse_kinematics(
+    robot: PlacedRobot,
+    frame: str,
+    target: Transform,
+    seed: Array,
+    *,
+    restarts: int = 40,
+    rng_seed: int = 0,
+) -> list[Array]:
+    """Return the distinct configurations found that bring a frame to a target.
+
+    A joint with a range over a full turn takes, of the equivalent values within its limits,
+    the one nearest to the seed. A redundant arm has a continuum of solutions, of which every
+    restart finds at most one.
+
+    Args:
+        robot: robot and where it stands.
+        frame: ``"flange"`` or a key of the model's frames.
+        target: wanted pose of the frame in the world.
+        seed: configuration to stay near to, shape (n,) [rad or m].
+        restarts: number of random starts after the seed itself.
+        rng_seed: seed of the random starts; the same seed gives the same result.
+
+    Returns:
+        Configurations within the joint limits, each within TOLERANCE of the target, nearest
+        to the seed (sum of absolute joint differences) first; empty when none was found.
+
+    Raises:
+        RobotModelError: the robot has no such frame.
+    """
+    seed = np.asarray(seed, dtype=np.float64)
+    key = (
+        id(robot.model),
+        robot.base.tobytes(),
+        frame,
+        target.tobytes(),
+        seed.tobytes(),
+        restarts,
+        rng_seed,
+    )
+    known = _SOLVED.get(key)
+    if known is None:
+        if len(_SOLVED) >= _MOST_SOLVED:
+            _SOLVED.clear()
+        found = _solve(robot, frame, target, seed, restarts, rng_seed)
+        # The model is kept so that its id is not given to another one.
+        known = _SOLVED[key] = robot.model, found
+    return [solution.copy() for solution in known[1]]
+
+
+def forget_solutions() -> None:
+    """Forget all answers of ``inverse_kinematics``, such as before measuring it."""
+    _SOLVED.clear()
+
+
+def follow_poses(
+    robot: PlacedRobot,
+    frames: Sequence[str],
+    targets: Sequence[Transform],
+    start: Array,
+    *,
+    restarts: int = 20,
+) -> Iterator[Array | None]:
+    """Yield the configurations that lead through poses, each the solution nearest to the last.
+
+    What ``inverse_kinematics`` finds for each pose from the configuration before it, without
+    restarts where that finds anything.
+
+    Args:
+        robot: robot and where it stands.
+        frames: which frame is to be at each pose.
+        targets: wanted poses in the world; the first is that of ``start``.
+        start: configuration to begin with, shape (n,) [rad or m].
+        restarts: number of random starts where the search from the last one fails.
+
+    Yields:
+        One configuration a pose from the second on; None, as the last, where there is none.
+    """
+    model = robot.model
+    chain = np.empty((len(targets), model.dof))
+    chain[0] = start
+    tips = np.array([frame_in_last_joint(model, frame) for frame in frames])
+    wanted = inverse(robot.base) @ np.array(targets)
+    done = 1
+    while done < len(targets):
+        first = done
+        done = follow_targets(
+            model.chain.placement,
+            model.chain.axis,
+            model.chain.prismatic,
+            tips,
+            wanted,
+            model.lower,
+            model.upper,
+            chain,
+            done,
+        )
+        yield from chain[first:done]
+        if done < len(targets):
+            others = inverse_kinematics(
+                robot, frames[done], targets[done], chain[done - 1], restarts=restarts
+            )
+            if not others:
+                yield None
+                return
+            chain[done] = others[0]
+            yield chain[done]
+            done += 1
+
+
+def _solve(
+    robot: PlacedRobot,
+    frame: str,
+    target: Transform,
+    seed: Array,
+    restarts: int,
+    rng_seed: int,
+) -> list[Array]:
+    model = robot.model
+    # Writable copies: numba compiles read-only arrays anew.
+    tip = np.array(frame_in_last_joint(model, frame))
+    wanted = np.ascontiguousarray(inverse(robot.base) @ target)
+    chain = model.chain
+    starts = np.empty((restarts + 1, model.dof))
+    starts[0] = np.clip(seed, model.lower, model.upper)
+    if restarts:
+        starts[1:] = np.random.default_rng(rng_seed).uniform(
+            model.lower, model.upper, (restarts, model.dof)
+        )
+    found = np.empty_like(starts)
+    count = solve_from(
+        chain.placement,
+        chain.axis,
+        chain.prismatic,
+        tip,
+        wanted,
+        model.lower,
+        model.upper,
+        np.array(seed, dtype=np.float64),
+        starts,
+        found,
+    )
+    solutions = found[:count]
+    order = np.argsort(np.abs(solutions - seed).sum(axis=1), kind="stable")
+    return [solutions[k] for k in order]

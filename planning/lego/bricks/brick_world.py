@@ -1,0 +1,197 @@
+"""The bricks of an assembly as a collision world: the stock, and the goals of the steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from planning.cell.cover import box_body
+from planning.cell.workcell import Attachment, CellObject, Workcell
+from planning.lego.bricks.assembly import (
+    BrickType,
+    Cell,
+    LegoAssembly,
+    LegoStep,
+    Plate,
+    Press,
+    StockBrick,
+    Support,
+)
+from planning.lego.bricks.catalogue import brick_type
+from planning.lego.bricks.grid import box_pose, box_size, neighbours, top_pose
+from planning.lego.bricks.grips import MOST_OFFSETS, check_press, presses
+from planning.lego.bricks.stations import source_of
+from planning.transforms import Transform, readonly
+
+Placed = tuple[CellObject, Attachment]
+
+
+def goal_name(step: int) -> str:
+    """Return what the brick of a step is called before one of the stock is chosen for it."""
+    return f"the brick of step {step}"
+
+
+def grasp_number(press: Press) -> int:
+    """Return the number of a grip among the 4 x 7 there can be."""
+    return (press.side - 1) * MOST_OFFSETS + press.offset
+
+
+def press_of(grasp: int) -> Press:
+    """Return the grip of a number: the inverse of ``grasp_number``."""
+    return Press(grasp // MOST_OFFSETS + 1, grasp % MOST_OFFSETS)
+
+
+@dataclass(frozen=True)
+class BrickWorld:
+    """What an assembly puts on the plate, and where.
+
+    Attributes:
+        cell: the cell, whose objects are the stock.
+        assembly: the steps and the stock.
+    """
+
+    cell: Workcell
+    assembly: LegoAssembly
+
+    @cached_property
+    def stock(self) -> Mapping[str, StockBrick]:
+        """Stock bricks by name."""
+        return {item.name: item for item in self.assembly.stock}
+
+    @cached_property
+    def stock_at_rest(self) -> Mapping[str, Placed]:
+        """All stock bricks where they stand at the start, a station's under its name."""
+        out = {}
+        for item in self.cell.objects:
+            name = source_of(item.name, self.stations)
+            out[name] = (replace(item, name=name), Attachment(None, item.start))
+        return out
+
+    @cached_property
+    def stations(self) -> frozenset[str]:
+        """Names of the feeding stations."""
+        return frozenset(k for k, item in self.stock.items() if item.station)
+
+    @cached_property
+    def loose_stock(self) -> frozenset[str]:
+        """Stock bricks that are gone once they have been used."""
+        return frozenset(
+            k for k, item in self.stock.items() if not item.fixed and not item.station
+        )
+
+    def stock_on(self, plate: Plate) -> dict[str, tuple[Cell, BrickType]]:
+        """Return cell and type of each stock brick on a plate."""
+        return {
+            k: (s.cell, self.kind(s.brick))
+            for k, s in self.stock.items()
+            if self.assembly.plate_of(s) is plate
+        }
+
+    def stock_beside(self, stock: str) -> dict[str, tuple[Cell, BrickType]]:
+        """Return cell and type of the other stock bricks on the plate of one."""
+        on_plate = self.stock_on(self.assembly.plate_of(self.stock[stock]))
+        return {k: v for k, v in on_plate.items() if k != stock}
+
+    @cached_property
+    def _goals(self) -> tuple[Placed, ...]:
+        return tuple(
+            self._goal(number, step)
+            for number, step in enumerate(self.assembly.steps, start=1)
+        )
+
+    def _goal(self, number: int, step: LegoStep) -> Placed:
+        kind = self.kind(step.brick)
+        name, size = goal_name(number), box_size(kind)
+        pose = readonly(box_pose(self.assembly.plate, step.cell, kind))
+        item = CellObject(name, step.brick, readonly(size), pose, box_body(name, size))
+        return item, Attachment(None, pose)
+
+    def step(self, number: int) -> LegoStep:
+        """Return a step, counted from 1."""
+        return self.assembly.steps[number - 1]
+
+    def kind(self, brick: str) -> BrickType:
+        """Return a brick type of this assembly."""
+        return brick_type(brick, self.assembly.bricks)
+
+    def goal(self, number: int) -> Placed:
+        """Return the brick of a step in its place."""
+        return self._goals[number - 1]
+
+    def goals(self, numbers: Iterable[int]) -> dict[str, Placed]:
+        """Return the bricks of some steps in their places, by name."""
+        return {goal_name(k): self.goal(k) for k in numbers}
+
+    def goal_cells(self, numbers: Iterable[int]) -> dict[str, tuple[Cell, BrickType]]:
+        """Return cell and type of the bricks of some steps in their places."""
+        return {
+            goal_name(k): (self.step(k).cell, self.kind(self.step(k).brick))
+            for k in numbers
+        }
+
+    def cells_during(self, number: int) -> dict[str, tuple[Cell, BrickType]]:
+        """Return all bricks that may stand on the structure's plate while a step is done."""
+        stock = self.stock_on(self.assembly.plate)
+        return {**stock, **self.goal_cells(range(1, number))}
+
+    def start_top(self, stock: str) -> Transform:
+        """Return the pose of the top face of a stock brick at the start."""
+        item = self.stock[stock]
+        plate = self.assembly.plate_of(item)
+        return top_pose(plate, item.cell, self.kind(item.brick))
+
+    def goal_top(self, number: int) -> Transform:
+        """Return the pose of the top face of a step's brick in its place."""
+        step = self.step(number)
+        return top_pose(self.assembly.plate, step.cell, self.kind(step.brick))
+
+    def above(self, stock: str) -> frozenset[str]:
+        """Return the stock bricks that stand on a stock brick, however high."""
+        out: set[str] = set()
+        todo = [stock]
+        while todo:
+            name = todo.pop()
+            item = self.stock[name]
+            others = self.stock_beside(name)
+            upper = neighbours(item.cell, self.kind(item.brick), others).above
+            todo += [k for k in upper if k not in out]
+            out.update(upper)
+        return frozenset(out)
+
+    def usable_stock(self, number: int) -> list[str]:
+        """Return the stock bricks and stations of the right type for a step (delta^t, App. B)."""
+        step = self.step(number)
+        return [
+            item.name
+            for item in self.assembly.stock
+            if item.brick == step.brick
+            and not item.fixed
+            and step.stock in (None, item.name)
+        ]
+
+    def grasps(self, number: int) -> list[int]:
+        """Return the grips of a step to choose from, the prescribed one alone, or all."""
+        step = self.step(number)
+        kind = self.kind(step.brick)
+        if step.press is None:
+            return [grasp_number(press) for press in presses(kind)]
+        some = step.presses or (step.press,)
+        for press in some:
+            check_press(kind, press)
+        return [grasp_number(press) for press in some]
+
+    def supports(self, number: int) -> tuple[Support, ...]:
+        """Return the supports of a step to choose from, none where it needs none."""
+        step = self.step(number)
+        if step.support is None:
+            return ()
+        return step.supports or (step.support,)
+
+    def go_together(self, number: int, grasp: int, support: int) -> bool:
+        """Return whether a step bears a grip together with one of its supports.
+
+        Every grip goes with the first support, and every support with the first grip.
+        """
+        press = self.step(number).press
+        return support == 0 or press is None or grasp == grasp_number(press)

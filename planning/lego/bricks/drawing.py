@@ -1,0 +1,282 @@
+"""Structures as drawings: bricks drawn with letters, layer by layer or seen from the side.
+
+A layer is what one sees from above: x to the right, y upwards. An elevation is what one sees from
+the side: z upwards, and x or y to the right; all its bricks are equally deep. Each patch of one
+letter is one brick, ``.`` is empty. A brick's type is the one that has its size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from planning.lego.bricks.assembly import BrickType, Cell
+from planning.lego.bricks.contacts import PlacedBrick
+from planning.lego.bricks.grid import footprint
+
+EMPTY = "."
+"""Marks a stud without a brick."""
+
+Spot = tuple[int, int]
+"""Line and column of a character in a drawing, from 0."""
+
+
+@dataclass(frozen=True)
+class DrawingProblem:
+    """Something in a drawing that is no brick.
+
+    Attributes:
+        spot: where.
+        message: what is wrong.
+    """
+
+    spot: Spot
+    message: str
+
+
+@dataclass(frozen=True)
+class DrawnBrick:
+    """A brick of a drawing.
+
+    Attributes:
+        letter: it is drawn with.
+        brick: its type.
+        cell: where it sits.
+        spot: of its first character.
+    """
+
+    letter: str
+    brick: BrickType
+    cell: Cell
+    spot: Spot
+
+
+@dataclass
+class Drawing:
+    """What a drawing holds.
+
+    Attributes:
+        bricks: in the order of the text.
+        problems: in the order of the text.
+    """
+
+    bricks: list[DrawnBrick] = field(default_factory=list)
+    problems: list[DrawingProblem] = field(default_factory=list)
+
+
+def read_layer(
+    text: str, origin: tuple[int, int], z: int, types: Mapping[str, BrickType]
+) -> Drawing:
+    """Read one layer, seen from above.
+
+    Args:
+        text: the drawing; its last line is that of the least y, its first column that of the
+            least x.
+        origin: stud of its lower left character.
+        z: layer, 1 on the plate.
+        types: brick types by name.
+    """
+    lines, drawing = _lines(text)
+    for letter, patch in _patches(lines):
+        first = min(patch)
+        rows, columns = _extent(patch)
+        if len(patch) != len(rows) * len(columns):
+            drawing.problems.append(_no_rectangle(letter, first))
+            continue
+        x = origin[0] + columns.start
+        y = origin[1] + len(lines) - rows.stop
+        _add(drawing, letter, (x, y, z), (len(columns), len(rows)), first, types)
+    return drawing
+
+
+def read_elevation(
+    text: str,
+    origin: tuple[int, int, int],
+    along: Literal["x", "y"],
+    depth: int,
+    types: Mapping[str, BrickType],
+) -> Drawing:
+    """Read a side view, every line of which is one layer.
+
+    Args:
+        text: the drawing; its last line is the lowest layer, its first column that of the least
+            x or y.
+        origin: stud and layer of its lower left character, the nearest stud in depth.
+        along: the direction that runs to the right.
+        depth: studs that every brick of it is deep, in the other direction.
+        types: brick types by name.
+    """
+    lines, drawing = _lines(text)
+    x, y, z = origin
+    for number, line in enumerate(lines):
+        layer = z + len(lines) - 1 - number
+        for letter, patch in _patches([line]):
+            column = min(patch)[1]
+            if along == "x":
+                at, size = (x + column, y, layer), (len(patch), depth)
+            else:
+                at, size = (x, y + column, layer), (depth, len(patch))
+            _add(drawing, letter, at, size, (number, column), types)
+    return drawing
+
+
+def draw_layers(
+    bricks: Sequence[tuple[Cell, BrickType]],
+) -> tuple[tuple[int, int], tuple[str, ...]]:
+    """Return the drawing of a structure: the inverse of ``read_layer``.
+
+    Args:
+        bricks: cell and type of every brick; none may overlap.
+
+    Returns:
+        Stud of the lower left character, and the layers from the first one up.
+    """
+    if not bricks:
+        return (0, 0), ()
+    areas = [_studs(cell, kind) for cell, kind in bricks]
+    left, right = min(a[0].start for a in areas), max(a[0].stop for a in areas)
+    low, high = min(a[1].start for a in areas), max(a[1].stop for a in areas)
+    top = max(cell.z for cell, _ in bricks)
+    layers = []
+    for z in range(1, top + 1):
+        grid = [[EMPTY] * (right - left) for _ in range(high - low)]
+        here = [a for a, (cell, _) in zip(areas, bricks, strict=True) if cell.z == z]
+        for xs, ys in sorted(here, key=lambda a: (-a[1].stop, a[0].start)):
+            rows = range(high - ys.stop, high - ys.start)
+            columns = range(xs.start - left, xs.stop - left)
+            letter = _free_letter(grid, rows, columns)
+            for row in rows:
+                grid[row][columns.start : columns.stop] = letter * len(columns)
+        layers.append("".join("".join(row) + "\n" for row in grid))
+    return (left, low), tuple(layers)
+
+
+def name_bricks(drawn: Iterable[DrawnBrick]) -> tuple[PlacedBrick, ...]:
+    """Return bricks with names of their own: letter and layer, numbered where that is not enough."""
+    out: list[PlacedBrick] = []
+    taken: set[str] = set()
+    for item in drawn:
+        stem = f"{item.letter}{item.cell.z}"
+        name, count = stem, 1
+        while name in taken:
+            count += 1
+            name = f"{stem}_{count}"
+        taken.add(name)
+        out.append(PlacedBrick(name, item.brick, item.cell))
+    return tuple(out)
+
+
+def type_of_size(
+    size: tuple[int, int], types: Mapping[str, BrickType]
+) -> tuple[BrickType, bool] | str:
+    """Return the brick type with a size along x and y and whether it is turned, or why none is.
+
+    Square bricks are not turned.
+    """
+    nx, ny = size
+    found = [t for t in types.values() if tuple(sorted(t.studs)) == tuple(sorted(size))]
+    if not found:
+        sizes = {tuple(sorted(t.studs)) for t in types.values()}
+        known = ", ".join(f"{a} x {b}" for a, b in sorted(sizes))
+        return f"no brick type has {nx} x {ny} studs (there are {known})"
+    if len(found) > 1:
+        names = ", ".join(sorted(t.name for t in found))
+        return f"several brick types have {nx} x {ny} studs ({names}): give it under 'bricks'"
+    return found[0], found[0].studs != size
+
+
+def _lines(text: str) -> tuple[list[str], Drawing]:
+    """Return the lines without a last empty one, and a drawing with their problems."""
+    drawing = Drawing()
+    lines = [line.rstrip() for line in text.splitlines()]
+    while lines and not lines[-1]:
+        lines.pop()
+    if not lines:
+        drawing.problems.append(DrawingProblem((0, 0), "the drawing is empty"))
+    for row, line in enumerate(lines):
+        if len(line) != len(lines[0]):
+            message = (
+                f"this line has {len(line)} characters, the first line of the drawing "
+                f"{len(lines[0])}"
+            )
+            drawing.problems.append(DrawingProblem((row, 0), message))
+        for column, letter in enumerate(line):
+            if letter != EMPTY and not (letter.isascii() and letter.isalnum()):
+                message = (
+                    f"{letter!r} is neither a letter or digit nor '.' for an empty stud"
+                )
+                drawing.problems.append(DrawingProblem((row, column), message))
+    return ([] if drawing.problems else lines), drawing
+
+
+def _patches(lines: Sequence[str]) -> list[tuple[str, set[Spot]]]:
+    """Return the connected patches of each letter, by their first characters."""
+    seen: set[Spot] = set()
+    out = []
+    for row, line in enumerate(lines):
+        for column, letter in enumerate(line):
+            if letter == EMPTY or (row, column) in seen:
+                continue
+            patch, todo = {(row, column)}, [(row, column)]
+            while todo:
+                i, j = todo.pop()
+                for spot in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)):
+                    inside = 0 <= spot[0] < len(lines) and 0 <= spot[1] < len(line)
+                    if (
+                        inside
+                        and spot not in patch
+                        and lines[spot[0]][spot[1]] == letter
+                    ):
+                        patch.add(spot)
+                        todo.append(spot)
+            seen |= patch
+            out.append((letter, patch))
+    return out
+
+
+def _extent(patch: set[Spot]) -> tuple[range, range]:
+    rows, columns = [i for i, _ in patch], [j for _, j in patch]
+    return range(min(rows), max(rows) + 1), range(min(columns), max(columns) + 1)
+
+
+def _no_rectangle(letter: str, spot: Spot) -> DrawingProblem:
+    return DrawingProblem(
+        spot,
+        f"the patch of {letter!r} is no rectangle; bricks that touch need different letters",
+    )
+
+
+def _add(
+    drawing: Drawing,
+    letter: str,
+    at: tuple[int, int, int],
+    size: tuple[int, int],
+    spot: Spot,
+    types: Mapping[str, BrickType],
+) -> None:
+    found = type_of_size(size, types)
+    if isinstance(found, str):
+        drawing.problems.append(DrawingProblem(spot, f"{letter!r}: {found}"))
+        return
+    kind, turned = found
+    drawing.bricks.append(DrawnBrick(letter, kind, Cell(*at, turned), spot))
+
+
+def _studs(cell: Cell, kind: BrickType) -> tuple[range, range]:
+    nx, ny = footprint(cell, kind)
+    return range(cell.x, cell.x + nx), range(cell.y, cell.y + ny)
+
+
+def _free_letter(grid: Sequence[Sequence[str]], rows: range, columns: range) -> str:
+    """Return the first letter that no character beside a rectangle has."""
+    beside = {(i, j) for i in rows for j in (columns.start - 1, columns.stop)}
+    beside |= {(i, j) for j in columns for i in (rows.start - 1, rows.stop)}
+    taken = {
+        grid[i][j] for i, j in beside if 0 <= i < len(grid) and 0 <= j < len(grid[0])
+    }
+    return next(
+        c
+        for c in "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz"
+        if c not in taken
+    )

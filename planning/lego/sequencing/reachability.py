@@ -1,0 +1,155 @@
+"""Can any robot reach what a step asks for? Quick, as nothing but the robot itself is looked at.
+
+What is out of reach here stays so whatever stands around; what is within reach may still turn out
+to be obstructed when candidates are sought (``candidates``).
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from itertools import product
+
+from planning.cell.workcell import PlacedRobot, Workcell
+from planning.errors import InfeasibleStepError
+from planning.lego.bricks.assembly import LegoAssembly
+from planning.lego.bricks.brick_world import BrickWorld, press_of
+from planning.lego.sequencing.borne_steps import step_words
+from planning.lego.skills.options import SkillOptions
+from planning.lego.skills.support import support_bottom_targets, support_top_targets
+from planning.lego.skills.targets import (
+    APPROACH_HEIGHT,
+    HIGH_APPROACH,
+    pick_targets,
+    support_skill,
+)
+from planning.skills.joint_paths import SkillPath, resolve_skill
+from planning.skills.subgoals import SkillTargets
+
+_MOST = 6
+"""How many steps that are out of reach are named."""
+
+Way = tuple[PlacedRobot, SkillTargets]
+
+
+def check_reach(cell: Workcell, assembly: LegoAssembly) -> None:
+    """Check that every step is within the reach of robots.
+
+    Args:
+        cell: its objects are the stock of the assembly.
+        assembly: the structure and its steps.
+
+    Raises:
+        InfeasibleStepError: no robot reaches where a brick goes or any brick of its type in
+            stock, or no other robot reaches a place to support it; names each step, the reason
+            and the robots.
+    """
+    reach = _Reach(BrickWorld(cell, assembly))
+    faults = []
+    for number, step in enumerate(assembly.steps, start=1):
+        for fault in reach.faults(number):
+            faults.append(f"step {number} ({step_words(step)}): {fault}")
+    if faults:
+        more = len(faults) - _MOST
+        shown = [*faults[:_MOST], *([f"and {more} more"] if more > 0 else [])]
+        raise InfeasibleStepError("\n".join(shown))
+
+
+class _Reach:
+    """What robots reach, the picks worked out once for a stock brick."""
+
+    def __init__(self, world: BrickWorld) -> None:
+        self._world = world
+        self._options = SkillOptions(world)
+        self._picks: dict[tuple[str, tuple[int, ...]], dict[str, str]] = {}
+
+    def faults(self, number: int) -> Iterator[str]:
+        """Yield what of a step is out of reach."""
+        robots = [robot.name for robot in self._world.cell.robots]
+        step = self._world.step(number)
+        if len(robots) == 1 and (step.up or step.support is not None):
+            need = "a handover and a support" if step.up else "a support"
+            yield f"it needs {need} by another robot, and there is only {robots[0]}"
+            return
+        placing = self._out_of_reach(self._places(number))
+        if len(placing) == len(robots):
+            yield f"no robot reaches where it goes{_reasons(placing)}"
+        stock = self._world.usable_stock(number)
+        picking = [self._pick_reasons(name, number) for name in stock]
+        if stock and all(len(found) == len(robots) for found in picking):
+            yield f"no robot reaches {' or '.join(stock)} of the stock{_reasons(picking[0])}"
+        if not self._world.supports(number):
+            return
+        supporting = self._out_of_reach(self._supports(number))
+        if len(supporting) == len(robots):
+            yield f"no robot reaches where to support it{_reasons(supporting)}"
+        elif len(placing) < len(robots) and not any(
+            a != b and a not in placing and b not in supporting
+            for a, b in product(robots, robots)
+        ):
+            yield (
+                "no two robots reach where it goes and where to support it"
+                f"{_reasons({**placing, **supporting})}"
+            )
+
+    def _pick_reasons(self, stock: str, number: int) -> dict[str, str]:
+        key = stock, tuple(self._world.grasps(number))
+        if key not in self._picks:
+            self._picks[key] = self._out_of_reach(self._pick_ways(*key))
+        return self._picks[key]
+
+    def _out_of_reach(self, ways: Iterable[Way]) -> dict[str, str]:
+        """Return the robots that none of the ways is possible for, each with a reason."""
+        done: set[str] = set()
+        reasons: dict[str, dict[str, int]] = defaultdict(lambda: defaultdict(int))
+        for robot, targets in ways:
+            if robot.name in done:
+                continue
+            found = resolve_skill(robot, targets, lambda _: None)
+            if isinstance(found, SkillPath):
+                done.add(robot.name)
+            else:
+                reasons[robot.name][found.words] += 1
+        return {
+            name: max(words, key=lambda w: words[w])
+            for name, words in reasons.items()
+            if name not in done
+        }
+
+    def _places(self, number: int) -> Iterator[Way]:
+        step = self._world.step(number)
+        heights = (APPROACH_HEIGHT,) if step.up else (APPROACH_HEIGHT, HIGH_APPROACH)
+        for grasp, robot in product(
+            self._world.grasps(number), self._world.cell.robots
+        ):
+            for height, attack in product(heights, (step.attack, -step.attack)):
+                yield (
+                    robot,
+                    self._options.place_targets(
+                        robot.name, number, grasp, attack, height
+                    ),
+                )
+
+    def _pick_ways(self, stock: str, grasps: Iterable[int]) -> Iterator[Way]:
+        world = self._world
+        kind, top = world.kind(world.stock[stock].brick), world.start_top(stock)
+        twist = world.assembly.twist["pick"]
+        for grasp, robot in product(grasps, world.cell.robots):
+            press = press_of(grasp)
+            yield (
+                robot,
+                pick_targets(robot.model.frames, kind, top, press, twist=twist),
+            )
+
+    def _supports(self, number: int) -> Iterator[Way]:
+        world = self._world
+        find = support_top_targets if world.step(number).up else support_bottom_targets
+        for support, robot in product(world.supports(number), world.cell.robots):
+            targets = find(world.assembly.plate, support)
+            for k in range(len(targets.pre)):
+                yield robot, support_skill(targets, pre=k)
+
+
+def _reasons(reasons: dict[str, str]) -> str:
+    """Return why it is out of reach of each robot, in brackets."""
+    return f" ({'; '.join(f'{name}: {why}' for name, why in reasons.items())})"

@@ -1,0 +1,325 @@
+"""From a finished LEGO structure to the steps that build it (APEX-MR Sec. III and App. A).
+
+Assembly by disassembly: from the finished structure, bricks are removed one at a time such that
+what remains stands, and such that the removed brick could be put back: pressed on from above,
+from above with a supporting tool below, or from below after a handover. Reversed, the removals
+are the assembly sequence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import groupby, product
+
+from planning.errors import InfeasibleStepError
+from planning.lego.bricks.assembly import LegoStep, Press, Support
+from planning.lego.bricks.contacts import PlacedBrick
+from planning.lego.sequencing.disassembly import Removal, find_assembly_sequence
+from planning.lego.sequencing.insertion import (
+    FROM_BELOW,
+    INSERTION_FORCE,
+    PLAIN,
+    SUPPORTED,
+    WAYS,
+    Insertion,
+    InsertionRules,
+)
+from planning.lego.sequencing.tool_room import BrickTool
+from planning.lego.stability.partial_structures import Names, PartialStructures
+from planning.lego.stability.stability import JointStrength
+
+_MOST_REASONS = 6
+"""How many bricks of a dead end are named."""
+
+
+@dataclass(frozen=True)
+class SequencingRules:
+    """What an assembly sequence may do, and what the structure bears.
+
+    Attributes:
+        support: a second robot may hold the structure from below.
+        place_up: a brick may be handed over and pressed on from below, a second robot pressing
+            against it from above.
+        force: force with which a brick is pressed into place [N].
+        strength: what joints bear.
+        limit: largest stability score that is accepted.
+        tool: the tool on every robot.
+        search_limit: how many partial structures to look at, in each order of preference, beyond
+            those on the straight way to a sequence.
+    """
+
+    support: bool = True
+    place_up: bool = True
+    force: float = INSERTION_FORCE
+    strength: JointStrength = JointStrength()  # noqa: RUF009 - frozen
+    limit: float = 1.0
+    tool: BrickTool = field(default_factory=BrickTool)
+    search_limit: int = 150
+
+
+@dataclass(frozen=True)
+class SequencedStep:
+    """A step of an assembly sequence, and why it is what it is.
+
+    Attributes:
+        name: the brick's name in the structure.
+        step: the step, with the preferred press and support.
+        reason: in words.
+        score: bound of the stability score while the brick is pressed.
+        presses: all presses that have room and that the structure bears (with the chosen
+            support, where there is one), the chosen one first.
+        supports: all supports that would do with the chosen press, the chosen one first.
+    """
+
+    name: str
+    step: LegoStep
+    reason: str
+    score: float
+    presses: tuple[Press, ...]
+    supports: tuple[Support, ...]
+
+
+@dataclass(frozen=True)
+class SequencedStructure:
+    """An assembly sequence.
+
+    Attributes:
+        sequence: the steps in the order of assembly, with reasons.
+        visited: partial structures looked at.
+        programs: linear programs solved.
+    """
+
+    sequence: tuple[SequencedStep, ...]
+    visited: int
+    programs: int
+
+    @property
+    def steps(self) -> tuple[LegoStep, ...]:
+        """The steps as an assembly takes them, with their alternatives."""
+        return tuple(
+            replace(item.step, presses=item.presses, supports=item.supports)
+            for item in self.sequence
+        )
+
+
+def sequence_structure(
+    structure: Sequence[PlacedBrick],
+    *,
+    scaffold: Iterable[PlacedBrick] = (),
+    rules: SequencingRules | None = None,
+) -> SequencedStructure:
+    """Return an order in which a structure can be assembled, and how each brick goes in.
+
+    Args:
+        structure: the bricks of the finished structure, on the plate or on the scaffold.
+        scaffold: bricks that stand from the start and stay.
+        rules: what is allowed.
+
+    Returns:
+        The first sequence found depth first. Bricks of the top layer are removed first; within
+        a layer place-downs without support are preferred, then those with support, then
+        place-ups. Where that leads nowhere, bricks that hang are removed before all others: they
+        take the room of supporting tools.
+
+    Raises:
+        InfeasibleStepError: the finished structure does not stand, or no order leads to it;
+            names the bricks that cannot be removed and why.
+        ScenarioError: bricks overlap or two have the same name.
+    """
+    rules = rules or SequencingRules()
+    fixed = tuple(scaffold)
+    structures = PartialStructures(
+        [*structure, *fixed], strength=rules.strength, limit=rules.limit
+    )
+    sequencer = _Sequencer(structures, frozenset(b.name for b in fixed), rules)
+    sequencer.check_finished(frozenset(structures.bricks))
+    sequencer.check_hanging(frozenset(structures.bricks))
+    limit = len(structure) + 1 + rules.search_limit
+    names_of = [item.name for item in structure]
+    found = find_assembly_sequence(names_of, sequencer.removals, limit=limit)
+    if (
+        found.steps is None and not found.complete
+    ):  # else no other order would do either
+        found = find_assembly_sequence(names_of, sequencer.hanging_first, limit=limit)
+    if found.steps is None:
+        raise InfeasibleStepError(
+            sequencer.explain(found.dead_end or frozenset(), complete=found.complete)
+        )
+    names = sequencer.fixed
+    out = []
+    for removal in found.steps:
+        names |= {removal.part}
+        out.append(sequencer.describe(names, removal.part, removal.how))
+    return SequencedStructure(tuple(out), found.visited, structures.programs)
+
+
+class _Sequencer:
+    """Removal candidates of a partial structure, and the words for them."""
+
+    def __init__(
+        self, structures: PartialStructures, fixed: Names, rules: SequencingRules
+    ) -> None:
+        self.fixed = fixed
+        self._structures = structures
+        self._rules = rules
+        self._insertion = InsertionRules(structures, tool=rules.tool, force=rules.force)
+        self._ways = tuple(
+            way
+            for way, allowed in zip(
+                WAYS, (True, rules.support, rules.place_up), strict=True
+            )
+            if allowed
+        )
+
+    def check_finished(self, names: Names) -> None:
+        """Raise an error when the finished structure does not stand."""
+        report = self._structures.standing(names)
+        if report.stable:
+            return
+        what = self._place(report.brick or "")
+        if math.isinf(report.score):
+            raise InfeasibleStepError(
+                f"the finished structure does not stand: nothing holds {what}"
+            )
+        raise InfeasibleStepError(
+            f"the finished structure does not stand: {what} needs {report.score:.2f} times "
+            f"the friction its knobs have"
+        )
+
+    def check_hanging(self, names: Names) -> None:
+        """Raise an error when bricks hang although nothing may be placed from below."""
+        if self._rules.place_up:
+            return
+        hanging = [
+            self._place(name)
+            for name in self._candidates(names - self.fixed)
+            if not self._structures.below(names, name)
+        ]
+        if hanging:
+            raise InfeasibleStepError(
+                f"no step can place {' or '.join(hanging)}: there is nothing below it to press it "
+                f"onto, and placing from below is not allowed"
+            )
+
+    def removals(self, parts: Names) -> Iterator[Removal[str, Insertion]]:
+        """Yield the bricks that may be removed, and how they would be put back."""
+        layers = groupby(
+            self._candidates(parts), key=lambda n: self._structures.bricks[n].cell.z
+        )
+        yield from self._removals(parts, (tuple(bricks) for _, bricks in layers))
+
+    def hanging_first(self, parts: Names) -> Iterator[Removal[str, Insertion]]:
+        """Yield the same as ``removals``, those with nothing below them first, from the lowest."""
+        names = parts | self.fixed
+        hanging = tuple(
+            name
+            for name in reversed(self._candidates(parts))
+            if not self._structures.below(names, name)
+        )
+        yield from self._removals(parts, (hanging,))
+        for removal in self.removals(parts):
+            if removal.part not in hanging:
+                yield removal
+
+    def _removals(
+        self, parts: Names, groups: Iterable[tuple[str, ...]]
+    ) -> Iterator[Removal[str, Insertion]]:
+        names = parts | self.fixed
+        for bricks in groups:
+            for way, brick in product(self._ways, bricks):
+                if self._insertion.obstacle(names, brick, way) is not None:
+                    continue
+                if not self._structures.standing(names - {brick}).stable:
+                    continue
+                insertion = next(self._insertion.insertions(names, brick, way), None)
+                if insertion is not None:
+                    yield Removal(brick, insertion)
+
+    def describe(self, names: Names, brick: str, chosen: Insertion) -> SequencedStep:
+        """Return a step of the sequence with all its alternatives."""
+        with_press = self._insertion.supported(names, brick, chosen.way, chosen.press)
+        return SequencedStep(
+            name=brick,
+            step=self._insertion.step(names, brick, chosen),
+            reason=self._reason(names, brick, chosen.way),
+            score=chosen.score,
+            presses=self._insertion.presses_with(names, brick, chosen),
+            supports=tuple(i.support for i in with_press if i.support is not None),
+        )
+
+    def explain(self, parts: Names, *, complete: bool) -> str:
+        """Return why none of the bricks of a dead end can be removed."""
+        names = parts | self.fixed
+        whys = [
+            (self._place(brick), *self._why_not(names, brick))
+            for brick in self._candidates(parts)
+        ]
+        whys.sort(
+            key=lambda why: why[1]
+        )  # what stands in the way of all else comes first
+        end = "" if complete else " (the search was cut short by its limit)"
+        shown = [f"  {place}: {reason}" for place, _, reason in whys[:_MOST_REASONS]]
+        if len(whys) > len(shown):
+            shown.append(f"  and {len(whys) - len(shown)} more")
+        total = len(self._structures.bricks) - len(self.fixed)
+        return (
+            f"no order of assembly was found{end}: no brick can be placed in step {len(parts)} of "
+            f"{total}, as the last of these\n" + "\n".join(shown)
+        )
+
+    def _candidates(self, parts: Names) -> list[str]:
+        bricks = self._structures.bricks
+
+        def top_first(name: str) -> tuple[int, int, int, str]:
+            cell = bricks[name].cell
+            return -cell.z, -cell.x, -cell.y, name
+
+        return sorted(parts, key=top_first)
+
+    def _reason(self, names: Names, brick: str, way: str) -> str:
+        if way == PLAIN:
+            return "the structure bears the press from above"
+        if way == SUPPORTED:
+            return "pressed from above alone, the structure would give way"
+        above = self._structures.above(names, brick)
+        return f"it hangs below {self._place(above[0])}, with nothing under it"
+
+    def _why_not(self, names: Names, brick: str) -> tuple[bool, str]:
+        """Return why a brick cannot be the last one in, and whether others depend on it."""
+        rest = self._structures.standing(names - {brick})
+        if not rest.stable:
+            what = self._place(rest.brick or "")
+            return True, (
+                f"without it nothing holds {what}"
+                if math.isinf(rest.score)
+                else f"without it {what} gives way"
+            )
+        return False, self._why_not_inserted(names, brick)
+
+    def _why_not_inserted(self, names: Names, brick: str) -> str:
+        from_above = self._insertion.obstacle(names, brick, PLAIN)
+        from_below = self._insertion.obstacle(names, brick, FROM_BELOW)
+        if from_above and from_below:
+            return f"{from_above} and {from_below}"
+        up = from_above is not None
+        if up and not self._rules.place_up:
+            return f"{from_above}, and placing from below is not allowed"
+        presses = self._insertion.roomy_presses(names, brick, up=up)
+        if not presses:
+            blocker = self._insertion.blocker(names, brick, up=up)
+            return f"the tool has no room: {blocker!r} is in its way"
+        if up:
+            return "no supporting tool above has room and keeps the structure standing"
+        if not self._rules.support:
+            return "the structure gives way under the press, and support is not allowed"
+        return (
+            "the structure gives way under the press, and no supporting tool below has room "
+            "and helps"
+        )
+
+    def _place(self, name: str) -> str:
+        item = self._structures.bricks[name]
+        cell = item.cell
+        return f"{name!r} ({item.brick.name} at [{cell.x}, {cell.y}, {cell.z}])"

@@ -1,0 +1,337 @@
+"""Candidates for the assignment: who can do which LEGO step with what (APEX-MR App. B)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import permutations
+
+from planning.cell.workcell import Workcell
+from planning.kinematics.kinematics import inverse_kinematics
+from planning.lego.bricks.assembly import LegoAssembly
+from planning.lego.bricks.brick_world import BrickWorld, press_of
+from planning.lego.skills.handover_options import HandoverOption, HandoverOptions
+from planning.lego.skills.options import SkillOption, SkillOptions, StandingSupport
+from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
+from planning.tasks.assignment_problem import (
+    AssignmentProblem,
+    PrimaryCandidate,
+    Rejection,
+    SupportCandidate,
+)
+from planning.tasks.plan import StepChoice
+
+_MANY_STEPS = 100
+"""Up to so many steps, second best grips and supports are worth the time to find them."""
+
+
+@dataclass(frozen=True)
+class LegoCandidates:
+    """The assignment problem of a LEGO assembly, and the joint paths behind its candidates.
+
+    Attributes:
+        world: cell and assembly.
+        problem: what the solver needs.
+        skills: picks, places and supports.
+        handovers: handovers.
+    """
+
+    world: BrickWorld
+    problem: AssignmentProblem
+    skills: SkillOptions = field(repr=False)
+    handovers: HandoverOptions = field(repr=False)
+
+    def pick(self, choice: StepChoice) -> SkillPath:
+        """Return the pick of a choice; in a place-up the support robot picks."""
+        return _path(
+            self.skills.pick(
+                choice.primary.partner or choice.robot, choice.object, choice.grasp
+            )
+        )
+
+    def place(self, choice: StepChoice) -> SkillPath:
+        """Return the place of a choice, with its support robot standing by."""
+        beside = None
+        if choice.support is not None:
+            beside = StandingSupport(choice.support.robot, choice.support.pose)
+        return _path(self.skills.place(choice.robot, choice.step, choice.grasp, beside))
+
+    def support(self, choice: StepChoice) -> SkillPath | None:
+        """Return the support of a choice, None where there is none."""
+        if choice.support is None:
+            return None
+        by = choice.support
+        return _path(self.skills.support(by.robot, choice.step, by.pose))
+
+    def handover(self, choice: StepChoice) -> HandoverOption:
+        """Return the handover of a place-up."""
+        assert choice.primary.partner is not None
+        found = self.handovers.handover(
+            choice.primary.partner, choice.robot, choice.step, choice.grasp
+        )
+        assert isinstance(found, HandoverOption), found
+        return found
+
+
+def find_candidates(
+    cell: Workcell,
+    assembly: LegoAssembly,
+    *,
+    balance: float = 1.0,
+    alternatives: int | None = None,
+) -> LegoCandidates:
+    """Find every feasible way to do every step, with its cost.
+
+    A candidate's skills are reachable in one posture each, and free of contacts among the stock,
+    the goals of the earlier steps, the other robots at HOME, and the cooperating robot at its
+    post. Costs are L1 joint distances: HOME to pick plus HOME to place; for a place-up the
+    giver's pick and handover, the receiver's receive and place. (The paper counts the handover
+    with the support. It depends on both robots and the grip, so it is counted here; the sum is
+    the same.)
+
+    Args:
+        cell: its objects are the stock of the assembly.
+        assembly: the structure and its steps.
+        balance: see AssignmentProblem.
+        alternatives: for each robot and step, at most so many grips, and so many supports, become
+            candidates; by default two, and one in assemblies of more than 100 steps. Grips are tried in the order of their joint distance from HOME, supports
+            in that of the step, until enough work. The best plan may lie outside when a grip
+            that is far for the place is near for the pick.
+
+    Raises:
+        ScenarioError: a step cannot be understood.
+    """
+    world = BrickWorld(cell, assembly)
+    skills = SkillOptions(world)
+    handovers = HandoverOptions(world, skills)
+    if alternatives is None:
+        alternatives = 2 if len(assembly.steps) <= _MANY_STEPS else 1
+    collector = _Collector(world, skills, handovers, alternatives)
+    for number in range(1, len(assembly.steps) + 1):
+        if world.step(number).up:
+            collector.add_up(number)
+        else:
+            collector.add_down(number)
+    problem = AssignmentProblem(
+        robots=tuple(robot.name for robot in cell.robots),
+        steps=tuple(_words(world, k) for k in range(1, len(assembly.steps) + 1)),
+        needs_support=tuple(s.up or s.support is not None for s in assembly.steps),
+        primaries=tuple(collector.primaries),
+        supports=tuple(collector.supports),
+        incompatible=frozenset(collector.incompatible),
+        unlimited=world.stations,
+        balance=balance,
+        rejections=tuple(collector.rejections),
+    )
+    return LegoCandidates(world, problem, skills, collector.handovers)
+
+
+class _Collector:
+    """Gathers candidates step by step."""
+
+    def __init__(
+        self,
+        world: BrickWorld,
+        skills: SkillOptions,
+        handovers: HandoverOptions,
+        alternatives: int,
+    ) -> None:
+        self._most = alternatives
+        self.world = world
+        self.skills = skills
+        self.handovers = handovers
+        self.primaries: list[PrimaryCandidate] = []
+        self.supports: list[SupportCandidate] = []
+        self.incompatible: list[tuple[int, int]] = []
+        self.rejections: list[Rejection] = []
+        self._names = [robot.name for robot in world.cell.robots]
+        self._home = skills.home
+
+    def add_down(self, step: int) -> None:
+        """Add the candidates of a place-down."""
+        supports = self._add_supports(step)
+        for robot in self._names:
+            count = 0
+            for grasp in self._ordered_grasps(robot, step):
+                if count == self._most:
+                    break
+                place = self._place(robot, step, grasp, supports)
+                if place is None:
+                    continue
+                first = len(self.primaries)
+                cost = self._cost(place.path)
+                for stock in self.world.usable_stock(step):
+                    self._add_primary(step, robot, stock, grasp, place, cost)
+                count += len(self.primaries) > first
+                self._add_clashes(step, robot, grasp, supports, first)
+
+    def add_up(self, step: int) -> None:
+        """Add the candidates of a place-up: receiver, giver, brick and grip."""
+        supports = self._add_supports(step)
+        for receiver, giver in permutations(self._names, 2):
+            count = 0
+            for grasp in self._ordered_grasps(receiver, step):
+                if count == self._most:
+                    break
+                place = self._place(receiver, step, grasp, supports)
+                if place is None:
+                    continue
+                handover = self.handovers.handover(giver, receiver, step, grasp)
+                if isinstance(handover, Obstruction):
+                    self._reject(
+                        step,
+                        f"{giver} hands it to {receiver}, {_grip(grasp)}",
+                        handover,
+                    )
+                    continue
+                first = len(self.primaries)
+                cost = self._cost(place.path) + self._cost(handover.give)
+                cost += joint_distance(self._home[receiver], handover.receive)
+                for stock in self.world.usable_stock(step):
+                    self._add_primary(step, receiver, stock, grasp, place, cost, giver)
+                count += len(self.primaries) > first
+                self._add_clashes(step, receiver, grasp, supports, first)
+
+    def _ordered_grasps(self, robot: str, step: int) -> list[int]:
+        """Return the grips of a step, those whose place is near to HOME first."""
+        grasps = self.world.grasps(step)
+        if len(grasps) <= 1:
+            return grasps
+        placed = self.world.cell.robot(robot)
+
+        def away(grasp: int) -> float:
+            targets = self.skills.place_targets(robot, step, grasp)
+            goal = targets.subgoals[targets.detach_at or 0]
+            near = inverse_kinematics(
+                placed, goal.frame, goal.pose, placed.home, restarts=0
+            )
+            return joint_distance(placed.home, near[0]) if near else math.inf
+
+        return sorted(grasps, key=away)
+
+    def _add_supports(self, step: int) -> dict[int, StandingSupport]:
+        """Add the support candidates of a step; return who stands where by candidate index."""
+        out: dict[int, StandingSupport] = {}
+        for robot in self._names:
+            count = 0
+            for choice in range(len(self.world.supports(step))):
+                if count == self._most:
+                    break
+                option = self.skills.support(robot, step, choice)
+                if isinstance(option, SkillOption) and option.after:
+                    names = ", ".join(sorted(option.after))
+                    option = Obstruction(f"blocked by {names}")
+                if isinstance(option, Obstruction):
+                    self._reject(step, f"{robot} supports", option)
+                    continue
+                count += 1
+                out[len(self.supports)] = StandingSupport(robot, choice)
+                cost = self._cost(option.path)
+                self.supports.append(SupportCandidate(step, robot, choice, cost))
+        return out
+
+    def _place(
+        self, robot: str, step: int, grasp: int, supports: dict[int, StandingSupport]
+    ) -> SkillOption | None:
+        """Return the cheapest place, alone or beside any of the supports."""
+        words = f"{robot} places, {_grip(grasp)}"
+        beside: list[StandingSupport | None] = [None]
+        if self.world.step(step).up or self.world.supports(step):
+            beside = [
+                item
+                for item in supports.values()
+                if item.robot != robot
+                and self.world.go_together(step, grasp, item.choice)
+            ]
+            if not beside:
+                alone = Obstruction("no other robot can support it")
+                self._reject(step, words, alone)
+                return None
+        best: SkillOption | None = None
+        reason: Obstruction | None = None
+        for support in beside:
+            option = self.skills.place(robot, step, grasp, support)
+            if isinstance(option, Obstruction):
+                reason = reason or option
+            elif best is None or self._cost(option.path) < self._cost(best.path):
+                best = option
+        if best is None and reason is not None:
+            self._reject(step, words, reason)
+        return best
+
+    def _add_primary(
+        self,
+        step: int,
+        robot: str,
+        stock: str,
+        grasp: int,
+        place: SkillOption,
+        cost: float,
+        giver: str | None = None,
+    ) -> None:
+        picker = giver or robot
+        pick = self.skills.pick(picker, stock, grasp)
+        words = f"{picker} picks {stock}, {_grip(grasp)}"
+        if isinstance(pick, Obstruction):
+            self._reject(step, words, pick)
+            return
+        if pick.latest is not None and step > pick.latest:
+            blocked = Obstruction(f"the brick of step {pick.latest} is in the way")
+            self._reject(step, words, blocked)
+            return
+        self.primaries.append(
+            PrimaryCandidate(
+                step,
+                robot,
+                stock,
+                grasp,
+                cost + self._cost(pick.path),
+                giver,
+                (place.after | pick.after) - {stock},
+            )
+        )
+
+    def _add_clashes(
+        self,
+        step: int,
+        robot: str,
+        grasp: int,
+        supports: dict[int, StandingSupport],
+        first: int,
+    ) -> None:
+        """Note which of the newest primary candidates do not go with which supports."""
+        newest = range(first, len(self.primaries))
+        for index, item in supports.items():
+            if item.robot == robot or not newest:
+                continue
+            if not self.world.go_together(step, grasp, item.choice):
+                self.incompatible += [(p, index) for p in newest]
+                continue
+            option = self.skills.place(robot, step, grasp, item)
+            if isinstance(option, Obstruction):
+                words = f"{robot} places beside {item.robot}, {_grip(grasp)}"
+                self._reject(step, words, option)
+                self.incompatible += [(p, index) for p in newest]
+
+    def _cost(self, path: SkillPath) -> float:
+        return joint_distance(self._home[path.robot], path.contact)
+
+    def _reject(self, step: int, what: str, reason: Obstruction) -> None:
+        self.rejections.append(Rejection(step, what, reason.words))
+
+
+def _path(found: SkillOption | Obstruction) -> SkillPath:
+    assert isinstance(found, SkillOption), found
+    return found.path
+
+
+def _grip(grasp: int) -> str:
+    press = press_of(grasp)
+    return f"grip {press.side}/{press.offset}"
+
+
+def _words(world: BrickWorld, step: int) -> str:
+    work = world.step(step)
+    turned = " turned" if work.cell.turned else ""
+    how = "place-up" if work.up else "place-down"
+    return f"{how} of {work.brick} at [{work.cell.x}, {work.cell.y}, {work.cell.z}]{turned}"

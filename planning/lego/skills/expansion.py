@@ -1,0 +1,288 @@
+"""From choices to tasks: the sequence of transits and skills of every step (APEX-MR IV-A)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.cell.workcell import CellObject
+from planning.kinematics.kinematics import frame_pose
+from planning.lego.bricks.assembly import BrickType, Cell, Plate
+from planning.lego.bricks.brick_world import BrickWorld
+from planning.lego.bricks.grid import box_from_top
+from planning.lego.bricks.stations import copy_name, next_copy, object_names, source_of
+from planning.lego.skills.allowed_contacts import (
+    beside_tool,
+    gripped,
+    grounded,
+    seated,
+    supporting,
+)
+from planning.lego.skills.candidates import LegoCandidates
+from planning.skills.joint_paths import Pairs, SkillPath
+from planning.skills.step_builder import StepBuilder
+from planning.tasks.plan import StepChoice, TaskPlan
+from planning.tasks.steps import StepTasks
+from planning.tasks.task_graph import Task
+from planning.transforms import Array, Transform, inverse
+
+PLACES = ("place-down", "place-up")
+SUPPORTS = ("support-bottom", "support-top")
+
+
+def expand_step(
+    candidates: LegoCandidates, plan: TaskPlan, step: int, first_index: int
+) -> StepTasks:
+    """Return the tasks of a step as the plan chooses it.
+
+    Every transit ends at the configuration that the next skill starts from, or at HOME, where
+    robots stop between pick and place and at the end of their part.
+
+    Args:
+        candidates: joint paths of all skills.
+        plan: choices of this step, and of the earlier ones, whose bricks stand around.
+        step: counted from 1.
+        first_index: index of its first task.
+    """
+    expander = _Expander(candidates, plan, plan[step], StepBuilder(step, first_index))
+    if candidates.world.step(step).up:
+        expander.place_up()
+    else:
+        expander.place_down()
+    return expander.builder.build()
+
+
+def expand_plan(candidates: LegoCandidates, plan: TaskPlan) -> list[StepTasks]:
+    """Return the tasks of all steps, numbered on from 0."""
+    out: list[StepTasks] = []
+    count = 0
+    for choice in plan.choices:
+        out.append(expand_step(candidates, plan, choice.step, count))
+        count += len(out[-1].tasks)
+    return out
+
+
+def link_steps(
+    candidates: LegoCandidates, steps: Sequence[StepTasks]
+) -> npt.NDArray[np.int64]:
+    """Return all dependencies of a plan: those within the steps, and those between them.
+
+    Between steps, a place waits for the place before it, and so does a support; a brick of the
+    stock is picked after those that stood on it, a station's after the one before it.
+
+    Returns:
+        Pairs (a, b) of task indices, shape (e, 2), sorted: a must be complete before b starts.
+    """
+    pairs = {pair for step in steps for pair in step.dependencies}
+    last_place: Task | None = None
+    picked: dict[str, Task] = {}
+    for step in steps:
+        place: Task | None = None
+        for task in step.tasks:
+            waits_for: list[Task] = []
+            if task.kind in PLACES:
+                place = task
+            if task.kind in (*PLACES, *SUPPORTS) and last_place is not None:
+                waits_for.append(last_place)
+            if task.kind == "pick" and task.object is not None:
+                source = source_of(task.object, candidates.world.stations)
+                earlier = sorted({*candidates.world.above(source), source})
+                waits_for += [picked[name] for name in earlier if name in picked]
+                picked[source] = task
+            pairs |= {
+                (before.index, task.index)
+                for before in waits_for
+                if before.robot != task.robot
+            }
+        last_place = place or last_place
+    return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
+
+
+class _Expander:
+    """Writes the tasks of one step into a builder."""
+
+    def __init__(
+        self,
+        candidates: LegoCandidates,
+        plan: TaskPlan,
+        choice: StepChoice,
+        builder: StepBuilder,
+    ) -> None:
+        self.candidates = candidates
+        self.world: BrickWorld = candidates.world
+        self.choice = choice
+        self.builder = builder
+        self.work = self.world.step(choice.step)
+        self.kind = self.world.kind(self.work.brick)
+        stock, assembly = self.world.stock, self.world.assembly
+        sources = [c.object for c in plan.choices if c.step <= choice.step]
+        *used, self.brick = object_names(sources, self.world.stations)
+        placed = {
+            name: (self.world.step(k).cell, self.world.kind(self.world.step(k).brick))
+            for k, name in enumerate(used, start=1)
+        }
+        picked = Counter(sources)
+        item = self.world.stock_at_rest[choice.object][0]
+        self.refill: CellObject | None = None
+        if choice.object in self.world.stations:
+            number = picked[choice.object] + 1
+            self.refill = next_copy(item, choice.object, number)
+
+        def standing(plate: Plate) -> dict[str, tuple[Cell, BrickType]]:
+            """Return the bricks of the stock on a plate when the brick has been picked."""
+            out = {}
+            for name, brick in self.world.stock_on(plate).items():
+                if name in self.world.stations:
+                    out[copy_name(name, picked[name] + 1)] = brick
+                elif name not in picked:
+                    out[name] = brick
+            return out
+
+        source_plate = assembly.plate_of(stock[choice.object])
+        self.others: dict[str, tuple[Cell, BrickType]] = {
+            **standing(assembly.plate),
+            **placed,
+        }
+        self.beside_source = standing(source_plate)
+        if source_plate is assembly.plate:
+            self.beside_source |= placed
+        if self.refill is not None:
+            self.beside_source.pop(self.refill.name)
+
+    def place_down(self) -> None:
+        """Write pick, the support if any, place, and the ways back."""
+        build, robot = self.builder, self.choice.robot
+        place = self.candidates.place(self.choice)
+        support = self.candidates.support(self.choice)
+        picked = self._pick(robot)
+        held = 0
+        if support is not None:
+            held = self._support(support)
+        self._transit(place.lead, robot, f"{self.brick} to its place", self.brick)
+        placed = self._place(place, f"place {self.brick}")
+        carrying = build.of_robot(robot, picked, placed)
+        build.allow(gripped(robot, self.brick), *carrying)
+        self._home(robot)
+        if support is not None:
+            self._retract(support, held, placed)
+
+    def place_up(self) -> None:
+        """Write pick, handover, support from above, place from below, and the ways back."""
+        build, receiver = self.builder, self.choice.robot
+        giver = self.choice.primary.partner
+        support = self.candidates.support(self.choice)
+        assert giver is not None
+        assert support is not None
+        handover = self.candidates.handover(self.choice)
+        place = self.candidates.place(self.choice)
+        picked = self._pick(giver)
+        build.transit(receiver, handover.pre_receive, "to the handover", None)
+        ready = build.transit(receiver, handover.receive, "ready to receive", None)
+        build.transit(giver, handover.rest, f"{self.brick} to the handover", self.brick)
+        self._transit(
+            handover.give.lead, giver, f"{self.brick} to {receiver}", self.brick
+        )
+        box = box_from_top(handover.top)
+        in_hand = inverse(self._flange(receiver, handover.receive)) @ box
+        given = build.skill(
+            handover.give, f"hand over {self.brick}", self.brick, receiver, in_hand
+        )
+        build.depend(ready, given)
+        # The receiver stands at the end of its task "ready" while the brick is pressed on.
+        carrying = build.of_robot(giver, picked, given)
+        build.allow(gripped(giver, self.brick), *carrying, ready)
+        build.transit(giver, handover.rest, "back from the handover", None)
+        self._home(giver)
+        taken = build.transit(
+            receiver, handover.pre_receive, f"take {self.brick}", self.brick
+        )
+        build.depend(given, taken)
+        self._transit(place.lead, receiver, f"{self.brick} to its place", self.brick)
+        held = self._support(support)
+        placed = self._place(place, f"place {self.brick} from below")
+        carrying = build.of_robot(receiver, taken, placed)
+        build.allow(gripped(receiver, self.brick), ready, given, *carrying)
+        self._home(receiver)
+        self._retract(support, held, placed)
+
+    def _pick(self, robot: str) -> int:
+        """Write transit, pick and the way HOME; return the pick."""
+        build, brick = self.builder, self.brick
+        path = self.candidates.pick(self.choice)
+        self._transit(path.lead, robot, f"to {brick}", None)
+        start = self.world.stock_at_rest[self.choice.object][1].pose
+        flange = self._flange(robot, path.contact)
+        picked = build.skill(
+            path,
+            f"pick {brick}",
+            brick,
+            robot,
+            inverse(flange) @ start,
+            self.refill,
+        )
+        cell = self.world.stock[self.choice.object].cell
+        touching = self._touching(robot, cell, start, self.beside_source)
+        build.allow(touching, picked)
+        self._home(robot, brick)
+        return picked
+
+    def _place(self, path: SkillPath, label: str) -> int:
+        """Write the place itself; return it."""
+        goal = self.world.goal(self.choice.step)[1].pose
+        placed = self.builder.skill(path, label, self.brick, None, goal)
+        touching = self._touching(path.robot, self.work.cell, goal, self.others)
+        self.builder.allow(touching, placed)
+        return placed
+
+    def _support(self, path: SkillPath) -> int:
+        """Write transit and support; return the support."""
+        self._transit(path.lead, path.robot, "to its support", None)
+        return self.builder.skill(path, f"support step {self.choice.step}", None)
+
+    def _retract(self, path: SkillPath, held: int, placed: int) -> None:
+        """Write the supporting robot's way back, once the brick is placed."""
+        build, robot = self.builder, path.robot
+        ways_back = [
+            build.transit(robot, q, "back from its support", None)
+            for q in path.waypoints[-2::-1]
+        ]
+        build.depend(held, placed)
+        build.depend(placed, ways_back[0])
+        self._home(robot)
+        assert self.choice.support is not None
+        bricks = {**self.others, self.brick: (self.work.cell, self.kind)}
+        support = self.world.supports(self.choice.step)[self.choice.support.pose]
+        touched = supporting(robot, support, bricks)
+        build.allow(touched, held, *ways_back)
+        # What the placing robot brings touches the standing tool as well.
+        build.allow(touched & gripped(robot, self.brick), placed)
+
+    def _touching(
+        self,
+        robot: str,
+        cell: Cell,
+        pose: Transform,
+        others: Mapping[str, tuple[Cell, BrickType]],
+    ) -> Pairs:
+        """Return what a brick and the tool on it may touch where it sits."""
+        fixtures = self.world.cell.fixtures
+        touching = seated(self.brick, cell, self.kind, others)
+        touching |= grounded(self.brick, pose, fixtures)
+        return touching | beside_tool(robot, cell, self.kind, others)
+
+    def _transit(
+        self, goals: Array, robot: str, label: str, carries: str | None
+    ) -> None:
+        for goal in goals:
+            self.builder.transit(robot, goal, label, carries)
+
+    def _home(self, robot: str, carries: str | None = None) -> int:
+        label = f"HOME with {carries}" if carries else "HOME"
+        home = self.world.cell.robot(robot).home
+        return self.builder.transit(robot, home, label, carries)
+
+    def _flange(self, robot: str, q: Array) -> Transform:
+        return frame_pose(self.world.cell.robot(robot), q)

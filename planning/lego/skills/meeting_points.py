@@ -1,0 +1,105 @@
+"""Where two robots meet to hand a brick over.
+
+The receiver holds its tool level towards the giver, side studs up; the giver comes down from
+above. The published place is tried first, then others around it in the vertical plane between
+the two bases, nearest to it first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from planning.skills.subgoals import Subgoal
+from planning.transforms import Transform, rotation, translation
+
+REACH = 0.45
+"""Distance of the receiving tool from the receiver's base axis [m]."""
+
+HEIGHT = 0.35
+"""Height of the receiving tool above the receiver's base [m]."""
+
+DRAW_BACK = 0.075
+"""The receiver waits and comes away this far behind the place of the handover [m]."""
+
+REST = (0.2, 0.0, 0.5)
+"""Where the giver's flange waits before and after, pointing down, in its base frame [m]."""
+
+_REACHES = (0.40, 0.45, 0.50, 0.35)
+_HEIGHTS = (0.35, 0.40, 0.30, 0.45, 0.25)
+_FACING = np.radians(10.0)
+
+# Tool z along the base's x, tool x down: the side studs of the tool look up.
+_LEVEL = rotation("y", np.pi / 2)
+
+
+@dataclass(frozen=True)
+class ReceivePose:
+    """A place of a handover, seen from the receiver.
+
+    Attributes:
+        pre: tool drawn back; the receiver comes this way, and leaves with the brick this way.
+        receive: tool held still while the brick is pressed onto its side studs.
+    """
+
+    pre: Subgoal
+    receive: Subgoal
+
+
+def receive_poses(receiver: Transform, giver: Transform) -> tuple[ReceivePose, ...]:
+    """Return places to receive a brick, in the order in which they should be tried.
+
+    Args:
+        receiver: base pose of the receiving robot in the world.
+        giver: base pose of the giving robot in the world.
+
+    Returns:
+        Candidates, the same list for the same bases. The first is the published one, 0.45 m in
+        front of the receiver's base and 0.35 m up, towards the giver. Where the base's x axis
+        points to the giver within 10 degrees, it gives the direction, as published; the exact
+        bearing follows.
+    """
+    bearing = _bearing(receiver, giver)
+    directions = [bearing]
+    if abs(bearing) < _FACING:
+        directions = [0.0] if abs(bearing) < 1e-9 else [0.0, bearing]
+    half = 0.5 * float(np.linalg.norm((giver - receiver)[:2, 3]))
+    reaches = sorted({*_REACHES, round(half, 3)}, key=lambda r: (abs(r - REACH), r))
+    places = sorted(
+        product(reaches, _HEIGHTS, directions),
+        key=lambda p: (
+            round(abs(p[0] - REACH) + abs(p[1] - HEIGHT), 6),
+            reaches.index(p[0]),
+            _HEIGHTS.index(p[1]),
+            directions.index(p[2]),
+        ),
+    )
+    return tuple(_candidate(receiver, *place) for place in places)
+
+
+def giver_rest(giver: Transform) -> Subgoal:
+    """Return where the giver waits before and after a handover: flange pointing down.
+
+    Args:
+        giver: base pose of the giving robot in the world.
+    """
+    pose = giver @ translation(*REST) @ rotation("x", np.pi)
+    return Subgoal("handover rest", "flange", pose)
+
+
+def _candidate(
+    receiver: Transform, reach: float, height: float, bearing: float
+) -> ReceivePose:
+    tool = receiver @ rotation("z", bearing) @ translation(reach, 0.0, height) @ _LEVEL
+    return ReceivePose(
+        pre=Subgoal("pre-receive", "tool", tool @ translation(0.0, 0.0, -DRAW_BACK)),
+        receive=Subgoal("receive", "tool", tool),
+    )
+
+
+def _bearing(receiver: Transform, giver: Transform) -> float:
+    """Return the direction of ``giver`` about ``receiver``'s z axis, from its x axis [rad]."""
+    away = receiver[:3, :3].T @ (giver[:3, 3] - receiver[:3, 3])
+    return float(np.arctan2(away[1], away[0]))

@@ -1,0 +1,380 @@
+"""How each robot could do each skill of an assembly, found once and remembered.
+
+What depends on the robot, the stock brick and the grip (the pick) is apart from what depends on
+the robot, the step and the grip (the place): their product is never checked pair by pair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+from planning.cell.workcell import Attachment, PlacedRobot
+from planning.lego.bricks.brick_world import (
+    BrickWorld,
+    Placed,
+    goal_name,
+    grasp_number,
+    press_of,
+)
+from planning.lego.bricks.grips import grip_pose
+from planning.lego.skills.allowed_contacts import (
+    beside_tool,
+    gripped,
+    grounded,
+    seated,
+    supporting,
+)
+from planning.lego.skills.support import support_bottom_targets, support_top_targets
+from planning.lego.skills.targets import (
+    APPROACH_HEIGHT,
+    HIGH_APPROACH,
+    held_box,
+    pick_targets,
+    place_down_targets,
+    place_up_contact,
+    place_up_targets,
+    support_skill,
+)
+from planning.skills.joint_paths import (
+    Obstruction,
+    SkillContacts,
+    SkillPath,
+    nearer_reason,
+    skill_postures,
+    unreachable,
+)
+from planning.skills.subgoals import SkillTargets, Subgoal
+from planning.skills.surroundings import SkillScene, SkillTrial
+from planning.transforms import Array, translation
+
+NOTHING: frozenset[frozenset[str]] = frozenset()
+
+_DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
+"""How far behind the pre-pose a support may start [m]."""
+
+
+@dataclass(frozen=True)
+class SkillOption:
+    """A way to do a skill.
+
+    Attributes:
+        path: in joint space.
+        after: stock bricks that stand in the way until they have been used.
+        latest: last step at which it is possible, because a later brick is in the way; None
+            when none is.
+    """
+
+    path: SkillPath
+    after: frozenset[str] = frozenset()
+    latest: int | None = None
+
+
+@dataclass(frozen=True)
+class StandingSupport:
+    """A robot that stands supporting.
+
+    Attributes:
+        robot: who.
+        choice: which of the supports of the step.
+    """
+
+    robot: str
+    choice: int = 0
+
+
+class SkillOptions:
+    """Finds picks, places and supports; each is worked out at most once.
+
+    The scene is the stock at rest and the goals of the earlier steps, other robots at HOME.
+    """
+
+    def __init__(self, world: BrickWorld) -> None:
+        self.world = world
+        self.home: dict[str, Array] = {r.name: r.home for r in world.cell.robots}
+        self._known: dict[tuple[Any, ...], SkillOption | Obstruction] = {}
+
+    def pick(self, robot: str, stock: str, grasp: int) -> SkillOption | Obstruction:
+        """Return how a robot picks a stock brick with a grip."""
+        key = ("pick", robot, stock, grasp)
+        if key not in self._known:
+            self._known[key] = self._pick(self.world.cell.robot(robot), stock, grasp)
+        return self._known[key]
+
+    def place(
+        self, robot: str, step: int, grasp: int, beside: StandingSupport | None = None
+    ) -> SkillOption | Obstruction:
+        """Return how a robot places the brick of a step, down or up.
+
+        Args:
+            robot: who places.
+            step: counted from 1.
+            grasp: number of the grip.
+            beside: another robot that stands supporting meanwhile; None when it is at HOME.
+        """
+        key = ("place", robot, step, grasp, beside)
+        if key not in self._known:
+            self._known[key] = self._place(robot, step, grasp, beside)
+        return self._known[key]
+
+    def support(
+        self, robot: str, step: int, choice: int = 0
+    ) -> SkillOption | Obstruction:
+        """Return how a robot supports a step, from the first pre-pose that works.
+
+        Args:
+            robot: who supports.
+            step: counted from 1.
+            choice: which of the supports of the step, see ``BrickWorld.supports``.
+
+        Where bricks beside the pre-pose are too near for a transit to end there, the skill
+        starts further back along the tool.
+        """
+        key = ("support", robot, step, choice)
+        if key not in self._known:
+            placed = self.world.cell.robot(robot)
+            self._known[key] = self._support(placed, step, choice)
+        return self._known[key]
+
+    def _pick(
+        self, robot: PlacedRobot, stock: str, grasp: int
+    ) -> SkillOption | Obstruction:
+        world = self.world
+        cell, kind = world.stock[stock].cell, world.kind(world.stock[stock].brick)
+        press, top = press_of(grasp), world.start_top(stock)
+        frames = robot.model.frames
+        targets = pick_targets(
+            frames, kind, top, press, twist=world.assembly.twist["pick"]
+        )
+        others = world.stock_beside(stock)
+        grip = gripped(robot.name, stock)
+        touching = grip | seated(stock, cell, kind, others)
+        touching |= beside_tool(robot.name, cell, kind, others)
+        start = world.stock_at_rest[stock][1].pose
+        touching |= grounded(stock, start, world.cell.fixtures)
+        held = held_box(frames, "tool", grip_pose(top, kind, press), top)
+        above = world.above(stock)
+        goals = world.goals(range(1, len(world.assembly.steps) + 1))
+        here = {k: v for k, v in world.stock_at_rest.items() if k not in above}
+        scene = SkillScene(
+            world.cell,
+            {**here, **goals},
+            self.home,
+            SkillContacts(NOTHING, touching, grip),
+            (stock, Attachment(robot.name, held)),
+            self._refill(stock),
+        )
+        loose = (world.loose_stock & here.keys()) - {stock} | set(goals)
+        option = self._resolve(robot, targets, scene, loose)
+        if isinstance(option, Obstruction):
+            return option
+        return replace(option, after=option.after | above)
+
+    def _refill(self, stock: str) -> Placed | None:
+        """Return what stands where a stock brick was, once it has been picked."""
+        if stock not in self.world.stations:
+            return None
+        item, at = self.world.stock_at_rest[stock]
+        return replace(item, name=f"the next brick of {stock}"), at
+
+    def place_targets(
+        self,
+        robot: str,
+        step: int,
+        grasp: int,
+        attack: int | None = None,
+        height: float = APPROACH_HEIGHT,
+    ) -> SkillTargets:
+        """Return the subgoals of placing the brick of a step.
+
+        Args:
+            robot: who places.
+            step: counted from 1.
+            grasp: number of the grip.
+            attack: sign of the sideways offset of the approach, the step's own when None.
+            height: of the approach of a place-down [m].
+        """
+        world = self.world
+        work = world.step(step)
+        frames = world.cell.robot(robot).model.frames
+        kind, top, press = (
+            world.kind(work.brick),
+            world.goal_top(step),
+            press_of(grasp),
+        )
+        if work.up:
+            contact = place_up_contact(top, kind, press)
+            return place_up_targets(
+                frames,
+                contact,
+                attack=attack or work.attack,
+                twist=world.assembly.twist["place-up"],
+            )
+        return place_down_targets(
+            frames,
+            kind,
+            top,
+            press,
+            attack=attack or work.attack,
+            height=height,
+            twist=world.assembly.twist["place-down"],
+        )
+
+    def held_for_place(self, robot: str, step: int, grasp: int) -> Attachment:
+        """Return how a robot holds the brick that it is about to place."""
+        world = self.world
+        work = world.step(step)
+        frames = world.cell.robot(robot).model.frames
+        kind, top, press = (
+            world.kind(work.brick),
+            world.goal_top(step),
+            press_of(grasp),
+        )
+        if work.up:
+            contact = place_up_contact(top, kind, press)
+            return Attachment(robot, held_box(frames, "alt", contact, top))
+        tool = grip_pose(top, kind, press)
+        return Attachment(robot, held_box(frames, "tool", tool, top))
+
+    def around(self, step: int) -> dict[str, Placed]:
+        """Return the stock at rest and the goals of the earlier steps."""
+        return {
+            **self.world.stock_at_rest,
+            **self.world.goals(range(1, step)),
+        }
+
+    def _place(
+        self, robot: str, step: int, grasp: int, beside: StandingSupport | None
+    ) -> SkillOption | Obstruction:
+        world = self.world
+        name = goal_name(step)
+        work = world.step(step)
+        others = world.cells_during(step)
+        kind = world.kind(work.brick)
+        grip = gripped(robot, name)
+        touching = grip | seated(name, work.cell, kind, others)
+        touching |= beside_tool(robot, work.cell, kind, others)
+        goal, at_goal = world.goal(step)
+        touching |= grounded(name, at_goal.pose, world.cell.fixtures)
+        standing = dict(self.home)
+        if beside is not None:
+            held = self.support(beside.robot, step, beside.choice)
+            assert isinstance(held, SkillOption), held
+            standing[beside.robot] = held.path.path[-1]
+            touching |= self.supported(beside.robot, step, beside.choice)
+        scene = SkillScene(
+            world.cell,
+            {
+                **self.around(step),
+                name: (goal, self.held_for_place(robot, step, grasp)),
+            },
+            standing,
+            SkillContacts(grip, touching, NOTHING),
+            (name, at_goal),
+        )
+        attacks = [work.attack]
+        if grasp_number(work.press or press_of(grasp)) != grasp or not work.press:
+            attacks.append(-work.attack)  # that of the step belongs to its own press
+        reason: Obstruction | None = None
+        heights = (APPROACH_HEIGHT,) if work.up else (APPROACH_HEIGHT, HIGH_APPROACH)
+        for height, attack in product(heights, attacks):
+            targets = self.place_targets(robot, step, grasp, attack, height)
+            option = self._resolve(
+                world.cell.robot(robot), targets, scene, world.loose_stock
+            )
+            if isinstance(option, SkillOption):
+                return option
+            reason = reason or option
+        assert reason is not None
+        return reason
+
+    def supported(
+        self, robot: str, step: int, choice: int = 0
+    ) -> frozenset[frozenset[str]]:
+        """Return what a supporting tool may touch, the brick of the step included."""
+        world = self.world
+        bricks = {**world.cells_during(step), **world.goal_cells([step])}
+        return supporting(robot, world.supports(step)[choice], bricks)
+
+    def _support(
+        self, robot: PlacedRobot, step: int, choice: int
+    ) -> SkillOption | Obstruction:
+        world = self.world
+        work = world.step(step)
+        if not world.supports(step):
+            return Obstruction("the step does not say where to support")
+        plate = world.assembly.plate
+        find = support_top_targets if work.up else support_bottom_targets
+        targets = find(plate, world.supports(step)[choice])
+        held = self.supported(robot.name, step, choice)
+        scene = SkillScene(
+            world.cell,
+            self.around(step),
+            self.home,
+            SkillContacts(NOTHING, held, held),
+        )
+        reason: Obstruction | None = None
+        for back, k in product(_DRAWN_BACK, range(len(targets.pre))):
+            skill = _drawn_back(support_skill(targets, pre=k), back)
+            option = self._resolve(robot, skill, scene, world.loose_stock, support=k)
+            if isinstance(option, SkillOption):
+                return option
+            reason = reason or option
+        assert reason is not None
+        return reason
+
+    def _resolve(
+        self,
+        robot: PlacedRobot,
+        targets: SkillTargets,
+        scene: SkillScene,
+        loose: Iterable[str],
+        *,
+        support: int = 0,
+    ) -> SkillOption | Obstruction:
+        """Return a path clear of everything, or else of everything that will be gone."""
+        trials: list[SkillTrial | Obstruction] = []
+        reason: Obstruction | None = None
+        for path in skill_postures(robot, targets, support=support):
+            if isinstance(path, Obstruction):
+                trials.append(path)
+                reason = nearer_reason(reason, path)
+                continue
+            trial = SkillTrial(path, scene)
+            if trial.found is None:
+                return SkillOption(path)
+            trials.append(trial)
+            reason = nearer_reason(reason, trial.found)
+        if reason is None:
+            return unreachable(targets)
+        loose = set(loose)
+        if reason.by not in loose:
+            return reason
+        reason = None
+        for item in trials:
+            found = item if isinstance(item, Obstruction) else item.take_away(loose)
+            if found is None:
+                assert isinstance(item, SkillTrial)
+                return self._with_obstacles(item.path, item.gone)
+            reason = nearer_reason(reason, found)
+        assert reason is not None
+        return reason
+
+    def _with_obstacles(self, path: SkillPath, gone: Iterable[str]) -> SkillOption:
+        steps: Mapping[str, int] = {
+            goal_name(k): k for k in range(1, len(self.world.assembly.steps) + 1)
+        }
+        later = [steps[name] for name in gone if name in steps]
+        stock = frozenset(name for name in gone if name not in steps)
+        return SkillOption(path, stock, min(later) if later else None)
+
+
+def _drawn_back(skill: SkillTargets, distance: float) -> SkillTargets:
+    """Return a skill that starts further back along the tool [m]."""
+    if distance == 0.0:
+        return skill
+    pre = skill.subgoals[0]
+    start = Subgoal("drawn back", pre.frame, pre.pose @ translation(0, 0, -distance))
+    return replace(skill, subgoals=(start, *skill.subgoals))

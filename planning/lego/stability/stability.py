@@ -1,0 +1,243 @@
+"""Static equilibrium of a LEGO structure as a linear program (StableLego, Liu et al. 2024).
+
+Every brick is a rigid body under gravity and other loads. Joints transmit forces: the contacts
+of a knob in the cavity above push without limit and pull with limited friction, a knob bears
+sideways with a limit, neighbours in a layer push each other. The program asks for forces in
+balance on every brick that need as little friction as possible; the largest friction over its
+capacity T is the score of the structure.
+
+    minimise s  subject to  A f = -w,  f_knob >= -s T,  |f_sideways| <= S,  f_side >= 0
+
+A structure whose score is 0 stands without any friction, up to 1 it stands, above it collapses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+
+from planning.errors import ScenarioError
+from planning.lego.bricks.assembly import STUD_PITCH
+from planning.lego.bricks.contacts import (
+    LAYER,
+    Joint,
+    PlacedBrick,
+    SideContact,
+    by_name,
+    centre,
+    filled_places,
+    is_narrow,
+    joints,
+    knob_points,
+    side_contacts,
+)
+from planning.lego.stability.equilibrium import Equilibrium
+
+STANDARD_GRAVITY = 9.80665
+"""[m/s^2]."""
+
+_UP = np.array([0.0, 0.0, 1.0])
+_LEVEL = (np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+
+
+@dataclass(frozen=True)
+class JointStrength:
+    """What a joint between LEGO bricks bears.
+
+    Attributes:
+        narrow_pull: friction T of one of the four contacts of a knob in a brick of one stud's
+            width [N]. The figure published with StableLego, 100 gram-force.
+        wide_pull: friction T of one of the three contacts in a wider brick [N]. Set so that
+            stairs of 19 2x4 bricks stand and stairs of 20 collapse, as published there; any
+            figure from 0.80 to 0.89 does. (StableLego has 0.98 N here too, but shifts all three
+            contacts to one side, which makes mirrored structures unequal.)
+        sideways: force S that a knob bears along each of x and y [N]; an assumption, far above
+            what gravity asks for.
+    """
+
+    narrow_pull: float = 0.98
+    wide_pull: float = 0.85
+    sideways: float = 20.0
+
+    def pull(self, upper: PlacedBrick) -> float:
+        """Return the friction T of a contact in a brick's cavity [N]."""
+        return self.narrow_pull if is_narrow(upper) else self.wide_pull
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force on a brick.
+
+    Attributes:
+        brick: name of the brick.
+        force: (x, y, z) in the plate's frame [N].
+        point: where it acts, in the plate's frame with the plate's corner as origin [m].
+    """
+
+    brick: str
+    force: tuple[float, float, float]
+    point: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Hold:
+    """A place where a standing tool touches a brick: it pushes back, it does not pull.
+
+    Attributes:
+        brick: name of the brick.
+        direction: of the push on the brick, +1 up or -1 down.
+        point: where it acts, in the plate's frame with the plate's corner as origin [m].
+    """
+
+    brick: str
+    direction: int
+    point: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class StabilityReport:
+    """Whether a structure stands.
+
+    Attributes:
+        stable: True when the score is at most the limit.
+        score: largest friction over its capacity; ``inf`` when no friction is enough.
+        brick: the brick whose knobs are used most, or one that nothing holds; None when the
+            structure needs no friction.
+    """
+
+    stable: bool
+    score: float
+    brick: str | None
+
+
+def stability(
+    structure: Iterable[PlacedBrick],
+    *,
+    loads: Sequence[Load] = (),
+    holds: Sequence[Hold] = (),
+    loose: frozenset[str] = frozenset(),
+    strength: JointStrength = JointStrength(),
+    limit: float = 1.0,
+) -> StabilityReport:
+    """Return whether a structure on a plate stands, and how much friction it needs.
+
+    Args:
+        structure: its bricks; those of layer 1 stand on the plate, which does not move.
+        loads: forces besides gravity.
+        holds: tools that stand still against bricks.
+        loose: bricks that are just being pressed into place; their joints push but do not
+            pull yet.
+        strength: what joints bear.
+        limit: largest score that counts as stable.
+
+    Raises:
+        ScenarioError: bricks overlap or a name is used twice; a load or a hold names a brick
+            that the structure does not have.
+    """
+    bricks = by_name(structure)
+    for name in chain((v.brick for v in loads), (v.brick for v in holds), loose):
+        if name not in bricks:
+            raise ScenarioError(
+                f"the structure has no brick {name!r}", choices=tuple(bricks)
+            )
+    filled = filled_places(bricks)
+    knobs = joints(bricks, filled)
+    if not bricks:
+        return StabilityReport(True, 0.0, None)
+    if not holds and (loose_end := _floating(bricks, knobs)) is not None:
+        return StabilityReport(False, math.inf, loose_end)
+    program = bodies(bricks.values())
+    for joint in knobs:
+        free = joint.upper in loose or joint.lower in loose
+        pull = 0.0 if free else strength.pull(bricks[joint.upper])
+        add_joint(program, joint, bricks[joint.upper], pull, strength.sideways)
+    for side in side_contacts(bricks, filled):
+        add_side(program, side)
+    add_loads(program, loads, holds)
+    result = program.solve()
+    return StabilityReport(result.score <= limit + 1e-9, result.score, result.brick)
+
+
+def bodies(bricks: Iterable[PlacedBrick]) -> Equilibrium:
+    """Return a linear program with these bricks as rigid bodies and no contacts yet."""
+    items = tuple(bricks)
+    return Equilibrium(
+        {item.name: centre(item) for item in items},
+        {item.name: item.brick.mass * STANDARD_GRAVITY for item in items},
+    )
+
+
+def add_joint(
+    program: Equilibrium,
+    joint: Joint,
+    upper: PlacedBrick,
+    pull: float,
+    sideways: float,
+    *,
+    fixed: Container[str] = (),
+) -> None:
+    """Add the contacts of a joint to a linear program.
+
+    Args:
+        program: the program.
+        joint: the joint.
+        upper: its upper brick.
+        pull: friction of each contact [N].
+        sideways: force that each knob bears along x and y [N].
+        fixed: bricks that do not move, like the plate.
+    """
+    first, second = (
+        None if n is None or n in fixed else n for n in (joint.lower, joint.upper)
+    )
+    height = (joint.layer - 1) * LAYER
+    for stud in joint.studs:
+        for x, y in knob_points(upper, stud):
+            point = np.array([x, y, height])
+            program.add_contact(first, second, point, _UP, pull=pull)
+        axis = np.array([stud[0] + 0.5, stud[1] + 0.5, height])
+        for direction in _LEVEL:
+            program.add_contact(first, second, axis, direction, within=sideways)
+
+
+def add_side(
+    program: Equilibrium, side: SideContact, *, fixed: Container[str] = ()
+) -> None:
+    """Add the contacts of two bricks side by side, the corners of their common face."""
+    first, second = (None if n in fixed else n for n in (side.first, side.second))
+    for along in side.span:
+        flat = (side.at, along) if side.axis == 0 else (along, side.at)
+        for height in ((side.layer - 1) * LAYER, side.layer * LAYER):
+            point = np.array([*flat, height], dtype=np.float64)
+            program.add_contact(first, second, point, _LEVEL[side.axis])
+
+
+def add_loads(
+    program: Equilibrium, loads: Iterable[Load], holds: Iterable[Hold]
+) -> None:
+    """Add forces and supporting tools to a linear program."""
+    for hold in holds:
+        up = np.array([0.0, 0.0, float(hold.direction)])
+        program.add_contact(None, hold.brick, np.array(hold.point) / STUD_PITCH, up)
+    for load in loads:
+        point = np.array(load.point) / STUD_PITCH
+        program.add_load(load.brick, np.array(load.force), point)
+
+
+def _floating(bricks: Mapping[str, PlacedBrick], knobs: Sequence[Joint]) -> str | None:
+    """Return the first brick that no chain of joints connects to the plate."""
+    linked: dict[str | None, set[str | None]] = {name: set() for name in bricks}
+    linked[None] = set()
+    for joint in knobs:
+        linked[joint.lower].add(joint.upper)
+        linked[joint.upper].add(joint.lower)
+    held: set[str | None] = {None}
+    front: list[str | None] = [None]
+    while front:
+        for name in linked[front.pop()] - held:
+            held.add(name)
+            front.append(name)
+    return next((name for name in bricks if name not in held), None)

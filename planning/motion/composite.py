@@ -1,0 +1,192 @@
+"""Robots that move at once, planned as one robot with all their joints (APEX-MR V-A).
+
+A composite configuration is the robots' configurations one after another. On a straight line
+between two of them all robots move with the same parameter, in lock step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from planning.cell.workcell import Workcell, WorldState
+from planning.geometry.moving_pair import MovingPair
+from planning.geometry.scene_checker import SceneChecker
+from planning.motion.motion_plan import TaskMotion
+from planning.motion.speed import SpeedModel
+from planning.tasks.task_graph import AllowedContact
+from planning.tasks.world_progress import allowed_pairs
+from planning.transforms import Array
+
+
+@dataclass(frozen=True)
+class CompositeSpeed:
+    """The slowest robot decides.
+
+    Attributes:
+        speeds: of each robot, in the order of their joints.
+        joints: where each robot's joints are.
+    """
+
+    speeds: tuple[SpeedModel, ...]
+    joints: tuple[slice, ...]
+
+    def duration(self, q_a: Array, q_b: Array) -> float:
+        """Return the time of the motion in lock step, composite shape (n,) [s]."""
+        return max(
+            speed.duration(q_a[own], q_b[own])
+            for speed, own in zip(self.speeds, self.joints, strict=True)
+        )
+
+
+class CompositeChecker:
+    """Collision checks of robots that move at once, everything else standing.
+
+    Motions keep their clearance part by part, see ``planning.geometry.moving_pair``.
+
+    Args:
+        cell: the static cell.
+        tasks: robot name to the index of the task it moves for; their order is that of the
+            joints.
+        state: where everything is at the start.
+        last_task: task that each standing robot did last.
+        allowed: the table of allowed contacts.
+        speeds: speed model of each robot.
+        step: longest time of a part [s].
+        margin: added to the cell's clearances [m].
+    """
+
+    def __init__(
+        self,
+        cell: Workcell,
+        tasks: Mapping[str, int],
+        state: WorldState,
+        last_task: Mapping[str, int],
+        allowed: Sequence[AllowedContact],
+        speeds: Mapping[str, SpeedModel],
+        *,
+        step: float,
+        margin: float = 0.0,
+    ) -> None:
+        self.robots = tuple(tasks)
+        self.joints = _joint_slices(cell, self.robots)
+        self.speed = CompositeSpeed(
+            tuple(speeds[name] for name in self.robots), self.joints
+        )
+        self._step = step
+        under_way = {**last_task, **tasks}
+        pairs = {
+            name: allowed_pairs(cell, state, name, tasks[name], under_way, allowed)
+            for name in self.robots
+        }
+        self._alone = tuple(
+            SceneChecker(
+                _without(cell, state, [o for o in self.robots if o != name]),
+                name,
+                state,
+                pairs[name],
+                margin=margin,
+            )
+            for name in self.robots
+        )
+        self._together = tuple(
+            (
+                i,
+                k,
+                MovingPair(
+                    cell,
+                    self.robots[i],
+                    self.robots[k],
+                    state,
+                    pairs[self.robots[i]] & pairs[self.robots[k]],
+                    margin=margin,
+                ),
+            )
+            for i, k in combinations(range(len(self.robots)), 2)
+        )
+
+    def configuration_free(self, q: Array) -> bool:
+        """Tell whether all robots may stand at composite ``q``, shape (n,)."""
+        joints = self.joints
+        return all(
+            pair.clear(q[joints[i]], q[joints[k]]) for i, k, pair in self._together
+        ) and all(
+            alone.configuration_free(np.ascontiguousarray(q[own]))
+            for alone, own in zip(self._alone, joints, strict=True)
+        )
+
+    def motion_free(self, q_a: Array, q_b: Array) -> bool:
+        """Tell whether the composite line from ``q_a`` to ``q_b`` is free, shape (n,)."""
+        return self.configuration_free(q_b) and self.split(q_a, q_b) is not None
+
+    def split(self, q_a: Array, q_b: Array) -> Array | None:
+        """Cut a composite line into parts that can become nodes.
+
+        Returns:
+            The parameters at which parts end, rising to 1; None where the line is not free.
+        """
+        seconds = self.speed.duration(q_a, q_b)
+        parts = max(1, int(np.ceil(seconds / self._step - 1e-9)))
+        ends = np.arange(1, parts + 1) / parts
+        for i, k, pair in self._together:
+            first, second = self.joints[i], self.joints[k]
+            own = pair.split(q_a[first], q_b[first], q_a[second], q_b[second], parts)
+            if own is None:
+                return None
+            ends = np.union1d(ends, own)
+        for alone, own_joints in zip(self._alone, self.joints, strict=True):
+            a = np.ascontiguousarray(q_a[own_joints])
+            b = np.ascontiguousarray(q_b[own_joints])
+            if not alone.motion_free(a, b):
+                return None
+        ends[-1] = 1.0
+        return ends
+
+    def motions(self, path: Array) -> dict[str, TaskMotion] | None:
+        """Return what each robot does on a composite polyline, times from 0.
+
+        Args:
+            path: shape (w, n).
+
+        Returns:
+            Waypoints at the same times for all robots, None where the path is not free.
+        """
+        waypoints, times = [path[0]], [0.0]
+        for q_a, q_b in zip(path, path[1:], strict=False):
+            seconds = self.speed.duration(q_a, q_b)
+            if seconds <= 0.0:
+                continue
+            ends = self.split(q_a, q_b)
+            if ends is None:
+                return None
+            begin = times[-1]
+            for t in ends.tolist():
+                waypoints.append(q_b if t == 1.0 else q_a + t * (q_b - q_a))
+                times.append(begin + t * seconds)
+        whole = np.array(waypoints)
+        return {
+            name: TaskMotion(np.ascontiguousarray(whole[:, own]), np.array(times))
+            for name, own in zip(self.robots, self.joints, strict=True)
+        }
+
+
+def _joint_slices(cell: Workcell, robots: Sequence[str]) -> tuple[slice, ...]:
+    ends = np.cumsum([0, *(cell.robot(name).model.dof for name in robots)]).tolist()
+    return tuple(slice(a, b) for a, b in zip(ends, ends[1:], strict=False))
+
+
+def _without(cell: Workcell, state: WorldState, robots: Sequence[str]) -> Workcell:
+    """Return the cell without some robots and what they hold."""
+    return replace(
+        cell,
+        robots=tuple(r for r in cell.robots if r.name not in robots),
+        objects=tuple(
+            item
+            for item in cell.objects
+            if item.name not in state.attachments
+            or state.attachments[item.name].holder not in robots
+        ),
+    )

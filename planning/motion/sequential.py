@@ -1,0 +1,206 @@
+"""The sequential plan: one task after another, everything else standing (APEX-MR IV-B)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from planning.cell.workcell import Workcell, WorldState, start_state
+from planning.errors import TransitError
+from planning.geometry.scene_checker import SceneChecker
+from planning.motion.full_turns import take_near_turns
+from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.motion.speed import SpeedModel, path_times, sample_path
+from planning.motion.transit import TransitPlanner
+from planning.tasks.steps import StepTasks, cell_with_steps
+from planning.tasks.task_graph import TRANSIT, AllowedContact, Task
+from planning.tasks.world_progress import allowed_pairs, apply_handlings, move_robot
+from planning.transforms import Array
+
+MARGIN = 0.0005
+"""Kept on top of the clearances by single-robot planning, so that the conflict search, which
+rounds against itself, never finds a standing robot in conflict with the motion past it [m]."""
+
+
+@dataclass(frozen=True)
+class MotionSettings:
+    """How tasks are turned into motions.
+
+    Attributes:
+        planners: transit planner of each robot.
+        speeds: speed model of each robot.
+        step: longest time between pose nodes [s].
+        skill_seconds: nominal duration of each skill [s]; one that is not there follows its
+            reference path at the speed of its robot.
+        attempts: seeds tried for a transit before another grasp is.
+        seed: of the whole plan.
+    """
+
+    planners: Mapping[str, TransitPlanner]
+    speeds: Mapping[str, SpeedModel]
+    step: float
+    skill_seconds: Mapping[str, float]
+    attempts: int = 5
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class _Progress:
+    """Where sequential planning stands."""
+
+    state: WorldState
+    last_task: Mapping[str, int]
+    clock: float
+
+
+def plan_sequential(
+    cell: Workcell,
+    expansions: Sequence[Callable[[int], Iterator[StepTasks]]],
+    link_steps: Callable[[Sequence[StepTasks]], np.ndarray],
+    settings: MotionSettings,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> MotionPlan:
+    """Plan the paths of all steps in order.
+
+    A transit that fails is tried again with other seeds, then its step with the next
+    expansion (another grasp or support pose).
+
+    Args:
+        cell: the static cell; objects that come up in steps are added to it.
+        expansions: one per step: given the index of its first task, yields the step's tasks in
+            ever less preferred ways.
+        link_steps: returns all task dependencies, shape (e, 2), once every step is settled.
+        settings: planners, speeds, attempts and seed.
+        progress: called with the steps done and the steps in all.
+
+    Raises:
+        TransitError: no expansion of a step has a collision-free plan; names the task, the
+            robot and the step.
+    """
+    now = _Progress(start_state(cell), {}, 0.0)
+    steps: list[StepTasks] = []
+    motions: list[TaskMotion] = []
+    reached: dict[str, Array] = {}
+    for number, expand in enumerate(expansions):
+        first_failure: TransitError | None = None
+        for expansion in expand(len(motions)):
+            turned, then_reached = take_near_turns(cell, expansion, reached)
+            try:
+                here = cell_with_steps(cell, [turned])
+                done, after = _plan_step(here, turned, now, settings)
+            except TransitError as failure:
+                first_failure = first_failure or failure
+                continue
+            cell = here
+            steps.append(turned)
+            motions.extend(done)
+            now, reached = after, then_reached
+            break
+        else:
+            raise first_failure or TransitError(f"step {number + 1} has no expansion")
+        progress(number + 1, len(expansions))
+    tasks = tuple(task for step in steps for task in step.tasks)
+    allowed = tuple(contact for step in steps for contact in step.allowed)
+    return MotionPlan(cell, tasks, tuple(motions), link_steps(steps), allowed)
+
+
+def _plan_step(
+    cell: Workcell, step: StepTasks, now: _Progress, settings: MotionSettings
+) -> tuple[list[TaskMotion], _Progress]:
+    motions = []
+    for task in step.tasks:
+        if task.kind == TRANSIT:
+            path = _plan_transit(cell, task, step.allowed, now, settings)
+            waypoints, times = sample_path(
+                path, settings.speeds[task.robot], settings.step
+            )
+        else:
+            waypoints = _check_skill(cell, task, step.allowed, now)
+            seconds = settings.skill_seconds.get(task.kind)
+            times = (
+                path_times(waypoints, settings.speeds[task.robot])
+                if seconds is None
+                else _spread_over(waypoints, seconds)
+            )
+        motions.append(TaskMotion(waypoints, now.clock + times))
+        state = apply_handlings(now.state, task.handlings)
+        now = _Progress(
+            move_robot(state, task.robot, waypoints[-1]),
+            {**now.last_task, task.robot: task.index},
+            now.clock + float(times[-1]),
+        )
+    return motions, now
+
+
+def _checker(
+    cell: Workcell,
+    task: Task,
+    state: WorldState,
+    allowed: Sequence[AllowedContact],
+    last_task: Mapping[str, int],
+) -> SceneChecker:
+    pairs = allowed_pairs(cell, state, task.robot, task.index, last_task, allowed)
+    return SceneChecker(cell, task.robot, state, pairs, margin=MARGIN)
+
+
+def _plan_transit(
+    cell: Workcell,
+    task: Task,
+    allowed: Sequence[AllowedContact],
+    now: _Progress,
+    settings: MotionSettings,
+) -> Array:
+    start = now.state.configurations[task.robot]
+    goal = task.path[-1]
+    if np.allclose(start, goal, rtol=0.0, atol=1e-9):
+        return np.array([start])
+    checker = _checker(cell, task, now.state, allowed, now.last_task)
+    for end, q in (("start", start), ("goal", goal)):
+        contact = checker.contact(q)
+        if contact is not None:
+            raise TransitError(f"{_name(task)}: at its {end}, {contact}")
+    for attempt in range(settings.attempts):
+        seed = (settings.seed * 1_000_003 + task.index) * 64 + attempt
+        path = settings.planners[task.robot].plan(checker, start, goal, seed)
+        if path is not None:
+            return path
+    raise TransitError(
+        f"{_name(task)}: no collision-free path found with {settings.attempts} seeds"
+    )
+
+
+def _check_skill(
+    cell: Workcell,
+    task: Task,
+    allowed: Sequence[AllowedContact],
+    now: _Progress,
+) -> Array:
+    """Return the reference path with its start, after checking every stretch of it."""
+    path = np.vstack([now.state.configurations[task.robot], task.path])
+    state = now.state
+    for k in range(len(path)):
+        due = [h for h in task.handlings if h.waypoint == k]
+        state = apply_handlings(move_robot(state, task.robot, path[k]), due)
+        if k == 0 or due:
+            checker = _checker(cell, task, state, allowed, now.last_task)
+        if k + 1 < len(path) and not checker.motion_free(path[k], path[k + 1]):
+            contact = checker.contact(path[k + 1]) or checker.contact(path[k])
+            why = f", {contact}" if contact else " between two free subgoals"
+            raise TransitError(f"{_name(task)}: blocked at subgoal {k + 1}{why}")
+    return path
+
+
+def _spread_over(path: Array, seconds: float) -> Array:
+    """Return times of waypoints, shape (w,), in proportion to the joint travel."""
+    travel = np.concatenate(
+        [[0.0], np.cumsum(np.abs(np.diff(path, axis=0)).sum(axis=1))]
+    )
+    if travel[-1] == 0.0:
+        return np.linspace(0.0, seconds, len(path))
+    return np.asarray(seconds * travel / travel[-1])
+
+
+def _name(task: Task) -> str:
+    return f"step {task.step}, task {task.index} ({task.label}) of robot {task.robot!r}"

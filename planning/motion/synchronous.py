@@ -1,0 +1,338 @@
+"""The synchronous baseline: robots work in slots, and wait for each other (APEX-MR V-A, App. E).
+
+In a slot every robot does its next task or waits; the next slot starts when everyone has
+finished. Tasks keep the order of the sequential plan wherever two of them cannot be done at
+once. Whoever does not come into another's way moves as in the sequential plan, at its own pace;
+transits that would collide are planned as one robot, in lock step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.cell.workcell import WorldState, start_state
+from planning.errors import TransitError
+from planning.motion.composite import CompositeChecker
+from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.motion.sequential import MARGIN, MotionSettings
+from planning.motion.speed import path_duration
+from planning.motion.transit import RrtConnect
+from planning.tasks.task_graph import TRANSIT, Task
+from planning.tasks.world_progress import apply_handlings, move_robot
+from planning.transforms import Array
+
+_SHORTEST = 1e-3
+"""A slot in which nobody moves takes this long, so that slots do not start at once [s]."""
+
+
+class TaskConflicts(Protocol):
+    """Tells which parts of a sequential plan get into each other's way.
+
+    Tasks are given by index. Motions are those of the sequential plan, with what is carried,
+    picked up and put down; contacts that the plan allows are no conflicts.
+    """
+
+    def sweeps(self, first: int, second: int) -> bool:
+        """Tell whether two tasks of different robots conflict if done at any times."""
+        ...
+
+    def hold(self, robot: str, after: int | None, task: int) -> bool:
+        """Tell whether a task runs into a robot that stands where one of its tasks ended.
+
+        Args:
+            robot: who stands.
+            after: its task, None for before its first.
+            task: a task of another robot.
+        """
+        ...
+
+    def left_behind(self, first: int, task: int) -> bool:
+        """Tell whether a task runs into an object where the task ``first`` leaves it."""
+        ...
+
+    def not_yet_taken(self, task: int, later: int) -> bool:
+        """Tell whether a task runs into an object that the task ``later`` picks up."""
+        ...
+
+
+@dataclass(frozen=True)
+class SynchronousPlan:
+    """A plan in slots.
+
+    Attributes:
+        motion_plan: with the tasks of the sequential plan, timed by slots.
+        slot_of_task: slot of each task, from 0, in the order of the tasks, shape (tasks,).
+        jointly_planned: groups of tasks that were planned as one robot.
+    """
+
+    motion_plan: MotionPlan
+    slot_of_task: npt.NDArray[np.int64]
+    jointly_planned: tuple[tuple[int, ...], ...] = ()
+
+
+@dataclass
+class _Slot:
+    """A slot that is being filled.
+
+    Attributes:
+        motions: what each task in it does, times from the start of the slot.
+        joint: tasks that move in lock step.
+    """
+
+    motions: dict[int, TaskMotion] = field(default_factory=dict)
+    joint: tuple[int, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        return max((float(m.time[-1]) for m in self.motions.values()), default=0.0)
+
+
+def plan_synchronous(
+    plan: MotionPlan,
+    settings: MotionSettings,
+    conflicts: TaskConflicts,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> SynchronousPlan:
+    """Turn a sequential plan into one in slots.
+
+    A task comes into a slot when its dependencies are done, it is clear of what the others do
+    in the slot, and where it ends is clear of all earlier tasks that are still to come: so the
+    earliest task left can always be done as in the sequential plan, and there is no deadlock.
+
+    Args:
+        plan: one task after another.
+        settings: of the sequential plan: speeds, step, attempts and seed.
+        conflicts: of the tasks of ``plan``.
+        progress: called with the tasks done and the tasks in all.
+
+    Raises:
+        TransitError: the sequential plan does not hold on its own.
+    """
+    return _Planner(plan, settings, conflicts).plan(progress)
+
+
+class _Planner:
+    """Fills slot after slot."""
+
+    def __init__(
+        self, plan: MotionPlan, settings: MotionSettings, conflicts: TaskConflicts
+    ) -> None:
+        self.sequential = plan
+        self.settings = settings
+        self.conflicts = conflicts
+        self.tasks = {task.index: task for task in plan.tasks}
+        self.motions = {
+            task.index: motion
+            for task, motion in zip(plan.tasks, plan.motions, strict=True)
+        }
+        self.before = _prerequisites(plan)
+        self.queue: dict[str, list[int]] = {r.name: [] for r in plan.cell.robots}
+        for task in reversed(plan.tasks):
+            self.queue[task.robot].append(task.index)
+        self.done: set[int] = set()
+        self.last: dict[str, int] = {}
+        self.state: WorldState = start_state(plan.cell)
+        self.handles = {t.index for t in plan.tasks if t.handlings}
+
+    def plan(self, progress: Callable[[int, int], None]) -> SynchronousPlan:
+        out: dict[int, TaskMotion] = {}
+        slot_of: dict[int, int] = {}
+        groups: list[tuple[int, ...]] = []
+        clock, number = 0.0, 0
+        while len(out) < len(self.tasks):
+            self._finish_still(out, slot_of, clock, number)
+            slot = self._fill()
+            if not slot.motions:
+                break
+            for index, motion in slot.motions.items():
+                out[index] = TaskMotion(motion.path, clock + motion.time)
+                slot_of[index] = number
+                self._finish(self.tasks[index], motion.path[-1])
+            if slot.joint:
+                groups.append(slot.joint)
+            clock += max(slot.seconds, _SHORTEST)
+            number += 1
+            progress(len(out), len(self.tasks))
+        order = [task.index for task in self.sequential.tasks]
+        plan = MotionPlan(
+            self.sequential.cell,
+            self.sequential.tasks,
+            tuple(out[index] for index in order),
+            self.sequential.dependencies,
+            self.sequential.allowed,
+        )
+        slots = np.array([slot_of[index] for index in order], dtype=np.int64)
+        return SynchronousPlan(plan, slots, tuple(groups))
+
+    def _finish(self, task: Task, q: Array) -> None:
+        self.queue[task.robot].pop()
+        self.done.add(task.index)
+        self.last[task.robot] = task.index
+        self.state = apply_handlings(
+            move_robot(self.state, task.robot, q), task.handlings
+        )
+
+    def _finish_still(
+        self,
+        out: dict[int, TaskMotion],
+        slot_of: dict[int, int],
+        clock: float,
+        number: int,
+    ) -> None:
+        """Let everyone be done with tasks in which nothing moves and nothing changes hands."""
+        again = True
+        while again:
+            again = False
+            for queue in self.queue.values():
+                while queue and self._is_still(queue[-1]) and self._ready(queue[-1]):
+                    task = self.tasks[queue[-1]]
+                    path = self.motions[task.index].path
+                    out[task.index] = TaskMotion(path, np.full(len(path), clock))
+                    slot_of[task.index] = number
+                    self._finish(task, path[-1])
+                    again = True
+
+    def _is_still(self, index: int) -> bool:
+        return (
+            self.tasks[index].kind == TRANSIT
+            and index not in self.handles
+            and not np.any(np.diff(self.motions[index].path, axis=0))
+        )
+
+    def _ready(self, index: int) -> bool:
+        return self.before[index] <= self.done
+
+    def _fill(self) -> _Slot:
+        """Return the next slot, empty when everything is done."""
+        slot = _Slot()
+        candidates = sorted(queue[-1] for queue in self.queue.values() if queue)
+        for position, index in enumerate(candidates):
+            if not self._ready(index):
+                problem = "what it depends on is not done"
+            else:
+                problem = self._admit(slot, index)
+            if problem and position == 0:
+                task = self.tasks[index]
+                raise TransitError(
+                    f"task {index} ({task.label}) of robot {task.robot!r} cannot be done"
+                    f" as in the sequential plan: {problem}"
+                )
+        return slot
+
+    def _admit(self, slot: _Slot, index: int) -> str:
+        """Take a task into the slot; return why not, empty when it is taken."""
+        task, conflicts = self.tasks[index], self.conflicts
+        earlier = self._earlier(index, slot)
+        for later in earlier | (slot.motions.keys() & self.handles):
+            if conflicts.not_yet_taken(index, later):
+                return f"it runs into an object that task {later} takes away"
+        moving = {self.tasks[other].robot for other in slot.motions}
+        for robot in self.queue:
+            if robot in moving or robot == task.robot:
+                continue
+            if conflicts.hold(robot, self.last.get(robot), index):
+                return f"robot {robot!r} stands in its way"
+        for other in earlier:
+            if conflicts.hold(task.robot, index, other) or (
+                index in self.handles and conflicts.left_behind(index, other)
+            ):
+                return f"it would block task {other}"
+        # Who moves in lock step has left its sequential path, which is all that is known.
+        if slot.joint or any(conflicts.sweeps(index, other) for other in slot.motions):
+            return self._move_together(slot, index)
+        motion = self.motions[index]
+        slot.motions[index] = TaskMotion(motion.path, motion.time - motion.time[0])
+        return ""
+
+    def _earlier(self, index: int, slot: _Slot) -> set[int]:
+        """Return the tasks of others that come first in the sequential plan, but later now."""
+        found = set()
+        for robot, queue in self.queue.items():
+            if robot == self.tasks[index].robot:
+                continue
+            for other in reversed(queue):
+                if other > index:
+                    break
+                if other not in slot.motions:
+                    found.add(other)
+        return found
+
+    def _move_together(self, slot: _Slot, index: int) -> str:
+        """Plan everyone who moves in the slot anew, as one robot, where that saves time."""
+        indices = (*slot.motions, index)
+        if any(self.tasks[i].kind != TRANSIT or i in self.handles for i in indices):
+            return "it is in the way of another robot's skill, or that in its"
+        own = self.motions[index].time
+        without = slot.seconds + float(own[-1] - own[0])
+        motions = self._plan_composite(indices, without)
+        if motions is None:
+            return f"tasks {indices} cannot be done at once"
+        slot.motions = {i: motions[self.tasks[i].robot] for i in indices}
+        slot.joint = indices
+        return ""
+
+    def _plan_composite(
+        self, indices: Sequence[int], without: float
+    ) -> Mapping[str, TaskMotion] | None:
+        """Return motions of a composite path that takes less than the tasks apart."""
+        settings, cell = self.settings, self.sequential.cell
+        robots = [self.tasks[i].robot for i in indices]
+        checker = CompositeChecker(
+            cell,
+            dict(zip(robots, indices, strict=True)),
+            self.state,
+            self.last,
+            self.sequential.allowed,
+            settings.speeds,
+            step=settings.step,
+            margin=MARGIN,
+        )
+        start = np.concatenate([self.state.configurations[name] for name in robots])
+        goal = np.concatenate([self.tasks[i].path[-1] for i in indices])
+        if not (checker.configuration_free(start) and checker.configuration_free(goal)):
+            return None
+        models = [cell.robot(name).model for name in robots]
+        planner = RrtConnect(
+            np.concatenate([model.lower for model in models]),
+            np.concatenate([model.upper for model in models]),
+            checker.speed,
+            reach=0.7 * float(np.sqrt(len(robots))),
+            checks=2000,
+            smoothing=120 * len(robots),
+        )
+        for attempt in range(settings.attempts):
+            seed = (settings.seed * 1_000_003 + max(indices)) * 64 + attempt
+            path = planner.plan(checker, start, goal, seed)
+            if path is None or path_duration(path, checker.speed) >= without:
+                continue
+            motions = checker.motions(path)
+            if motions is not None:
+                return motions
+        return None
+
+
+def _prerequisites(plan: MotionPlan) -> dict[int, set[int]]:
+    """Return the tasks that must be done before each task.
+
+    Those it depends on, the one before it of its robot, and those that handled its object.
+    """
+    before: dict[int, set[int]] = {task.index: set() for task in plan.tasks}
+    for a, b in np.asarray(plan.dependencies).reshape(-1, 2).tolist():
+        before[b].add(a)
+    last_of: dict[str, int] = {}
+    last_with: dict[str, int] = {}
+    for task in plan.tasks:
+        _note(before[task.index], [last_of.get(task.robot)])
+        last_of[task.robot] = task.index
+        _note(before[task.index], [last_with.get(h.object) for h in task.handlings])
+        last_with.update((h.object, task.index) for h in task.handlings)
+    return before
+
+
+def _note(into: set[int], tasks: Iterable[int | None]) -> None:
+    into.update(task for task in tasks if task is not None)

@@ -1,0 +1,102 @@
+"""From choices to tasks: pick, carry over HOME, place, for every step (APEX-MR IV-A)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.parts.candidates import (
+    PickPlaceCandidates,
+    gripped,
+    held_pose,
+    touching,
+)
+from planning.skills.step_builder import StepBuilder
+from planning.tasks.plan import TaskPlan
+from planning.tasks.steps import StepTasks
+from planning.tasks.task_graph import Task
+
+
+def expand_step(
+    candidates: PickPlaceCandidates, plan: TaskPlan, step: int, first_index: int
+) -> StepTasks:
+    """Return the tasks of a step as the plan chooses it.
+
+    Every transit ends at the configuration that the next skill starts from, or at HOME, where
+    robots stop between pick and place and after it.
+
+    Args:
+        candidates: joint paths of all skills.
+        plan: who does the step with which grip.
+        step: counted from 1.
+        first_index: index of its first task.
+    """
+    choice, world = plan[step], candidates.world
+    robot, part = world.cell.robot(choice.robot), choice.object
+    grip = world.grips(step)[choice.grasp].pose
+    pick, place = candidates.pick(choice), candidates.place(choice)
+    build = StepBuilder(step, first_index)
+    for goal in pick.lead:
+        build.transit(robot.name, goal, f"to {part}", None)
+    held = held_pose(robot, world.assembly.grips.frame, grip)
+    picked = build.skill(pick, f"pick {part}", part, robot.name, held)
+    build.transit(robot.name, robot.home, f"HOME with {part}", part)
+    for goal in place.lead:
+        build.transit(robot.name, goal, f"{part} to its place", part)
+    placed = build.skill(place, f"place {part}", part, None, world.goal(step))
+    build.transit(robot.name, robot.home, "HOME", None)
+    carrying = build.of_robot(robot.name, picked, placed)
+    build.allow(gripped(robot.name, part), *carrying)
+    build.allow(touching(part, world.at_start(step)), picked)
+    build.allow(touching(part, world.at_goal(step)), placed)
+    return build.build()
+
+
+def link_steps(
+    candidates: PickPlaceCandidates, steps: Sequence[StepTasks]
+) -> npt.NDArray[np.int64]:
+    """Return all dependencies of a plan.
+
+    A part is placed after those that it touches in its place, and picked after those that it
+    touched in the stock and that were placed before it. Steps that do not touch need not wait
+    for each other: what else must be kept in order follows from collisions.
+
+    Returns:
+        Pairs (a, b) of task indices, shape (e, 2), sorted: a must be complete before b starts.
+    """
+    world = candidates.world
+    pairs = {pair for step in steps for pair in step.dependencies}
+    picks: dict[str, Task] = {}
+    places: dict[str, Task] = {}
+    start_contacts = _stock_contacts(candidates)
+    for step in steps:
+        for task in step.tasks:
+            if task.object is None or task.kind not in ("pick", "place-down"):
+                continue
+            if task.kind == "pick":
+                touched, before = start_contacts[task.object], picks
+            else:
+                touched, before = frozenset(world.at_goal(step.step)), places
+            pairs |= {
+                (before[name].index, task.index)
+                for name in touched
+                if name in before and before[name].robot != task.robot
+            }
+            before[task.object] = task
+    return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
+
+
+def _stock_contacts(candidates: PickPlaceCandidates) -> dict[str, frozenset[str]]:
+    """Return what each part touches at the start, whichever of the two is picked first."""
+    world = candidates.world
+    parts = world.assembly.steps
+    touched = {
+        name: {other for other in world.at_start(step) if other in parts}
+        for step, name in enumerate(parts, start=1)
+    }
+    return {
+        name: frozenset(touched[name] | {k for k in parts if name in touched[k]})
+        for name in parts
+    }

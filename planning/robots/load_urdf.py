@@ -1,0 +1,157 @@
+"""Builds a RobotModel from a URDF file with pinocchio."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio
+
+from planning.cell.body import ConvexBody
+from planning.cell.cover import capsule_cover
+from planning.cell.robot_model import KinematicChain, LinkPart, RobotModel
+from planning.errors import RobotModelError
+from planning.robots.convex_parts import shape_vertices
+from planning.robots.self_collision import never_colliding_pairs
+from planning.robots.urdf_file import UrdfFile, read_urdf
+from planning.transforms import Array, Transform, identity, inverse, readonly
+
+
+def load_urdf(
+    path: Path,
+    *,
+    name: str | None = None,
+    package_dirs: Sequence[Path] = (),
+    home: Sequence[float] | None = None,
+    frozen: Mapping[str, float] | None = None,
+    flange_link: str | None = None,
+    flange_offset: Transform | None = None,
+    tool_links: Sequence[str] | None = None,
+    frames: Mapping[str, Transform] | None = None,
+    velocity: Sequence[float] | None = None,
+) -> RobotModel:
+    """Read a serial arm.
+
+    Fixed joints are merged into the moved joint above them. A mesh becomes its convex hull,
+    cylinders and spheres polyhedra around them; each hull gets a cover of capsules.
+
+    Args:
+        path: URDF file.
+        name: of the robot type; the file's stem by default.
+        package_dirs: where meshes are looked up, after the file's folder and its parents.
+        home: HOME configuration, shape (n,); by default zero, clamped to the limits.
+        frozen: joints to hold still, such as gripper fingers, and their values [rad or m].
+        flange_link: link whose frame is the flange; by default the link called ``flange`` or
+            ``tool0``, else the last moved link.
+        flange_offset: pose of the flange in that link.
+        tool_links: links that are the tool; by default those that hang on the flange.
+        frames: tool frames in the flange frame; by default ``tool``, the frame of the last
+            link that hangs on the flange.
+        velocity: joint speed limits in place of the file's, shape (n,) [rad/s or m/s].
+
+    Raises:
+        RobotModelError: the description cannot be used.
+    """
+    path = Path(path)
+    held = dict(frozen or {})
+    description = read_urdf(path, tuple(package_dirs), frozenset(held))
+    model, geometry = _build(description, held)
+    flange_name = _flange_link(description, flange_link)
+    flange = _link_pose(model, flange_name) @ (
+        identity() if flange_offset is None else flange_offset
+    )
+    hanging = description.fixed_below(flange_name)
+    tool = set(hanging[1:] if tool_links is None else tool_links)
+    if frames is None:
+        frames = {"tool": inverse(flange) @ _link_pose(model, hanging[-1])}
+    lower = readonly([joint.lower for joint in description.joints])
+    upper = readonly([joint.upper for joint in description.joints])
+    chain = _chain(description, model)
+    parts = _parts(model, geometry, tool)
+    rest = np.clip(np.zeros(len(lower)) if home is None else home, lower, upper)
+    speeds = [j.velocity for j in description.joints] if velocity is None else velocity
+    return RobotModel(
+        name=name or path.stem,
+        urdf=path,
+        package_dirs=description.package_dirs,
+        joint_names=tuple(joint.name for joint in description.joints),
+        lower=lower,
+        upper=upper,
+        velocity=readonly(speeds),
+        chain=chain,
+        flange=readonly(flange),
+        frames={key: readonly(pose) for key, pose in frames.items()},
+        parts=parts,
+        never_collide=never_colliding_pairs(chain, parts, lower, upper, rest),
+        home=readonly(rest),
+    )
+
+
+def _build(description: UrdfFile, held: Mapping[str, float]) -> tuple[Any, Any]:
+    dirs = [str(folder) for folder in description.package_dirs]
+    path = str(description.path)
+    try:
+        model = pinocchio.buildModelFromUrdf(path)
+        geometry = pinocchio.buildGeomFromUrdf(
+            model, path, pinocchio.GeometryType.COLLISION, package_dirs=dirs
+        )
+    except (ValueError, RuntimeError) as error:
+        raise RobotModelError(f"{description.path} cannot be read: {error}") from error
+    if held:
+        still = pinocchio.neutral(model)
+        for name, value in held.items():
+            still[model.joints[model.getJointId(name)].idx_q] = value
+        ids = [model.getJointId(name) for name in held]
+        model, geometry = pinocchio.buildReducedModel(model, geometry, ids, still)
+    return model, geometry
+
+
+def _chain(description: UrdfFile, model: Any) -> KinematicChain:
+    """Take placements from pinocchio (fixed joints merged) and axes from the file."""
+    placement = [
+        model.jointPlacements[model.getJointId(joint.name)].homogeneous
+        for joint in description.joints
+    ]
+    prismatic = np.array([joint.kind == "prismatic" for joint in description.joints])
+    prismatic.setflags(write=False)
+    return KinematicChain(
+        readonly(placement), readonly([j.axis for j in description.joints]), prismatic
+    )
+
+
+def _parts(model: Any, geometry: Any, tool: set[str]) -> tuple[LinkPart, ...]:
+    parts = []
+    for item in geometry.geometryObjects:
+        link = model.frames[item.parentFrame].name
+        local = shape_vertices(item.geometry, item.name)
+        pose = item.placement.homogeneous
+        vertices: Array = readonly(local @ pose[:3, :3].T + pose[:3, 3])
+        group = "tool" if link in tool else "arm"
+        # Tools work at close range: more capsules there spare exact decisions.
+        capsules = capsule_cover(vertices, thrift=0.2 if group == "tool" else 0.5)
+        body = ConvexBody(item.name, vertices, capsules)
+        parts.append(LinkPart(item.parentJoint - 1, group, body))
+    if not parts:
+        raise RobotModelError(f"{model.name} has no collision geometry")
+    return tuple(parts)
+
+
+def _link_pose(model: Any, link: str) -> Array:
+    """Return a link's pose in the frame of the joint that moves it."""
+    frame = model.frames[model.getFrameId(link, pinocchio.FrameType.BODY)]
+    return np.array(frame.placement.homogeneous)
+
+
+def _flange_link(description: UrdfFile, wanted: str | None) -> str:
+    last = description.child_of(description.joints[-1].name)
+    below = description.fixed_below(last)
+    if wanted is not None:
+        if wanted not in below:
+            raise RobotModelError(
+                f"{description.path}: {wanted!r} is no link on the last joint",
+                choices=below,
+            )
+        return wanted
+    return next((link for link in ("flange", "tool0") if link in below), last)

@@ -1,0 +1,125 @@
+"""Builds the tasks of one step one after another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from planning.cell.workcell import CellObject
+from planning.skills.joint_paths import Pairs, SkillPath
+from planning.tasks.steps import StepTasks
+from planning.tasks.task_graph import TRANSIT, AllowedContact, Handling, Task
+from planning.transforms import Array, Transform, readonly
+
+
+@dataclass
+class StepBuilder:
+    """Appends tasks and remembers what depends on what and what may touch what.
+
+    Attributes:
+        step: assembly step, counted from 1.
+        first: index of the first task.
+    """
+
+    step: int
+    first: int
+    _tasks: list[Task] = field(default_factory=list)
+    _dependencies: list[tuple[int, int]] = field(default_factory=list)
+    _allowed: dict[frozenset[str], set[int]] = field(default_factory=dict)
+    _objects: list[CellObject] = field(default_factory=list)
+
+    def transit(
+        self,
+        robot: str,
+        to: Array,
+        label: str,
+        carries: str | None,
+        *,
+        goal: bool = False,
+    ) -> int:
+        """Append a transit and return its index; with ``goal`` it may not be cut short."""
+        path = readonly(np.atleast_2d(to))
+        task = Task(
+            *(self._next, robot, TRANSIT, self.step, label, path, (), carries), goal
+        )
+        return self._append(task)
+
+    def skill(
+        self,
+        path: SkillPath,
+        label: str,
+        item: str | None,
+        holder: str | None = None,
+        pose: Transform | None = None,
+        refill: CellObject | None = None,
+    ) -> int:
+        """Append a skill and return its index.
+
+        Args:
+            path: in joint space.
+            label: for people.
+            item: the object it is about.
+            holder: who holds it once it has changed hands, None when it is put down.
+            pose: of the object then; None for skills in which nothing changes hands.
+            refill: object that comes up where it first is, at the end of the skill.
+        """
+        handlings: tuple[Handling, ...] = ()
+        if pose is not None and item is not None and path.change_at is not None:
+            change = Handling(item, path.change_at, holder, readonly(pose))
+            handlings = (change,)
+        if refill is not None:
+            # The path counts from its start, which the task's own leaves out.
+            coming = Handling(refill.name, len(path.path), None, refill.start)
+            handlings = (*handlings, coming)
+            self._objects.append(refill)
+        task = Task(
+            self._next,
+            path.robot,
+            path.skill,
+            self.step,
+            label,
+            readonly(path.path),
+            handlings,
+            item,
+        )
+        return self._append(task)
+
+    def depend(self, before: int, after: int) -> None:
+        """Let one task wait for another."""
+        self._dependencies.append((before, after))
+
+    def allow(self, pairs: Pairs, *tasks: int) -> None:
+        """Allow contacts during some tasks."""
+        for entry in pairs:
+            self._allowed.setdefault(entry, set()).update(tasks)
+
+    def of_robot(self, robot: str, first: int, last: int) -> list[int]:
+        """Return the tasks of a robot from one index to another, both included."""
+        return [
+            task.index
+            for task in self._tasks
+            if task.robot == robot and first <= task.index <= last
+        ]
+
+    def build(self) -> StepTasks:
+        """Return the step."""
+        allowed = []
+        for entry, tasks in sorted(self._allowed.items(), key=lambda e: sorted(e[0])):
+            first, second = sorted(entry)
+            allowed.append(AllowedContact(first, second, frozenset(tasks)))
+        return StepTasks(
+            self.step,
+            tuple(self._tasks),
+            tuple(sorted(self._dependencies)),
+            tuple(allowed),
+            tuple(self._objects),
+        )
+
+    @property
+    def _next(self) -> int:
+        return self.first + len(self._tasks)
+
+    def _append(self, task: Task) -> int:
+        self._tasks.append(task)
+        return task.index

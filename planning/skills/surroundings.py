@@ -1,0 +1,183 @@
+"""What stands around a robot while it does a skill, and a path tried in it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from planning.cell.workcell import Attachment, CellObject, Workcell
+from planning.geometry.near_boxes import boxes_in_reach
+from planning.geometry.robot_bodies import flange_pose, robot_bodies
+from planning.geometry.scene_checker import SceneChecker
+from planning.geometry.standing import StandingBoxes, stand_boxes
+from planning.motion.sequential import MARGIN
+from planning.skills.joint_paths import (
+    Obstruction,
+    Phase,
+    SkillContacts,
+    SkillPath,
+    obstructions,
+)
+from planning.transforms import Array
+
+Placed = tuple[CellObject, Attachment]
+"""An object and where it is."""
+
+
+@dataclass(frozen=True)
+class SkillScene:
+    """What stands around a robot while it does a skill.
+
+    Attributes:
+        cell: robots and fixtures; its objects are not used.
+        objects: the objects there, by name, each with where it is.
+        configurations: of all robots.
+        contacts: who may touch whom.
+        handed: the object that changes hands in the skill and where it is then, or None.
+        refill: what stands there once the skill is complete, such as the next brick of a
+            feeding station, or None.
+    """
+
+    cell: Workcell
+    objects: Mapping[str, Placed]
+    configurations: Mapping[str, Array]
+    contacts: SkillContacts
+    handed: tuple[str, Attachment] | None = None
+    refill: Placed | None = None
+
+    def near(self, path: SkillPath) -> StandingBoxes:
+        """Return the fixtures, and the objects at rest that anything on a path may come near to.
+
+        Nothing that could touch is left out: what counts are the capsules swept along the
+        path by the robot and by all that it ever holds on it. The object that changes hands
+        is not among them.
+        """
+        held = self._held_by(path.robot, after=False)
+        if self.handed is not None and self.handed[1].holder == path.robot:
+            held.append((self.objects[self.handed[0]][0], self.handed[1]))
+        boxes = self._at_rest
+        objects = boxes.rows[boxes.fixtures :]
+        return boxes.only(
+            boxes_in_reach(
+                robot_bodies(self.cell.robot(path.robot), held).kernel,
+                np.vstack([path.lead, path.path]),
+                boxes.places.pose[objects],
+                boxes.places.half[objects],
+                self.cell.clearances.robot_object + MARGIN,
+            )
+        )
+
+    def checker(self, robot: str, boxes: StandingBoxes, phase: Phase) -> SceneChecker:
+        """Return the collision checker of a robot in a phase of the skill.
+
+        Args:
+            robot: who does the skill.
+            boxes: what stands around but for what changes hands, see ``near``.
+            phase: of the skill.
+        """
+        after = phase in (Phase.SINCE_CHANGE, Phase.AFTER)
+        more = []
+        for name, (item, at) in self._not_at_rest(after=after).items():
+            if at.holder == robot:
+                continue
+            pose = at.pose
+            if at.holder is not None:
+                holder = self.cell.robot(at.holder)
+                pose = flange_pose(holder, self.configurations[at.holder]) @ pose
+            more.append((name, item.body, item.size, pose))
+        if phase is Phase.AFTER and self.refill is not None:
+            item, at = self.refill
+            more.append((item.name, item.body, item.size, at.pose))
+        return SceneChecker.amid(
+            self.cell,
+            robot,
+            self._held_by(robot, after=after),
+            boxes.plus(more),
+            self.configurations,
+            self.contacts.in_phase(phase),
+            margin=MARGIN,
+        )
+
+    @cached_property
+    def _at_rest(self) -> StandingBoxes:
+        handed = None if self.handed is None else self.handed[0]
+        return stand_boxes(
+            self.cell,
+            [
+                (name, item.body, item.size, at.pose)
+                for name, (item, at) in self.objects.items()
+                if at.holder is None and name != handed
+            ],
+        )
+
+    def _not_at_rest(self, *, after: bool) -> dict[str, Placed]:
+        """Return what changes hands, and what is held, before or after the change."""
+        out = {k: v for k, v in self.objects.items() if v[1].holder is not None}
+        if self.handed is not None:
+            name, at = self.handed
+            item, start = self.objects[name]
+            out[name] = (item, at if after else start)
+        return out
+
+    def _held_by(self, robot: str, *, after: bool) -> list[Placed]:
+        around = self._not_at_rest(after=after)
+        return [placed for placed in around.values() if placed[1].holder == robot]
+
+
+class SkillTrial:
+    """A path in a scene, checked until something is in the way.
+
+    Attributes:
+        path: of the skill.
+        found: what is in the way, None when nothing is (any more).
+        gone: names of what has been taken away, in this order.
+    """
+
+    def __init__(self, path: SkillPath, scene: SkillScene) -> None:
+        self.path = path
+        self.gone: list[str] = []
+        self._scene = scene
+        self._near = scene.near(path)
+        self._built: dict[bool, SceneChecker] = {}
+        self._checkers: dict[Phase, SceneChecker] = {}
+        self._obstructions = obstructions(path, self._checker)
+        self.found = next(self._obstructions, None)
+
+    def take_away(self, names: Collection[str]) -> Obstruction | None:
+        """Go on without whatever is in the way and among some names; return what remains so."""
+        while self.found is not None and self.found.by in names:
+            assert self.found.by is not None
+            if self.found.by in self.gone:
+                break
+            self.gone.append(self.found.by)
+            self._checkers.clear()
+            self.found = next(self._obstructions, None)
+        return self.found
+
+    def _checker(self, phase: Phase) -> SceneChecker:
+        if phase not in self._checkers:
+            checker = self._whole(phase)
+            if self.gone:
+                checker = checker.without(self.gone)
+            self._checkers[phase] = checker
+        return self._checkers[phase]
+
+    def _whole(self, phase: Phase) -> SceneChecker:
+        """Build one checker while things stay where they are, whatever may touch."""
+        scene, robot = self._scene, self.path.robot
+        if phase is Phase.AFTER and scene.refill is not None:
+            return scene.checker(robot, self._near, phase)
+        changed = scene.handed is not None
+        after = phase in (Phase.SINCE_CHANGE, Phase.AFTER) and changed
+        if after not in self._built:
+            self._built[after] = scene.checker(robot, self._near, phase)
+            return self._built[after]
+        return self._built[after].with_allowed(scene.contacts.in_phase(phase))
+
+
+def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:
+    """Return what first stands in the way of a skill; see ``skill_paths.check_skill``."""
+    return SkillTrial(path, scene).found

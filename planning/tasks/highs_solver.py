@@ -1,0 +1,265 @@
+"""Assigning robots, objects, grasps and supports to steps: the program (1)-(8) of APEX-MR."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import pulp
+
+from planning.errors import InfeasibleStepError
+from planning.tasks.assignment_problem import AssignmentProblem, explain_rejections
+from planning.tasks.plan import StepChoice, TaskPlan
+
+
+class AssignmentSolver(Protocol):
+    """Chooses one candidate for every step."""
+
+    def assign(self, problem: AssignmentProblem) -> TaskPlan:
+        """Return the choices; InfeasibleStepError names the step that cannot be done."""
+        ...
+
+
+@dataclass(frozen=True)
+class HighsAssignmentSolver:
+    """Solves the integer program with HiGHS: optimal, and the same every time.
+
+    Attributes:
+        time_limit: of one solve [s]; the best plan found by then is taken.
+        relative_gap: proven distance from the optimum that is good enough.
+    """
+
+    time_limit: float | None = 60.0
+    relative_gap: float = 0.0
+
+    def assign(self, problem: AssignmentProblem) -> TaskPlan:
+        """Return the cheapest plan (1) under (2)-(8).
+
+        Raises:
+            InfeasibleStepError: a step has no candidate (why each fell out is listed), or the
+                steps compete for robots and objects (which do is listed).
+        """
+        _require_candidates(problem)
+        program = _Program(problem, elastic=False)
+        if not program.solve(self.time_limit, self.relative_gap):
+            raise _competition(problem, self.time_limit)
+        return program.plan()
+
+
+def _require_candidates(problem: AssignmentProblem) -> None:
+    """Raise for the first step that nobody can do, whatever the other steps do."""
+    for step, words in enumerate(problem.steps, start=1):
+        primaries = problem.primaries_of.get(step, [])
+        lacking = None
+        supports = problem.supports_of.get(step, [])
+        needs = problem.needs_support[step - 1]
+        if needs and not supports:
+            lacking = "no robot can support it"
+        elif not primaries:
+            lacking = "no robot, object and grasp can do it"
+        elif needs and not any(
+            problem.compatible(p, s) for p in primaries for s in supports
+        ):
+            lacking = "no primary robot and support robot can do it together"
+        if lacking:
+            raise InfeasibleStepError(
+                f"step {step} ({words}): {lacking}\n{explain_rejections(problem, step)}"
+            )
+
+
+class _Program:
+    """The integer program; elastic means that steps may be left out at a cost of 1 each."""
+
+    def __init__(self, problem: AssignmentProblem, *, elastic: bool) -> None:
+        self.problem = problem
+        self.model = pulp.LpProblem("assignment", pulp.LpMinimize)
+        self.x = {
+            index: self.model.add_variable(f"x{index}", cat="Binary")
+            for index in _undominated(problem)
+        }
+        self.y = {
+            index: self.model.add_variable(f"y{index}", cat="Binary")
+            for index in range(len(problem.supports))
+        }
+        self.left_out: dict[int, Any] = {}
+        steps = range(1, len(problem.steps) + 1)
+        if elastic:
+            self.left_out = {
+                s: self.model.add_variable(f"u{s}", cat="Binary") for s in steps
+            }
+            self.model += pulp.lpSum(self.left_out.values())
+        else:
+            self.model += self._motion() + problem.balance_weight * self._imbalance()
+        self.x_of: dict[int, list[int]] = defaultdict(list)
+        for index in self.x:
+            self.x_of[problem.primaries[index].step].append(index)
+        for step in steps:
+            self._constrain_step(step)
+        self._constrain_objects()
+
+    def _motion(self) -> Any:
+        terms = [(var, self.problem.primaries[p].cost) for p, var in self.x.items()]
+        terms += [(var, self.problem.supports[s].cost) for s, var in self.y.items()]
+        return pulp.LpAffineExpression(terms)
+
+    def _imbalance(self) -> Any:
+        """Return the sum of Z^M - Z^m, with constraints (7) and (8)."""
+        problem = self.problem
+        work: dict[tuple[str, int], list[Any]] = defaultdict(list)
+        for p, var in self.x.items():
+            work[problem.primaries[p].robot, problem.primaries[p].step].append(var)
+        for s, var in self.y.items():
+            work[problem.supports[s].robot, problem.supports[s].step].append(var)
+        spread = []
+        for window in problem.windows():
+            most = self.model.add_variable(f"most{window.start}", 0, len(window))
+            least = self.model.add_variable(f"least{window.start}", 0, len(window))
+            spread.append(most - least)
+            for robot in problem.robots:
+                load = pulp.lpSum(v for step in window for v in work[robot, step])
+                self.model += most >= load
+                self.model += least <= load
+        return pulp.lpSum(spread)
+
+    def _constrain_step(self, step: int) -> None:
+        problem = self.problem
+        done = 1 - self.left_out[step] if self.left_out else 1
+        primaries = self.x_of[step]
+        supports = problem.supports_of.get(step, [])
+        # (2), and (5): only objects of the right type are candidates.
+        self.model += pulp.lpSum(self.x[p] for p in primaries) == done
+        if not problem.needs_support[step - 1]:
+            for s in supports:
+                self.model += self.y[s] == 0
+            return
+        self.model += pulp.lpSum(self.y[s] for s in supports) == done  # (3)
+        by_robot: dict[str, list[Any]] = defaultdict(list)
+        by_partner: dict[str, list[Any]] = defaultdict(list)
+        supported: dict[str, list[Any]] = defaultdict(list)
+        for p in primaries:
+            item = problem.primaries[p]
+            by_robot[item.robot].append(self.x[p])
+            if item.partner is not None:
+                by_partner[item.partner].append(self.x[p])
+        for s in supports:
+            supported[problem.supports[s].robot].append(self.y[s])
+        for robot, terms in by_robot.items():  # (4)
+            self.model += pulp.lpSum(terms) + pulp.lpSum(supported[robot]) <= 1
+        for robot, terms in by_partner.items():
+            self.model += pulp.lpSum(terms) <= pulp.lpSum(supported[robot])
+        for s in supports:
+            clashing = [self.x[p] for p in primaries if (p, s) in problem.incompatible]
+            if clashing:
+                self.model += pulp.lpSum(clashing) + self.y[s] <= 1
+
+    def _constrain_objects(self) -> None:
+        problem = self.problem
+        uses: dict[str, list[tuple[int, Any]]] = defaultdict(list)
+        blocked: dict[tuple[int, str], list[Any]] = defaultdict(list)
+        for p, var in self.x.items():
+            item = problem.primaries[p]
+            if item.object not in problem.unlimited:
+                uses[item.object].append((item.step, var))
+            for other in item.after:
+                blocked[item.step, other].append(var)
+        for terms in uses.values():  # (6)
+            self.model += pulp.lpSum(var for _, var in terms) <= 1
+        for (step, other), terms_blocked in blocked.items():
+            earlier = pulp.lpSum(var for at, var in uses[other] if at < step)
+            self.model += pulp.lpSum(terms_blocked) <= earlier
+
+    def solve(self, time_limit: float | None, relative_gap: float) -> bool:
+        """Solve; return whether there is a solution."""
+        solver = pulp.HiGHS(
+            msg=False,
+            threads=1,
+            timeLimit=time_limit,
+            gapRel=relative_gap,
+            random_seed=0,
+        )
+        self.model.solve(solver)
+        return bool(self.model.sol_status in (1, 2))
+
+    def plan(self) -> TaskPlan:
+        """Return the choices of the solution."""
+        problem = self.problem
+        supports = {
+            problem.supports[s].step: problem.supports[s]
+            for s, var in self.y.items()
+            if var.value() > 0.5
+        }
+        chosen = {
+            problem.primaries[p].step: problem.primaries[p]
+            for p, var in self.x.items()
+            if var.value() > 0.5
+        }
+        return TaskPlan(
+            tuple(
+                StepChoice(chosen[step], supports.get(step)) for step in sorted(chosen)
+            )
+        )
+
+
+def _undominated(problem: AssignmentProblem) -> list[int]:
+    """Return the primary candidates that no cheaper one can replace in every plan."""
+    clashes: dict[int, set[int]] = defaultdict(set)
+    for p, s in problem.incompatible:
+        clashes[p].add(s)
+    best: dict[tuple[object, ...], int] = {}
+    for index, item in enumerate(problem.primaries):
+        key = (
+            item.step,
+            item.robot,
+            item.object,
+            item.partner,
+            item.after,
+            frozenset(clashes.get(index, ())),
+        )
+        known = best.get(key)
+        if known is None or item.cost < problem.primaries[known].cost:
+            best[key] = index
+    return sorted(best.values())
+
+
+def _competition(
+    problem: AssignmentProblem, time_limit: float | None
+) -> InfeasibleStepError:
+    """Return the error that names the fewest steps to give up, and whom they compete with."""
+    program = _Program(problem, elastic=True)
+    if not program.solve(time_limit, 0.0):
+        return InfeasibleStepError("no assignment was found within the time limit")
+    lacking = [s for s, var in program.left_out.items() if var.value() > 0.5]
+    taken: dict[str, list[int]] = defaultdict(list)
+    for choice in program.plan().choices:
+        taken[choice.object].append(choice.step)
+    lines = []
+    for step in lacking:
+        objects = sorted(
+            {problem.primaries[p].object for p in problem.primaries_of[step]}
+        )
+        rivals = [
+            f"{name} by step {', '.join(map(str, taken[name]))}"
+            for name in objects
+            if taken[name]
+        ]
+        free = [name for name in objects if not taken[name]]
+        text = f"  step {step} ({problem.steps[step - 1]}) can use {', '.join(objects)}"
+        if rivals:
+            text += f"; taken: {', '.join(rivals)}"
+        if free:
+            blockers = sorted(
+                {
+                    other
+                    for p in problem.primaries_of[step]
+                    for other in problem.primaries[p].after
+                    if problem.primaries[p].object in free
+                }
+            )
+            text += f"; {', '.join(free)} is blocked by {', '.join(blockers)}"
+        lines.append(text)
+    names = ", ".join(map(str, lacking))
+    word = "step" if len(lacking) == 1 else "steps"
+    return InfeasibleStepError(
+        f"{word} {names} cannot be done along with the others\n" + "\n".join(lines)
+    )

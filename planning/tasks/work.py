@@ -1,0 +1,63 @@
+"""What every kind of assembly offers the planner, and the steps as motion planning asks for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.tasks.assignment_problem import AssignmentProblem
+from planning.tasks.plan import TaskPlan, alternatives
+from planning.tasks.steps import StepTasks
+
+
+@dataclass(frozen=True)
+class AssemblyWork:
+    """An assembly ready to be assigned and planned, whatever it is made of.
+
+    Attributes:
+        problem: who can do which step with what.
+        expand: returns the tasks of a step of a plan: given the plan, the step (from 1) and the
+            index of its first task.
+        link: returns all dependencies between tasks, shape (e, 2), given the tasks of all
+            steps; a pair (a, b) means that task a must be complete before b starts.
+    """
+
+    problem: AssignmentProblem
+    expand: Callable[[TaskPlan, int, int], StepTasks]
+    link: Callable[[Sequence[StepTasks]], npt.NDArray[np.int64]]
+
+
+@dataclass
+class StepExpansions:
+    """Expands steps in order, and offers other ways when motion planning fails.
+
+    Attributes:
+        work: the assembly.
+        plan: the choices; steps that were done another way are updated.
+        most: how many ways to try for one step.
+    """
+
+    work: AssemblyWork
+    plan: TaskPlan
+    most: int = 12
+
+    def callables(self) -> list[Callable[[int], Iterator[StepTasks]]]:
+        """Return one generator function per step, as sequential planning takes them."""
+
+        def of_step(step: int) -> Callable[[int], Iterator[StepTasks]]:
+            return lambda first_index: self.ways(step, first_index)
+
+        return [of_step(choice.step) for choice in self.plan.choices]
+
+    def ways(self, step: int, first_index: int) -> Iterator[StepTasks]:
+        """Yield a step as planned, then in other ways; the last one taken is remembered."""
+        chosen = self.plan
+        yield self.work.expand(chosen, step, first_index)
+        others = alternatives(self.work.problem, chosen, step)
+        for choice in islice(others, self.most - 1):
+            self.plan = chosen.with_choice(choice)
+            yield self.work.expand(self.plan, step, first_index)

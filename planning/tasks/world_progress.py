@@ -1,0 +1,64 @@
+"""How the state of the cell moves on as tasks are done one after another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from planning.cell.workcell import Attachment, Workcell, WorldState
+from planning.tasks.task_graph import AllowedContact, Handling
+from planning.transforms import Array
+
+
+def apply_handlings(state: WorldState, handlings: Iterable[Handling]) -> WorldState:
+    """Return the state after objects have changed hands, the same one if none do."""
+    handlings = list(handlings)
+    if not handlings:
+        return state
+    attachments = dict(state.attachments)
+    for handling in handlings:
+        attachments[handling.object] = Attachment(handling.holder, handling.pose)
+    return WorldState(state.configurations, attachments)
+
+
+def move_robot(state: WorldState, robot: str, q: Array) -> WorldState:
+    """Return the state with one robot standing at ``q``, shape (n,)."""
+    return WorldState({**state.configurations, robot: q}, state.attachments)
+
+
+def allowed_pairs(
+    cell: Workcell,
+    state: WorldState,
+    robot: str,
+    task: int,
+    last_task: Mapping[str, int],
+    allowed: Iterable[AllowedContact],
+) -> frozenset[frozenset[str]]:
+    """Return what may touch while one robot does a task and the others stand.
+
+    Args:
+        cell: the cell.
+        state: where everything is; an object held by another robot counts as that robot.
+        robot: who moves.
+        task: index of its task.
+        last_task: task that each other robot did last; absent for one that did none yet.
+        allowed: the table of allowed contacts.
+    """
+    owner = {
+        name: attachment.holder
+        for name, attachment in state.attachments.items()
+        if attachment.holder is not None
+    }
+    for placed in cell.robots:
+        owner[f"{placed.name}/tool"] = placed.name
+    pairs = set()
+    for contact in allowed:
+        if task not in contact.tasks:
+            continue
+        others = {
+            owner[name]
+            for name in (contact.first, contact.second)
+            if name in owner and owner[name] != robot
+        }
+        if all(last_task.get(other, -1) in contact.tasks for other in others):
+            pairs.add(frozenset((contact.first, contact.second)))
+    return frozenset(pairs)

@@ -1,0 +1,142 @@
+"""Who may touch whom, and the least distance otherwise, as arrays for compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from planning.cell.workcell import Clearances
+from planning.tasks.task_graph import AllowedContact
+from planning.transforms import Array
+from scheduling.graph.temporal_plan_graph import Indices
+
+GROUPS = ("arm", "tool")
+
+ALWAYS = -1
+"""Stands for a task that is part of every allowed contact: the thing is no robot's node."""
+
+
+class ContactTable(NamedTuple):
+    """Allowed contacts and clearances over numbered entities.
+
+    Entities are the arm and the tool of every robot, then the objects.
+
+    Attributes:
+        head: first entry for a pair of entities, -1 for none, shape (entities, entities).
+        following: next entry for the same pair, -1 for none, shape (entries,).
+        first: where an entry's tasks begin, shape (entries + 1,).
+        tasks: task indices, rising within an entry.
+        clearance: least distance robot to robot, and of anything to an object, shape (2,) [m].
+        robots: number of entities that belong to robots.
+    """
+
+    head: npt.NDArray[np.int32]
+    following: npt.NDArray[np.int32]
+    first: Indices
+    tasks: Indices
+    clearance: Array
+    robots: int
+
+
+class EntityNumbers:
+    """Numbers of the entities that can be part of an occupancy.
+
+    Args:
+        robots: names of the robots.
+        objects: names of the objects that are handled.
+    """
+
+    def __init__(self, robots: Iterable[str], objects: Iterable[str]) -> None:
+        self.names: list[str] = [f"{r}/{group}" for r in robots for group in GROUPS]
+        self.robot_entities = len(self.names)
+        self.names += list(objects)
+        self._number = {name: i for i, name in enumerate(self.names)}
+
+    def __getitem__(self, name: str) -> int:
+        """Return the number of an entity."""
+        return self._number[name]
+
+    def __contains__(self, name: str) -> bool:
+        """Tell whether an entity has a number."""
+        return name in self._number
+
+    def __len__(self) -> int:
+        """Return how many entities there are."""
+        return len(self.names)
+
+
+def contact_table(
+    entities: EntityNumbers,
+    allowed: Iterable[AllowedContact],
+    clearances: Clearances,
+) -> ContactTable:
+    """Return the table of the contacts whose two sides have a number."""
+    head = np.full((len(entities), len(entities)), -1, dtype=np.int32)
+    following: list[int] = []
+    first = [0]
+    tasks: list[int] = []
+    for contact in allowed:
+        if contact.first not in entities or contact.second not in entities:
+            continue
+        x, y = entities[contact.first], entities[contact.second]
+        following.append(int(head[x, y]))
+        head[x, y] = head[y, x] = len(following) - 1
+        tasks += sorted(contact.tasks)
+        first.append(len(tasks))
+    return ContactTable(
+        head,
+        np.array(following, dtype=np.int32),
+        np.array(first, dtype=np.int64),
+        np.array(tasks, dtype=np.int64),
+        np.array([clearances.robot_robot, clearances.robot_object]),
+        entities.robot_entities,
+    )
+
+
+@njit(cache=True, nogil=True)
+def _lists(table: ContactTable, entry: int, task: int) -> bool:
+    if task == ALWAYS:
+        return True
+    lo, hi = table.first[entry], table.first[entry + 1]
+    while lo < hi:
+        middle = (lo + hi) // 2
+        if table.tasks[middle] < task:
+            lo = middle + 1
+        else:
+            hi = middle
+    return bool(lo < table.first[entry + 1] and table.tasks[lo] == task)
+
+
+@njit(cache=True, nogil=True)
+def may_touch(
+    table: ContactTable,
+    x: int,
+    y: int,
+    x_task: int,
+    x_other_task: int,
+    y_task: int,
+    y_other_task: int,
+) -> bool:
+    """Tell whether entities x and y may touch.
+
+    Args:
+        table: the table.
+        x, y: entities.
+        x_task, x_other_task: tasks of the occupancy that x belongs to: a node has one, given
+            twice, a hold the ones before and after it; either may allow the contact.
+        y_task, y_other_task: likewise for y.
+    """
+    if x == y:
+        return True
+    entry = table.head[x, y]
+    while entry >= 0:
+        if (_lists(table, entry, x_task) or _lists(table, entry, x_other_task)) and (
+            _lists(table, entry, y_task) or _lists(table, entry, y_other_task)
+        ):
+            return True
+        entry = table.following[entry]
+    return False

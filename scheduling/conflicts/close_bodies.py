@@ -1,0 +1,238 @@
+"""Bodies that may come too close on two stretches of motion, compiled, and where a descent keeps them.
+
+Separating planes dismiss pairs of bodies, for ever shorter stretches of both motions; on two
+segments hulls decide.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from planning.geometry.exact import TOLERANCE
+from planning.geometry.gjk import ROUNDING
+from planning.geometry.hull_table import HullTable
+from planning.geometry.separation import (
+    APART,
+    CONFLICT,
+    Scratch,
+    judge_hulls,
+    make_scratch,
+    pose_segments,
+)
+from planning.geometry.stretches import (
+    MIXED,
+    Stretch,
+    make_stretch,
+    measure_bodies,
+    pose_stretch,
+    stretches_stay_apart,
+)
+from planning.transforms import Array
+from scheduling.conflicts.allowed_contacts import ContactTable, may_touch
+from scheduling.conflicts.swept_sequence import LEAF, SweptSequence
+from scheduling.graph.temporal_plan_graph import Indices
+
+BLOCKS = -1
+"""Marks a row of the stack as a pair of blocks."""
+
+PROVED = -1
+"""In the place of a number of bodies: there is a conflict for certain."""
+
+_LEVELS = 2 * LEAF.bit_length() + 2
+"""Lists of bodies that are needed at once: one a halving of two leaves, and two more."""
+
+
+class Descent(NamedTuple):
+    """How far a descent has come, and room to go on.
+
+    Attributes:
+        stack: what is still to be looked at: (block, -1, other block, -1, 0, 0), or two
+            stretches and a list of bodies, (first, last, first, last, list, its length), shape
+            (room, 6).
+        pairs: lists of pairs (body of a, body of b), shape (room, 2).
+        where: shares of both motions at which proposed pairs come close, NaN where that is
+            not known, shape (room, 2).
+        a, b: stretches, posed.
+        planes: direction in which two bodies were apart last, shape (bodies, bodies, 3).
+        scratch: room for the hulls.
+    """
+
+    stack: Indices
+    pairs: Indices
+    where: Array
+    a: Stretch
+    b: Stretch
+    planes: Array
+    scratch: Scratch
+
+
+def start_descent(a: HullTable, b: HullTable) -> Descent:
+    """Return a descent that begins at both roots, the first row of the stack."""
+    stack = np.zeros((512, 6), dtype=np.int64)
+    stack[0, 1] = stack[0, 3] = BLOCKS
+    room = _LEVELS * a.solid.shape[1] * b.solid.shape[1]
+    return Descent(
+        stack,
+        np.empty((room, 2), dtype=np.int64),
+        np.full((room, 2), np.nan),
+        make_stretch(a),
+        make_stretch(b),
+        np.zeros((a.solid.shape[1], b.solid.shape[1], 3)),
+        make_scratch(a, b),
+    )
+
+
+@njit(cache=True, nogil=True)
+def keep_close_bodies(
+    a: SweptSequence,
+    a_hulls: HullTable,
+    s: int,
+    s_last: int,
+    b: SweptSequence,
+    b_hulls: HullTable,
+    t: int,
+    t_last: int,
+    table: ContactTable,
+    slack: float,
+    descent: Descent,
+    first: int,
+    count: int,
+    decide: bool,
+) -> int:
+    """Copy a list of bodies behind itself but for those that stay apart on two stretches.
+
+    Returns:
+        How many are left; with ``decide`` set, PROVED when two segments are proved to conflict.
+    """
+    pairs, where, scratch = descent.pairs, descent.where, descent.scratch
+    single = s_last - s == 1 and t_last - t == 1
+    pose_stretch(a_hulls, s, s_last, descent.a)
+    pose_stretch(b_hulls, t, t_last, descent.b)
+    solid_a, solid_b = descent.a.solid, descent.b.solid
+    one_task = (
+        a.task[s] == a.task[s_last - 1]
+        and a.other_task[s] == a.other_task[s_last - 1]
+        and b.task[t] == b.task[t_last - 1]
+        and b.other_task[t] == b.other_task[t_last - 1]
+    )
+    begin = end = first + count
+    for e in range(first, begin):
+        x, y = pairs[e, 0], pairs[e, 1]
+        one, other = solid_a[x], solid_b[y]
+        least = np.inf  # not the same all along: look at shorter stretches
+        if one != MIXED and other != MIXED:
+            if one < 0 or other < 0:
+                continue
+            if a_hulls.joint[one] < 0 and b_hulls.joint[other] < 0:
+                continue
+            u, v = a.entity[s, x], b.entity[t, y]
+            if u == v:
+                continue
+            if (
+                one_task
+                and table.head[u, v] >= 0
+                and may_touch(
+                    table, u, v, a.task[s], a.other_task[s], b.task[t], b.other_task[t]
+                )
+            ):
+                continue
+            robots = u < table.robots and v < table.robots
+            least = table.clearance[0] if robots else table.clearance[1]
+        pairs[end, 0], pairs[end, 1] = x, y
+        where[end, 0] = least
+        end += 1
+    end = _keep_unseparated(a_hulls, b_hulls, slack - TOLERANCE, descent, begin, end)
+    if not single:
+        return end - begin
+    kept = begin
+    if begin < end:
+        pose_segments(a_hulls, s, b_hulls, t, scratch)
+    for e in range(begin, end):
+        x, y, least = pairs[e, 0], pairs[e, 1], where[e, 0]
+        scratch.direction[:] = 0.0
+        answer = judge_hulls(a_hulls, s, x, b_hulls, t, y, least - slack, scratch)
+        if answer == APART:
+            continue
+        if decide and answer == CONFLICT:
+            return PROVED
+        pairs[kept, 0], pairs[kept, 1] = x, y
+        where[kept] = scratch.where
+        kept += 1
+    return kept - begin
+
+
+@njit(cache=True, nogil=True)
+def _keep_unseparated(
+    a: HullTable,
+    b: HullTable,
+    slack: float,
+    descent: Descent,
+    first: int,
+    end: int,
+) -> int:
+    """Drop the pairs of bodies that planes separate on two stretches, posed.
+
+    A plane found for one pair is tried on all others: few pairs need one of their own. More
+    than the clearance is asked for, as much as the exact decision tolerates: so what it says
+    of two segments does not depend on the stretches they were part of.
+
+    Args:
+        a, b: the occupancies.
+        slack: taken off the clearances [m].
+        descent: with the clearances of the pairs in ``where``, infinite to keep a pair.
+        first, end: the list of pairs.
+
+    Returns:
+        The new end of the list.
+    """
+    pairs, where = descent.pairs, descent.where
+    on_a, on_b = descent.a, descent.b
+    least_a, least_b = on_a.least, on_b.least
+    known_a, known_b = on_a.measured, on_b.measured
+    at = first
+    while at < end:
+        x, y, least = pairs[at, 0], pairs[at, 1], where[at, 0] - slack
+        at += 1
+        if least == np.inf:
+            continue
+        plane = descent.planes[x, y]
+        for attempt in range(2):
+            if attempt == 1 and not stretches_stay_apart(
+                a, on_a.solid[x], on_a, b, on_b.solid[y], on_b, least, plane
+            ):
+                break
+            on_a.span[3] += 1
+            on_b.span[3] += 1
+            number_a, number_b = on_a.span[3], on_b.span[3]
+            if attempt == 0:
+                known_a[x], known_b[y] = -number_a, -number_b
+                measure_bodies(a, on_a, plane, 1.0)
+                measure_bodies(b, on_b, plane, -1.0)
+                if least_a[x] + least_b[y] < max(least, 0.0) + ROUNDING:
+                    continue
+            for e in range(at, end):
+                if where[e, 0] < np.inf:
+                    u, v = pairs[e, 0], pairs[e, 1]
+                    if known_a[u] != number_a:
+                        known_a[u] = -number_a
+                    if known_b[v] != number_b:
+                        known_b[v] = -number_b
+            measure_bodies(a, on_a, plane, 1.0)
+            measure_bodies(b, on_b, plane, -1.0)
+            at -= 1
+            kept = at
+            for e in range(at + 1, end):
+                u, v, clear = pairs[e, 0], pairs[e, 1], where[e, 0]
+                if (
+                    clear < np.inf
+                    and least_a[u] + least_b[v] >= max(clear - slack, 0.0) + ROUNDING
+                ):
+                    continue
+                pairs[kept, 0], pairs[kept, 1], where[kept, 0] = u, v, clear
+                kept += 1
+            end = kept
+            break
+    return end

@@ -1,0 +1,228 @@
+"""Conflicts between nodes of different robots: capsules propose, convex hulls decide.
+
+For each ordered pair of robots and each node v of the one, the last node u of the other that is
+earlier in the total order and conflicts with v must be complete before v starts (APEX-MR,
+Algorithm 1). Occupancies are swept, from the configuration before a node to its own, so the edge
+starts at that last conflicting node itself: once it is complete its robot stands at the start of
+the next node, which is clear of v. With the paper's point occupancies that is its successor rule.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import count
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.geometry.exact import come_close, distance_at
+from planning.transforms import Array
+from scheduling.conflicts.allowed_contacts import ContactTable
+from scheduling.conflicts.close_bodies import start_descent
+from scheduling.conflicts.occupancy import Occupancy
+from scheduling.conflicts.side_by_side import side_by_side
+from scheduling.conflicts.staircase import next_proposal, raise_floor
+from scheduling.graph.reduction import NodeOrder
+from scheduling.graph.temporal_plan_graph import Indices
+from scheduling.graph.total_order import nodes_before
+
+_MOST_HITS = 32768
+
+
+class ConflictChecker(Protocol):
+    """Decides whether what capsules propose is a conflict; may be asked by several threads."""
+
+    def conflict(
+        self,
+        a: Occupancy,
+        s: int,
+        b: Occupancy,
+        t: int,
+        pairs: npt.NDArray[np.int64],
+        where: Array,
+    ) -> bool:
+        """Tell whether two segments conflict.
+
+        Args:
+            a, s: an occupancy and a segment of it.
+            b, t: another robot's occupancy and a segment of it.
+            pairs: bodies (of a, of b) that are proposed, shape (p, 2).
+            where: shares of both motions at which each pair may be too close, NaN where
+                that is not known, shape (p, 2).
+        """
+        ...
+
+
+class HullChecker:
+    """Decides by the distance of convex hulls over both whole motions.
+
+    Args:
+        table: clearances.
+        slack: taken off the clearances [m].
+    """
+
+    def __init__(self, table: ContactTable, *, slack: float = 0.0) -> None:
+        self.slack = slack
+        self._robots = table.robots
+        self._between_robots = float(table.clearance[0]) - slack
+        self._to_objects = float(table.clearance[1]) - slack
+        self.decisions = 0
+
+    def conflict(
+        self,
+        a: Occupancy,
+        s: int,
+        b: Occupancy,
+        t: int,
+        pairs: npt.NDArray[np.int64],
+        where: Array,
+    ) -> bool:
+        """Tell whether two segments conflict; see ConflictChecker."""
+        for (i, j), (x, y) in zip(pairs.tolist(), where.tolist(), strict=True):
+            self.decisions += 1
+            both_robots = (
+                a.sequence.entity[s, i] < self._robots
+                and b.sequence.entity[t, j] < self._robots
+            )
+            limit = self._between_robots if both_robots else self._to_objects
+            solid_a, solid_b = (
+                a.solids[a.hulls.solid[s, i]],
+                b.solids[b.hulls.solid[t, j]],
+            )
+            a_from, a_to = a.hulls.q_a[s], a.hulls.q_b[s]
+            b_from, b_to = b.hulls.q_a[t], b.hulls.q_b[t]
+            if not np.isnan(x):
+                q_a, q_b = a_from + x * (a_to - a_from), b_from + y * (b_to - b_from)
+                if distance_at(solid_a, q_a, solid_b, q_b) < limit:
+                    return True
+            if come_close(solid_a, a_from, a_to, solid_b, b_from, b_to, limit):
+                return True
+        return False
+
+
+class CapsuleChecker:
+    """Takes the swept capsules at their word: quicker, and safe, but with conflicts too many."""
+
+    def conflict(
+        self,
+        a: Occupancy,
+        s: int,
+        b: Occupancy,
+        t: int,
+        pairs: npt.NDArray[np.int64],
+        where: Array,
+    ) -> bool:
+        """Tell whether two segments conflict; see ConflictChecker."""
+        return True
+
+
+def decides_as_proved(checker: ConflictChecker) -> bool:
+    """Tell whether a checker need not be asked about what is proved to conflict."""
+    return isinstance(checker, HullChecker | CapsuleChecker)
+
+
+def proof_slack(checker: ConflictChecker) -> float:
+    """Return what is taken off the clearances that separating planes must prove [m].
+
+    A checker that goes by hulls need not be asked about hulls proved to be apart. NaN for
+    any other.
+    """
+    return checker.slack if isinstance(checker, HullChecker) else np.nan
+
+
+def goes_by_hulls(checker: ConflictChecker) -> bool:
+    """Tell whether a checker goes by hulls; any other one goes by the capsules of segments."""
+    return isinstance(checker, HullChecker)
+
+
+def search_conflicts(
+    a: Occupancy,
+    b: Occupancy,
+    floor: Indices,
+    limit: Indices,
+    table: ContactTable,
+    checker: ConflictChecker,
+) -> Iterator[tuple[int, int]]:
+    """Yield conflicts (v, u) of two occupancies until those yielded imply all others.
+
+    (v, u) implies (w, x) when w is not before v and x is not after u.
+
+    Args:
+        a: occupancy of the nodes v.
+        b: occupancy of the nodes u.
+        floor: last u implied for each v already, never falling; raised here.
+        limit: first u that is not asked for, for each v, never falling.
+        table: allowed contacts and clearances.
+        checker: decides what is not proved. One that does not go by hulls needs blocks of one
+            segment each.
+    """
+    descent = start_descent(a.hulls, b.hulls)
+    depth = 1
+    slack, decide = proof_slack(checker), decides_as_proved(checker)
+    # Who asks for the first conflict alone does not have to wait for more.
+    hits = np.empty((1, 2), dtype=np.int64)
+    while depth > 0:
+        depth, s, t, first, bodies, found = next_proposal(
+            a.sequence,
+            a.hulls,
+            b.sequence,
+            b.hulls,
+            table,
+            slack,
+            floor,
+            limit,
+            descent,
+            depth,
+            decide,
+            hits,
+        )
+        yield from map(tuple, hits[:found].tolist())
+        if found == len(hits):
+            hits = np.empty((min(8 * found, _MOST_HITS), 2), dtype=np.int64)
+        if bodies == 0:
+            continue
+        which = slice(first, first + bodies)
+        if checker.conflict(a, s, b, t, descent.pairs[which], descent.where[which]):
+            v, u = int(a.sequence.node[s]), int(b.sequence.node[t])
+            raise_floor(floor, v, u)
+            yield v, u
+
+
+def find_motion_edges(
+    occupancies: Sequence[Occupancy],
+    ranks: Sequence[Indices],
+    order: NodeOrder,
+    table: ContactTable,
+    checker: ConflictChecker,
+    progress: Callable[[int, int], None] | None = None,
+) -> Indices:
+    """Return the type-2 edges that motion conflicts ask for, not reduced, shape (e, 4).
+
+    Args:
+        occupancies: one a chain.
+        ranks: place of every node in the total order.
+        order: what task dependencies imply; not searched again.
+        table: allowed contacts and clearances.
+        checker: decides what the capsules propose.
+        progress: called after each ordered pair of robots with pairs done and in all, by the
+            thread that searched it.
+    """
+    robots = range(len(occupancies))
+    todo = [(i, k) for i in robots for k in robots if i != k]
+    done = count()
+
+    def search(pair: tuple[int, int]) -> list[tuple[int, int, int, int]]:
+        i, k = pair
+        floor = np.ascontiguousarray(order.last_before(i, k))
+        limit = nodes_before(ranks, i, k)
+        found = search_conflicts(
+            occupancies[i], occupancies[k], floor, limit, table, checker
+        )
+        edges = [(k, u, i, v) for v, u in found]
+        if progress is not None:
+            progress(next(done) + 1, len(todo))
+        return edges
+
+    edges = {edge for found in side_by_side(search, todo) for edge in found}
+    return np.array(sorted(edges), dtype=np.int64).reshape(-1, 4)

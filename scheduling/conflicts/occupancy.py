@@ -1,0 +1,302 @@
+"""The space that nodes occupy: robot, tool and handled objects, segment by segment.
+
+Every node is cut into straight joint-space segments short enough that no point of the robot
+moves further than MOTION in one. What is proved of a segment holds for the whole motion within
+it: nothing between two samples goes unseen.
+
+An object that a node picks up or puts down is part of the whole node's occupancy: resting before
+or after, carried in between. So what conflicts with the resting object conflicts with that node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from planning.cell.body import ConvexBody
+from planning.cell.compiled_robot import RobotKernel, robot_kernel
+from planning.cell.workcell import PlacedRobot
+from planning.geometry.exact import Solid, carried_solid, resting_solid
+from planning.geometry.hull_table import HullTable, hull_table, placed_capsules
+from planning.geometry.scene_checker import entity as robot_entity
+from planning.geometry.scene_checker import robot_solids
+from planning.geometry.swept import bound_travel
+from planning.transforms import Array, Transform
+from scheduling.conflicts.allowed_contacts import ALWAYS, EntityNumbers
+from scheduling.conflicts.object_spans import ObjectSpan, Rest
+from scheduling.conflicts.swept_sequence import LEAF, SweptSequence, swept_sequence
+from scheduling.graph.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
+
+MOTION = 0.02
+"""Bound of the motion of any point within one segment [m]."""
+
+
+@dataclass(frozen=True)
+class Occupancy:
+    """What one robot, or one resting object, occupies.
+
+    Attributes:
+        sequence: the segments and the tree of swept capsules over them.
+        solids: the bodies that occur.
+        hulls: their corners, and which of them are where.
+    """
+
+    sequence: SweptSequence
+    solids: tuple[Solid, ...]
+    hulls: HullTable
+
+
+def cut_nodes(
+    robot: PlacedRobot,
+    chain: NodeChain,
+    held: Sequence[tuple[ConvexBody, Transform]] = (),
+) -> tuple[Array, Array, Indices, Indices]:
+    """Cut the path of a chain into segments that move no point further than MOTION.
+
+    Args:
+        robot: the robot.
+        chain: its nodes.
+        held: objects that count too, with their poses in the flange frame.
+
+    Returns:
+        Segment ends, shape (s, n) each; the node of each segment; and the waypoint within its
+        node that each segment leads to, counted from 1, shape (s,).
+    """
+    q_b = np.array(chain.waypoints, dtype=np.float64)
+    q_a = np.vstack([chain.start[None], q_b[:-1]])
+    node = np.repeat(np.arange(len(chain)), np.diff(chain.first)).astype(np.int64)
+    waypoint = np.arange(len(q_b)) - chain.first[node] + 1
+    kernel = _with_ball(_kernel(robot), robot, held)
+    while True:
+        travel = bound_travel(kernel, q_a, q_b)
+        pieces = np.ceil(travel / MOTION).astype(np.int64)
+        if np.max(pieces, initial=0) <= 1:
+            return q_a, q_b, node, waypoint
+        # The bound grows faster than the motion, so what was cut is measured again.
+        np.maximum(pieces, 1, out=pieces)
+        of = np.repeat(np.arange(len(pieces)), pieces)
+        k = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+        step = (q_b - q_a)[of] / pieces[of, None]
+        cut_a = q_a[of] + k[:, None] * step
+        q_b = np.where((k + 1 == pieces[of])[:, None], q_b[of], cut_a + step)
+        # The end of a piece is the start of the next one, to the last bit.
+        inner = np.flatnonzero(k > 0)
+        cut_a[inner] = q_b[inner - 1]
+        q_a, node, waypoint = cut_a, node[of], waypoint[of]
+
+
+def _with_ball(
+    kernel: RobotKernel,
+    robot: PlacedRobot,
+    held: Sequence[tuple[ConvexBody, Transform]],
+) -> RobotKernel:
+    """Add a ball that contains what is ever held to a robot's capsules."""
+    if not held:
+        return kernel
+    poses = [robot.model.flange @ pose for _, pose in held]
+    placed = [
+        placed_capsules(body, pose) for (body, _), pose in zip(held, poses, strict=True)
+    ]
+    ends = np.concatenate([end for p in placed for end in p[:2]])
+    radius = np.concatenate([np.tile(p[2], 2) for p in placed])[:, None]
+    low, high = (ends - radius).min(axis=0), (ends + radius).max(axis=0)
+    centre = 0.5 * (low + high)[None]
+    return kernel._replace(
+        joint=np.append(kernel.joint, robot.model.dof - 1),
+        start=np.concatenate([kernel.start, centre]),
+        end=np.concatenate([kernel.end, centre]),
+        radius=np.append(kernel.radius, 0.5 * np.linalg.norm(high - low)),
+        body=np.append(kernel.body, kernel.body[-1] + 1),
+    )
+
+
+def chain_occupancy(
+    tpg: TemporalPlanGraph,
+    index: int,
+    spans: Sequence[ObjectSpan],
+    entities: EntityNumbers,
+    *,
+    leaf: int = LEAF,
+) -> Occupancy:
+    """Return what the nodes of one chain occupy.
+
+    Args:
+        tpg: the graph; its edges are not looked at.
+        index: of the chain.
+        spans: the objects of this chain, see ``trace_objects``.
+        entities: numbers of the entities.
+        leaf: most segments in a leaf of the tree; 1 where capsules alone shall decide.
+    """
+    chain = tpg.chains[index]
+    robot = tpg.cell.robot(chain.robot)
+    bodies = {
+        (s.object, s.pose.tobytes()): (tpg.cell.object(s.object).body, s.pose)
+        for s in spans
+        if s.carried and s.robot == index
+    }
+    q_a, q_b, node, waypoint = cut_nodes(robot, chain, tuple(bodies.values()))
+    task = chain.task[node]
+    runs = [
+        (span, *_segments_of(span, node, waypoint, chain))
+        for span in spans
+        if span.robot == index
+    ]
+    runs = sorted((run for run in runs if run[1] < run[2]), key=lambda run: run[1])
+    return _assemble(
+        tpg, robot, q_a, q_b, node, (task, task), runs, entities, leaf=leaf
+    )
+
+
+def hold_occupancy(
+    tpg: TemporalPlanGraph,
+    index: int,
+    holds: Indices,
+    spans: Sequence[ObjectSpan],
+    entities: EntityNumbers,
+) -> Occupancy:
+    """Return what one robot occupies in some of its holds, one segment each.
+
+    Args:
+        tpg: the graph; its edges are not looked at.
+        index: of the chain.
+        holds: which ones, rising, at least one: hold k is before node k, the last one after
+            the last node.
+        spans: the objects of this chain.
+        entities: numbers of the entities.
+    """
+    chain = tpg.chains[index]
+    stands = np.vstack([chain.start[None], chain.waypoints[chain.first[1:] - 1]])
+    q = np.ascontiguousarray(stands[holds], dtype=np.float64)
+    last = max(len(chain) - 1, 0)
+    runs = []
+    for span in spans:
+        if span.robot == index and span.carried:
+            # In the hand before node k: taken within an earlier node, given away in k or later.
+            first, stop = np.searchsorted(holds, [span.start[0] + 1, span.end[0] + 1])
+            if first < stop:
+                runs.append((span, int(first), int(stop)))
+    runs.sort(key=lambda run: run[1])
+    return _assemble(
+        tpg,
+        tpg.cell.robot(chain.robot),
+        q,
+        q,
+        np.arange(len(holds)),
+        (chain.task[np.clip(holds - 1, 0, last)], chain.task[np.clip(holds, 0, last)]),
+        runs,
+        entities,
+        leaf=1,
+    )
+
+
+def standing_occupancy(
+    tpg: TemporalPlanGraph, robot: PlacedRobot, entities: EntityNumbers
+) -> Occupancy:
+    """Return what a robot without any node occupies: it stands at HOME, in one segment."""
+    q = np.array(robot.home[None], dtype=np.float64)
+    none = np.full(1, ALWAYS, dtype=np.int64)
+    nodes = np.zeros(1, dtype=np.int64)
+    return _assemble(tpg, robot, q, q, nodes, (none, none), [], entities)
+
+
+def rest_occupancy(
+    tpg: TemporalPlanGraph, rest: Rest, entities: EntityNumbers
+) -> Occupancy:
+    """Return what one object at rest, or in the hand of a robot that stands, occupies."""
+    body = tpg.cell.object(rest.object).body
+    none = np.full(1, ALWAYS, dtype=np.int64)
+    solids = (resting_solid(rest.object, body, rest.pose),)
+    # No robot carries it; any one's kernel will do.
+    kernel = _kernel(tpg.cell.robots[0])
+    q = np.array(tpg.cell.robots[0].home[None], dtype=np.float64)
+    only = np.zeros((1, 1), dtype=np.int32)
+    hulls = hull_table(kernel, q, q, only, solids, (body,))
+    entity = np.full((1, 1), entities[rest.object], dtype=np.int32)
+    nodes = np.zeros(1, dtype=np.int64)
+    return Occupancy(swept_sequence(nodes, none, none, entity, hulls), solids, hulls)
+
+
+def _kernel(
+    robot: PlacedRobot, held: Sequence[tuple[ConvexBody, Transform]] = ()
+) -> RobotKernel:
+    """Return a robot's arrays, all writable: numba compiles read-only ones anew."""
+    return RobotKernel._make(np.array(v) for v in robot_kernel(robot, held))
+
+
+def _segments_of(
+    span: ObjectSpan, node: Indices, waypoint: Indices, chain: NodeChain
+) -> tuple[int, int]:
+    """Return the segments, ``range(first, stop)``, in which an object is there."""
+    room = int(np.max(np.diff(chain.first))) + 2
+    leads_to = node * room + waypoint
+    (a, wa), (b, wb) = span.start, span.end
+    if not span.carried and (a, wa) == (b, wb):
+        # At rest up to a node's start, or from its end on: one waypoint's worth of it.
+        if wa == 0:
+            wb = 1
+        else:
+            wa -= 1
+    first = np.searchsorted(leads_to - 1, a * room + wa, side="left")
+    stop = np.searchsorted(leads_to, b * room + wb, side="right")
+    return int(first), int(stop)
+
+
+def _assemble(
+    tpg: TemporalPlanGraph,
+    robot: PlacedRobot,
+    q_a: Array,
+    q_b: Array,
+    node: Indices,
+    tasks: tuple[Indices, Indices],
+    runs: Sequence[tuple[ObjectSpan, int, int]],
+    entities: EntityNumbers,
+    *,
+    leaf: int = LEAF,
+) -> Occupancy:
+    """Collect the bodies of the robot and, in slots, the objects of each run of segments."""
+    kernel = _kernel(robot)
+    solids = robot_solids(robot, kernel)
+    parts = robot.model.parts
+    bodies = [part.body for part in parts]
+    slots = _assign_slots(runs)
+    shape = (len(q_a), len(parts) + max(slots, default=-1) + 1)
+    entity = np.full(shape, -1, dtype=np.int32)
+    entity[:, : len(parts)] = [
+        entities[robot_entity(robot.name, part.group)] for part in parts
+    ]
+    solid = np.full(shape, -1, dtype=np.int32)
+    solid[:, : len(parts)] = np.arange(len(parts))
+    for (span, first, stop), slot in zip(runs, slots, strict=True):
+        body = tpg.cell.object(span.object).body
+        if span.carried:
+            local = robot.model.flange @ span.pose
+            joint = robot.model.dof - 1
+            item = carried_solid(span.object, body, kernel, joint, local)
+        else:
+            item = resting_solid(span.object, body, span.pose)
+        entity[first:stop, len(parts) + slot] = entities[span.object]
+        solid[first:stop, len(parts) + slot] = len(solids)
+        solids.append(item)
+        bodies.append(body)
+    hulls = hull_table(kernel, q_a, q_b, solid, solids, bodies)
+    return Occupancy(
+        swept_sequence(node, *tasks, entity, hulls, leaf=leaf), tuple(solids), hulls
+    )
+
+
+def _assign_slots(runs: Sequence[tuple[ObjectSpan, int, int]]) -> list[int]:
+    """Give runs that overlap different slots; ``runs`` in order of their first segment."""
+    slots: list[int] = []
+    free_from: list[int] = []
+    for _, first, stop in runs:
+        for slot, free in enumerate(free_from):
+            if free <= first:
+                free_from[slot] = stop
+                slots.append(slot)
+                break
+        else:
+            slots.append(len(free_from))
+            free_from.append(stop)
+    return slots

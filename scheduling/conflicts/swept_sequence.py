@@ -1,0 +1,221 @@
+"""What is occupied, segment after segment, with a binary tree of bounding blocks over it.
+
+A block bounds a run of consecutive segments twice: by one box, and capsule by capsule. The
+capsules of a leaf stand where the joints are in the middle of all they do in it, grown by a
+rigorous bound of how far they get from there; those of a larger block are those of one of
+its halves, grown until they hold the other's. Capsules of single segments are not kept: what
+they could tell the hulls tell better.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from planning.geometry.hull_table import HullTable
+from planning.geometry.stretches import (
+    MIXED,
+    Stretch,
+    make_stretch,
+    measure_stray,
+    pose_stretch,
+    sweep_all_capsules,
+    sweep_capsules,
+)
+from planning.transforms import Array
+from scheduling.graph.temporal_plan_graph import Indices
+
+LEAF = 4
+"""Segments in a block that is not split any further."""
+
+INACTIVE = -1.0
+"""Radius of a capsule that is not there."""
+
+_ROUNDED_OFF = 3e-7
+"""More than single precision rounds off a place and a radius, for each metre they are long."""
+
+
+class SweptSequence(NamedTuple):
+    """Segments in order, and blocks of them; block b has the children 2b + 1 and 2b + 2.
+
+    The leaves are the second half of the blocks.
+
+    Attributes:
+        node: node of each segment, never falling, shape (s,).
+        task, other_task: tasks of each segment, see ``may_touch``, never falling, shape (s,).
+        entity: entity of each body, -1 where there is none, shape (s, bodies).
+        still: whether a body does not move with a joint, shape (s, bodies).
+        column: where the capsules of each body begin, shape (bodies + 1,).
+        block_first, block_last: segments of each block, ``range(first, last)``, shape (b,).
+        block_low, block_high: box around each block, shape (b, 3) [m].
+        capsules: of the blocks: both ends in the world and the radius, INACTIVE where there is
+            none, shape (b, c, 7) [m]. In single precision, and grown by what that rounds off:
+            the memory they take is most of what it costs to make them.
+    """
+
+    node: Indices
+    task: Indices
+    other_task: Indices
+    entity: npt.NDArray[np.int32]
+    still: npt.NDArray[np.bool_]
+    column: Indices
+    block_first: Indices
+    block_last: Indices
+    block_low: Array
+    block_high: Array
+    capsules: npt.NDArray[np.float32]
+
+
+def swept_sequence(
+    node: Indices,
+    task: Indices,
+    other_task: Indices,
+    entity: npt.NDArray[np.int32],
+    hulls: HullTable,
+    *,
+    leaf: int = LEAF,
+) -> SweptSequence:
+    """Build the tree over a sequence of at least one segment.
+
+    Args:
+        node, task, other_task, entity: see SweptSequence.
+        hulls: the bodies in motion.
+        leaf: most segments in a leaf, up to LEAF; 1 where they have nothing in common.
+    """
+    leaves = -(-len(node) // leaf)
+    blocks = 2 * leaves - 1
+    widths = np.append(np.diff(hulls.capsule_first), 0)  # the last one stands for none
+    column = np.cumsum([0, *np.max(widths[hulls.solid], axis=0)]).astype(np.int64)
+    out = SweptSequence(
+        np.ascontiguousarray(node, dtype=np.int64),
+        np.ascontiguousarray(task, dtype=np.int64),
+        np.ascontiguousarray(other_task, dtype=np.int64),
+        np.ascontiguousarray(entity, dtype=np.int32),
+        np.append(hulls.joint, 0)[hulls.solid] < 0,  # the last one stands for none
+        column,
+        np.zeros(blocks, dtype=np.int64),
+        np.zeros(blocks, dtype=np.int64),
+        np.empty((blocks, 3)),
+        np.empty((blocks, 3)),
+        room_for_capsules(blocks, int(column[-1])),
+    )
+    _build(out, hulls, leaves, make_stretch(hulls))
+    return out
+
+
+def room_for_capsules(blocks: int, count: int) -> npt.NDArray[np.float32]:
+    """Return room for capsules, with nothing written yet: once is enough for so much memory."""
+    return np.empty((blocks, count, 7), dtype=np.float32)
+
+
+@njit(cache=True, nogil=True)
+def _build(seq: SweptSequence, hulls: HullTable, leaves: int, room: Stretch) -> None:
+    # Leaves on the deepest level come first in the sequence, though last among the blocks.
+    count = len(seq.node)
+    deepest = 1
+    while deepest < leaves:
+        deepest *= 2
+    deepest -= 1
+    for i in range(leaves):
+        block = deepest + i
+        if block > 2 * leaves - 2:
+            block -= leaves
+        seq.block_first[block] = i * count // leaves
+        seq.block_last[block] = (i + 1) * count // leaves
+        bound_leaf(seq, hulls, block, room)
+    for block in range(leaves - 2, -1, -1):
+        left, right = 2 * block + 1, 2 * block + 2
+        seq.block_first[block] = seq.block_first[left]
+        seq.block_last[block] = seq.block_last[right]
+        for k in range(3):
+            seq.block_low[block, k] = min(
+                seq.block_low[left, k], seq.block_low[right, k]
+            )
+            seq.block_high[block, k] = max(
+                seq.block_high[left, k], seq.block_high[right, k]
+            )
+        _bound_both(seq.capsules, block, left, right)
+
+
+@njit(cache=True, nogil=True)
+def bound_leaf(seq: SweptSequence, hulls: HullTable, block: int, room: Stretch) -> None:
+    """Write the capsules and the box of a block from its segments."""
+    first, last = seq.block_first[block], seq.block_last[block]
+    pose_stretch(hulls, first, last, room)
+    sweep_all_capsules(hulls, room)
+    out, capsule_first = seq.capsules[block], hulls.capsule_first
+    out[:] = INACTIVE
+    seq.block_low[block], seq.block_high[block] = np.inf, -np.inf
+    ends, grown = room.ends, room.radius
+    for i in range(len(room.solid)):
+        solid, c = room.solid[i], seq.column[i]
+        if solid >= 0:
+            for e in range(capsule_first[solid], capsule_first[solid + 1]):
+                _write_capsule(out, c, ends[e, 0], ends[e, 1], grown[e])
+                c += 1
+        elif solid == MIXED:
+            # Objects that come and go: the first capsule becomes a ball around them all.
+            low, high = np.full(3, np.inf), np.full(3, -np.inf)
+            for s in range(first, last):
+                solid = int(hulls.solid[s, i])
+                if solid < 0:
+                    continue
+                measure_stray(hulls, solid, room)
+                sweep_capsules(hulls, solid, room)
+                for e in range(capsule_first[solid], capsule_first[solid + 1]):
+                    for k in range(3):
+                        p, q, r = ends[e, 0, k], ends[e, 1, k], grown[e]
+                        low[k] = min(low[k], min(p, q) - r)
+                        high[k] = max(high[k], max(p, q) + r)
+            centre = 0.5 * (low + high)
+            reach = 0.5 * np.sqrt(np.sum((high - low) ** 2))
+            _write_capsule(out, c, centre, centre, reach)
+    for c in range(len(out)):
+        r = float(out[c, 6])
+        if r < 0.0:
+            continue
+        for k in range(3):
+            p, q = float(out[c, k]), float(out[c, k + 3])
+            seq.block_low[block, k] = min(seq.block_low[block, k], min(p, q) - r)
+            seq.block_high[block, k] = max(seq.block_high[block, k], max(p, q) + r)
+
+
+@njit(cache=True, nogil=True)
+def _write_capsule(
+    out: npt.NDArray[np.float32], c: int, start: Array, end: Array, radius: float
+) -> None:
+    """Write a capsule in single precision, grown so that it holds the one given."""
+    far = radius
+    for k in range(3):
+        out[c, k], out[c, k + 3] = start[k], end[k]
+        far = max(far, max(abs(start[k]), abs(end[k])))
+    out[c, 6] = radius + _ROUNDED_OFF * far
+
+
+@njit(cache=True, nogil=True)
+def _bound_both(
+    capsules: npt.NDArray[np.float32], block: int, left: int, right: int
+) -> None:
+    """Write capsules that hold those of two blocks: those of one of them, grown."""
+    one, two, out = capsules[left], capsules[right], capsules[block]
+    for c in range(len(out)):
+        r, s = float(one[c, 6]), float(two[c, 6])
+        chosen, grown = one, r
+        if r < 0.0:
+            chosen, grown = two, s
+        elif s >= 0.0:
+            a2 = b2 = 0.0
+            for k in range(3):
+                da = float(one[c, k]) - float(two[c, k])
+                db = float(one[c, k + 3]) - float(two[c, k + 3])
+                a2 += da * da
+                b2 += db * db
+            apart = np.sqrt(max(a2, b2))
+            chosen = one if s <= r else two
+            grown = max(max(r, s), apart + min(r, s)) * (1.0 + _ROUNDED_OFF)
+        for k in range(6):
+            out[c, k] = chosen[c, k]
+        out[c, 6] = grown

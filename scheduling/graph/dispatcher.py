@@ -1,0 +1,144 @@
+"""Which nodes may start now: a pure state machine over a temporal plan graph, without a clock."""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+
+from planning.errors import PlanInvariantError
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+
+Node = tuple[int, int]
+"""A chain's index in ``tpg.chains``, and the index of a node in it."""
+
+
+class Dispatcher:
+    """Tells which nodes have become safe as nodes are reported complete (APEX-MR IV-D).
+
+    A node is *safe* once every node that precedes it by an edge is complete. A robot works its
+    nodes one after the other, so at most one node of each robot is safe and incomplete.
+
+    Args:
+        tpg: the graph.
+    """
+
+    def __init__(self, tpg: TemporalPlanGraph) -> None:
+        self._length = [len(chain) for chain in tpg.chains]
+        self._names = [chain.robot for chain in tpg.chains]
+        self._first = np.cumsum([0, *self._length]).tolist()
+        total = self._first[-1]
+        self._chain = np.repeat(np.arange(len(self._length)), self._length).tolist()
+        self._unmet = [1] * total
+        for first, length in zip(self._first, self._length, strict=False):
+            if length:
+                self._unmet[first] = 0
+        self._successors: dict[int, list[int]] = {}
+        self._sources: dict[int, list[int]] = {}
+        for r, u, s, v in tpg.edges.tolist():
+            source, target = self._first[r] + u, self._first[s] + v
+            self._successors.setdefault(source, []).append(target)
+            self._sources.setdefault(target, []).append(source)
+            self._unmet[target] += 1
+        self._done = [0] * len(self._length)
+
+    def copy(self) -> Dispatcher:
+        """Return a dispatcher in the same state; both go on independently."""
+        twin = copy(self)
+        twin._unmet = self._unmet.copy()
+        twin._done = self._done.copy()
+        return twin
+
+    def ready(self) -> list[Node]:
+        """Return every node that is safe and not complete, in the order of the chains."""
+        return [
+            (robot, done)
+            for robot, done in enumerate(self._done)
+            if done < self._length[robot]
+            and self._unmet[self._first[robot] + done] == 0
+        ]
+
+    def is_safe(self, robot: int, node: int) -> bool:
+        """Tell whether all that a node waits for is complete (true also once it is complete)."""
+        return self._unmet[self._number(robot, node)] == 0
+
+    def complete(self, robot: int, node: int) -> list[Node]:
+        """Report a node complete.
+
+        Args:
+            robot: index of the chain.
+            node: its next incomplete node.
+
+        Returns:
+            The nodes that have become safe by it, the robot's own next node first.
+
+        Raises:
+            PlanInvariantError: the node is complete already, does not come next, or was not
+                safe to start.
+        """
+        number = self._number(robot, node)
+        done = self._done[robot]
+        name = self._names[robot]
+        if node != done:
+            state = "is complete already" if node < done else f"comes after node {done}"
+            raise PlanInvariantError(f"robot {name!r}: node {node} {state}")
+        if self._unmet[number]:
+            edges = ", ".join(
+                f"node {u} of {self._names[r]!r}"
+                for r, u in self.waits_for(robot, node)
+            )
+            raise PlanInvariantError(
+                f"robot {name!r}: node {node} was completed before {edges}"
+            )
+        self._done[robot] = done + 1
+        targets = list(self._successors.get(number, ()))
+        if node + 1 < self._length[robot]:
+            targets.insert(0, number + 1)
+        safe = []
+        for target in targets:
+            self._unmet[target] -= 1
+            if self._unmet[target] == 0:
+                safe.append(self._node(target))
+        return safe
+
+    def observe(self, robot: int, node: int) -> None:
+        """Take note that a robot has completed a node, whether it was allowed to or not.
+
+        All its nodes before it count as complete too.
+        """
+        self._number(robot, node)
+        while (done := self._done[robot]) <= node:
+            number = self._first[robot] + done
+            self._done[robot] = done + 1
+            if done + 1 < self._length[robot]:
+                self._unmet[number + 1] -= 1
+            for target in self._successors.get(number, ()):
+                self._unmet[target] -= 1
+
+    def waits_for(self, robot: int, node: int) -> list[Node]:
+        """Return the incomplete sources of a node's type-2 edges: what it still waits for."""
+        out = []
+        for source in self._sources.get(self._number(robot, node), ()):
+            r, u = self._node(source)
+            if u >= self._done[r]:
+                out.append((r, u))
+        return out
+
+    def completed(self, robot: int) -> int:
+        """Return how many nodes of a robot are complete."""
+        return self._done[robot]
+
+    @property
+    def finished(self) -> bool:
+        """True once every node is complete."""
+        return self._done == self._length
+
+    def _number(self, robot: int, node: int) -> int:
+        if not (0 <= robot < len(self._length) and 0 <= node < self._length[robot]):
+            raise PlanInvariantError(f"there is no node {node} of chain {robot}")
+        number: int = self._first[robot] + node
+        return number
+
+    def _node(self, number: int) -> Node:
+        robot = self._chain[number]
+        return robot, number - self._first[robot]

@@ -1,0 +1,107 @@
+"""The multi-modal temporal plan graph (TPG) as data (APEX-MR IV-C).
+
+A node is a piece of motion of one robot: from the last waypoint of the node before it, through
+its own waypoints, to the last of them. Pose nodes have one waypoint, skill nodes their whole
+reference path. Type-1 edges join consecutive nodes of a robot and are not stored.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.cell.workcell import Workcell
+from planning.tasks.task_graph import AllowedContact, Task
+from planning.transforms import Array, Transform
+
+Indices = npt.NDArray[np.int64]
+
+TASK_DEPENDENCY = 0
+MOTION_CONFLICT = 1
+
+
+@dataclass(frozen=True)
+class NodeChain:
+    """All nodes of one robot, in order.
+
+    Attributes:
+        robot: its name.
+        start: configuration before the first node, shape (n,).
+        waypoints: of all nodes, shape (p, n); node k owns ``waypoints[first[k]:first[k + 1]]``.
+        fraction: share of its node's duration that has passed at each waypoint, shape (p,),
+            rising to 1 at a node's last waypoint.
+        first: shape (nodes + 1,).
+        task: task index of each node, shape (nodes,), never falling.
+        skill: True for skill nodes, shape (nodes,).
+        duration: nominal duration of each node, shape (nodes,) [s].
+        planned_start: start of each node in the input plan, shape (nodes,) [s].
+    """
+
+    robot: str
+    start: Array
+    waypoints: Array
+    fraction: Array
+    first: Indices
+    task: Indices
+    skill: npt.NDArray[np.bool_]
+    duration: Array
+    planned_start: Array
+
+    def __len__(self) -> int:
+        """Return the number of nodes."""
+        return len(self.task)
+
+
+@dataclass(frozen=True)
+class NodeHandling:
+    """An object changes hands within a node.
+
+    Attributes:
+        object: its name.
+        robot: index of the chain whose node it happens in.
+        node: index of the node.
+        waypoint: 0 = when the node starts, k = at the node's k-th waypoint.
+        holder: robot that holds it from then on, None when it is put down.
+        pose: of the object's centre in the holder's flange frame, or in the world.
+    """
+
+    object: str
+    robot: int
+    node: int
+    waypoint: int
+    holder: str | None
+    pose: Transform
+
+
+@dataclass(frozen=True)
+class TemporalPlanGraph:
+    """Nodes, type-2 edges and what the nodes carry.
+
+    Attributes:
+        cell: the static cell.
+        tasks: in order of their index.
+        chains: one per robot that has work, in the order of ``cell.robots``.
+        edges: type-2 edges, shape (e, 4): robot and node that must be complete, robot and node
+            that may then start; robots are indices of ``chains``. Sorted.
+        cause: TASK_DEPENDENCY or MOTION_CONFLICT per edge, shape (e,).
+        handlings: in planned order.
+        allowed: who may touch whom, and when.
+        dependencies: pairs (a, b) of tasks, shape (d, 2): a must be complete before b starts.
+            The edges say so too, but some of them only through others.
+        slots: slot of each task where the plan was made in slots, from 0, shape (tasks,);
+            empty otherwise.
+    """
+
+    cell: Workcell
+    tasks: tuple[Task, ...]
+    chains: tuple[NodeChain, ...]
+    edges: Indices
+    cause: npt.NDArray[np.uint8]
+    handlings: tuple[NodeHandling, ...]
+    allowed: tuple[AllowedContact, ...]
+    dependencies: Indices = field(
+        default_factory=lambda: np.empty((0, 2), dtype=np.int64)
+    )
+    slots: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))

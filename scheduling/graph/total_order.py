@@ -1,0 +1,47 @@
+"""The one total order of all nodes: planned start, then task, then node.
+
+Every type-2 edge follows this order, so a temporal plan graph has no cycle. Task indices settle
+ties (a robot's index never does): zero-length nodes start when the node before them does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from planning.errors import PlanInvariantError
+from scheduling.graph.temporal_plan_graph import Indices, NodeChain
+
+
+def planned_ranks(chains: Sequence[NodeChain]) -> tuple[Indices, ...]:
+    """Return the place of every node in the total order, one array of shape (nodes,) a chain.
+
+    Raises:
+        PlanInvariantError: a robot's own nodes are not in this order.
+    """
+    if not chains:
+        return ()
+    start = np.concatenate([c.planned_start for c in chains])
+    task = np.concatenate([c.task for c in chains])
+    node = np.concatenate([np.arange(len(c)) for c in chains])
+    rank = np.empty(len(start), dtype=np.int64)
+    rank[np.lexsort((node, task, start))] = np.arange(len(start))
+    bounds = np.cumsum([0, *(len(c) for c in chains)])
+    ranks = tuple(rank[a:b] for a, b in pairwise(bounds))
+    for chain, own in zip(chains, ranks, strict=True):
+        bad = np.flatnonzero(np.diff(own) < 0)
+        if len(bad):
+            k = int(bad[0])
+            raise PlanInvariantError(
+                f"robot {chain.robot!r}: node {k + 1} (task {chain.task[k + 1]}) is planned"
+                f" at {chain.planned_start[k + 1]:.6f} s, before node {k} (task"
+                f" {chain.task[k]}) that it follows"
+            )
+    return ranks
+
+
+def nodes_before(ranks: Sequence[Indices], robot: int, other: int) -> Indices:
+    """Return, for each node of ``robot``, how many nodes of ``other`` come before it."""
+    return np.searchsorted(ranks[other], ranks[robot]).astype(np.int64)

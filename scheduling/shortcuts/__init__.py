@@ -1,0 +1,4 @@
+"""Shortcuts on a temporal plan graph (APEX-MR IV-C).
+
+Imports graph, conflicts and invariant.
+"""

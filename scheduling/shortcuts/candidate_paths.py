@@ -1,0 +1,141 @@
+"""Paths that are tried in place of transit nodes, and the nodes they become."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from planning.motion.speed import SpeedModel, sample_path
+from planning.transforms import Array
+from scheduling.graph.temporal_plan_graph import Indices, NodeChain
+
+LINE, CORNER, JOINT = "line", "corner", "joint"
+
+SHAPES = (LINE, LINE, CORNER, CORNER, JOINT)
+"""Shapes of candidates, each as likely as it stands here."""
+
+
+def candidate_path(old: Array, shape: str, rng: np.random.Generator) -> Array:
+    """Return a polyline of the same ends.
+
+    Args:
+        old: waypoints of the way so far, shape (w, n).
+        shape: one of SHAPES.
+        rng: of corners and joints.
+    """
+    if shape == LINE:
+        return old[[0, -1]]
+    if shape == CORNER:
+        return _with_corner(old, rng)
+    return _straighten(old, int(rng.integers(old.shape[1])))
+
+
+def _with_corner(path: Array, rng: np.random.Generator) -> Array:
+    """Return a polyline of the same ends over a corner somewhere between both.
+
+    No joint goes further than on the straight line, so under the L1 speed model it takes no
+    longer; but it passes elsewhere.
+    """
+    share = rng.random(path.shape[1])
+    if rng.random() < 0.5:
+        share = np.round(share)
+    corner = path[0] + share * (path[-1] - path[0])
+    return np.array([path[0], corner, path[-1]])
+
+
+def _straighten(path: Array, joint: int) -> Array:
+    """Return a polyline in which one joint goes straight from its first to its last value."""
+    out = path.copy()
+    travel = np.abs(np.diff(path, axis=0)).sum(axis=1)
+    share = np.concatenate([[0.0], np.cumsum(travel)])
+    if share[-1] > 0.0:
+        out[:, joint] = path[0, joint] + share / share[-1] * (
+            path[-1, joint] - path[0, joint]
+        )
+    return out
+
+
+def new_nodes(
+    chain: NodeChain,
+    first: int,
+    last: int,
+    path: Array,
+    speed: SpeedModel,
+    step: float,
+) -> NodeChain:
+    """Return the nodes of a path, as a chain of their own.
+
+    Each has the task and the planned start of the node that was as far on the way before.
+
+    Args:
+        chain: whose nodes ``first`` to ``last`` are to be replaced.
+        first, last: those nodes.
+        path: polyline of the same ends, shape (w, n).
+        speed: speed model of the robot.
+        step: longest time between nodes [s].
+    """
+    waypoints, times = sample_path(path, speed, step)
+    duration = np.diff(times)
+    share = times[1:] / times[-1]
+    old_end = np.cumsum(chain.duration[first : last + 1])
+    at = first + np.searchsorted(old_end / old_end[-1], np.minimum(share, 1.0) - 1e-12)
+    at = np.minimum(at, last)
+    task = np.maximum.accumulate(chain.task[at])
+    count = len(duration)
+    return NodeChain(
+        chain.robot,
+        waypoints[0],
+        waypoints[1:],
+        np.ones(count),
+        np.arange(count + 1),
+        task,
+        np.zeros(count, dtype=np.bool_),
+        duration,
+        np.maximum.accumulate(chain.planned_start[at]),
+    )
+
+
+def planned_after(
+    chains: Sequence[NodeChain],
+    index: int,
+    first: int,
+    last: int,
+    new: NodeChain,
+    edges: Sequence[tuple[int, int, int, int]],
+) -> Array:
+    """Return planned starts that put every new node after what it waits for."""
+    planned = new.planned_start.copy()
+    for robot, node, target, at in edges:
+        if target == index:
+            after = np.nextafter(chains[robot].planned_start[node], np.inf)
+            planned[at - first] = max(planned[at - first], after)
+    planned[-1] = max(planned[-1], chains[index].planned_start[last])
+    latest = float(chains[index].planned_start[last])
+    return np.asarray(np.minimum(np.maximum.accumulate(planned), latest))
+
+
+def splice_chain(chain: NodeChain, first: int, last: int, new: NodeChain) -> NodeChain:
+    """Return a chain with nodes ``first`` to ``last`` replaced by others."""
+    lo, hi = int(chain.first[first]), int(chain.first[last + 1])
+    shift = len(new.waypoints) - (hi - lo)
+
+    def join(name: str, a: int, b: int) -> Array:
+        old = getattr(chain, name)
+        out: Array = np.concatenate([old[:a], getattr(new, name), old[b:]])
+        return out
+
+    firsts: Indices = np.concatenate(
+        [chain.first[:first], lo + new.first[:-1], chain.first[last + 1 :] + shift]
+    )
+    return NodeChain(
+        chain.robot,
+        chain.start,
+        join("waypoints", lo, hi),
+        join("fraction", lo, hi),
+        firsts,
+        join("task", first, last + 1).astype(np.int64),
+        join("skill", first, last + 1).astype(np.bool_),
+        join("duration", first, last + 1),
+        join("planned_start", first, last + 1),
+    )

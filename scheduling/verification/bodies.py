@@ -1,0 +1,196 @@
+"""What every robot occupies, piece by piece, for the verification.
+
+A *piece* is a straight joint-space motion of a node, or a robot that stands between two nodes.
+Pieces are dense samples: the middle of the motion, grown by a bound of how far any point gets
+from there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.cell.workcell import PlacedRobot, Workcell
+from planning.transforms import Array
+from scheduling.graph.temporal_plan_graph import Indices, NodeChain
+from scheduling.verification.object_places import Carried
+from scheduling.verification.reference import Part, ReferenceRobot
+
+PIECE = 0.02
+"""Motions are cut until no point gets further than this from the middle [m]."""
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """All pieces of one robot, in order.
+
+    Attributes:
+        q_a, q_b: ends, shape (s, n).
+        begin: a node that is complete before ``begin`` starts is over before the piece; -1
+            for a piece that may last from the start, shape (s,).
+        end: the piece is over once node ``end`` is complete; the number of nodes for a piece
+            that may last for ever, shape (s,).
+        node: node that moves, or node before which the robot stands, shape (s,).
+        standing: True where the robot stands, shape (s,).
+        since, until: moments as node * room + waypoint, shape (s,).
+        room: see there.
+        tasks: tasks that may allow a contact, shape (s, 2).
+    """
+
+    q_a: Array
+    q_b: Array
+    begin: Indices
+    end: Indices
+    node: Indices
+    standing: npt.NDArray[np.bool_]
+    since: Indices
+    until: Indices
+    room: int
+    tasks: Indices
+
+    def __len__(self) -> int:
+        """Return the number of pieces."""
+        return len(self.begin)
+
+    def moment(self, node: int, waypoint: int) -> int:
+        """Return a moment as one number."""
+        return node * self.room + waypoint
+
+
+@dataclass(frozen=True)
+class Body:
+    """A part in the pieces in which it is there.
+
+    Attributes:
+        part: the part.
+        robot: True for a part of the robot, False for a load.
+        pieces: which ones, rising, shape (k,).
+        centre: of the sphere around it in the middle of each piece, shape (k, 3) [m].
+        radius: of that sphere, grown by the motion within the piece, shape (k,) [m].
+    """
+
+    part: Part
+    robot: bool
+    pieces: Indices
+    centre: Array
+    radius: Array
+
+
+class RobotBodies:
+    """One robot of the plan.
+
+    Attributes:
+        name: of the robot.
+        chain: index of its chain, None if it has no node.
+        robot: its geometry.
+        pieces: its pieces.
+        frames: joint frames in the middle of each piece, shape (s, n + 1, 4, 4).
+        bodies: its parts, then what it carries.
+    """
+
+    def __init__(
+        self,
+        cell: Workcell,
+        robot: ReferenceRobot,
+        placed: PlacedRobot,
+        chain: NodeChain | None,
+        index: int | None,
+        carried: list[Carried],
+    ) -> None:
+        self.name, self.chain = placed.name, index
+        self.robot = robot
+        loads = [
+            (c, self.robot.load(c.object, cell.object(c.object).size, c.pose))
+            for c in carried
+            if c.chain == index
+        ]
+        if chain is None:
+            self.pieces = _standing_for_ever(placed.home)
+        else:
+            weights = np.array([p.weight for p in self.robot.parts])
+            if loads:
+                weights = np.vstack([weights, [part.weight for _, part in loads]])
+            self.pieces = _cut(chain, weights)
+        middle = 0.5 * (self.pieces.q_a + self.pieces.q_b)
+        self.frames = np.array([self.robot.joint_frames(q) for q in middle])
+        everywhere = np.arange(len(self.pieces))
+        self.bodies = [self._body(p, True, everywhere) for p in self.robot.parts]
+        for c, part in loads:
+            since = self.pieces.moment(*c.start)
+            until = self.pieces.moment(*c.end)
+            inside = (self.pieces.since >= since) & (self.pieces.until <= until)
+            if c.given:
+                inside &= ~(self.pieces.standing & (self.pieces.since == since))
+            if c.fetched:
+                inside &= ~(self.pieces.standing & (self.pieces.until == until))
+            if np.any(inside):
+                self.bodies.append(self._body(part, False, np.flatnonzero(inside)))
+
+    def _body(self, part: Part, robot: bool, pieces: Indices) -> Body:
+        frames = self.frames[pieces, part.joint + 1]
+        centre = frames[:, :3, :3] @ part.centre + frames[:, :3, 3]
+        step = np.abs(self.pieces.q_b[pieces] - self.pieces.q_a[pieces])
+        radius = part.radius + 0.5 * step @ part.weight
+        return Body(part, robot, pieces, centre, radius)
+
+
+def _standing_for_ever(home: Array) -> Pieces:
+    one = np.zeros(1, dtype=np.int64)
+    return Pieces(
+        home[None],
+        home[None],
+        one - 1,
+        one,
+        one,
+        np.ones(1, dtype=np.bool_),
+        one,
+        one,
+        1,
+        np.full((1, 2), -1),
+    )
+
+
+def _cut(chain: NodeChain, weights: Array) -> Pieces:
+    """Return the pieces of a chain: each hold, then the motions of the node after it."""
+    count = len(chain)
+    room = int(np.max(np.diff(chain.first))) + 1
+    q_a, q_b, rows, tasks = [], [], [], []
+    before = chain.start
+    for node in range(count + 1):
+        near = [int(chain.task[k]) for k in (node - 1, node) if 0 <= k < count]
+        q_a.append(before)
+        q_b.append(before)
+        rows.append((node - 1, node, node, True, node * room, node * room))
+        tasks.append((near[0], near[-1]))
+        if node == count:
+            break
+        for k, q in enumerate(
+            chain.waypoints[chain.first[node] : chain.first[node + 1]]
+        ):
+            reach = float(np.max(weights @ np.abs(q - before)))
+            parts = max(1, int(np.ceil(0.5 * reach / PIECE)))
+            ends = before + np.linspace(0.0, 1.0, parts + 1)[:, None] * (q - before)
+            ends[-1] = q
+            moment = node * room + k
+            for a, b in pairwise(ends):
+                q_a.append(a)
+                q_b.append(b)
+                rows.append((node, node, node, False, moment, moment + 1))
+                tasks.append((int(chain.task[node]),) * 2)
+            before = q
+    begin, end, nodes, standing, since, until = np.array(rows, dtype=np.int64).T
+    return Pieces(
+        np.array(q_a),
+        np.array(q_b),
+        begin,
+        end,
+        nodes,
+        standing.astype(np.bool_),
+        since,
+        until,
+        room,
+        np.array(tasks, dtype=np.int64),
+    )

@@ -1,0 +1,158 @@
+"""Where every object is according to its handlings: in which hand, or at rest between which."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from planning.transforms import Array, Transform
+from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A robot holds an object from a moment of its chain on until another one, both included.
+
+    A moment is (node, waypoint); waypoint 0 is the start of the node.
+
+    Attributes:
+        object: its name.
+        chain: the robot's chain.
+        start, end: first and last moment.
+        pose: of the object's centre in the flange frame.
+        given, fetched: True when another robot puts it into the hand at the start, or takes it
+            from there at the end, while this robot stands: the stand is not counted.
+    """
+
+    object: str
+    chain: int
+    start: tuple[int, int]
+    end: tuple[int, int]
+    pose: Transform
+    given: bool = False
+    fetched: bool = False
+
+
+@dataclass(frozen=True)
+class Resting:
+    """An object (or fixture) lies in the world.
+
+    Attributes:
+        object: its name.
+        pose: of its centre in the world.
+        size: edge lengths, shape (3,) [m].
+        put: chain, node and waypoint that put it there, None from the start on.
+        taken: chain, node and waypoint that take it away, None if it stays.
+        tasks: of the robot in whose hand it rests, None when it lies in the world.
+    """
+
+    object: str
+    pose: Transform
+    size: Array
+    put: tuple[int, int, int] | None
+    taken: tuple[int, int, int] | None
+    tasks: tuple[int, ...] | None = None
+
+
+def planned_key(
+    tpg: TemporalPlanGraph, chain: int, node: int
+) -> tuple[float, int, int]:
+    """Return what the total order sorts nodes by: planned start, task, node."""
+    c = tpg.chains[chain]
+    return float(c.planned_start[node]), int(c.task[node]), node
+
+
+def handled_objects(tpg: TemporalPlanGraph) -> dict[str, list[NodeHandling]]:
+    """Return what happens to every object, in planned order."""
+    found: dict[str, list[NodeHandling]] = {item.name: [] for item in tpg.cell.objects}
+    for handling in tpg.handlings:
+        found[handling.object].append(handling)
+    for events in found.values():
+        events.sort(key=lambda h: (*planned_key(tpg, h.robot, h.node), h.waypoint))
+    return found
+
+
+def object_histories(
+    tpg: TemporalPlanGraph, flange: Callable[[int, int], Transform]
+) -> tuple[list[Carried], list[Resting]]:
+    """Return who carries what when, and what rests where.
+
+    Fixtures count as resting for ever. An object that is passed from hand to hand rests, in the
+    hand of the robot that stands, until that robot moves (or from when it stood still).
+
+    Args:
+        tpg: the plan.
+        flange: returns the world pose of a chain's flange as it stands before a node.
+    """
+    carried: list[Carried] = []
+    resting = [Resting(f.name, f.pose, f.size, None, None) for f in tpg.cell.fixtures]
+    index = {chain.robot: i for i, chain in enumerate(tpg.chains)}
+    for name, events in handled_objects(tpg).items():
+        item = tpg.cell.object(name)
+        holder: str | None = None
+        pose = item.start
+        put: tuple[int, int, int] | None = None
+        if item.later:  # it is nowhere until its first handling
+            if not events:
+                continue
+            up, events = events[0], events[1:]
+            pose, put = up.pose, (up.robot, up.node, up.waypoint)
+        for event in [*events, None]:
+            taken = None if event is None else (event.robot, event.node, event.waypoint)
+            if holder is None:
+                # What comes up later is nowhere before its first handling.
+                if put is not None or not item.later:
+                    resting.append(Resting(name, pose, item.size, put, taken))
+            else:
+                assert put is not None
+                chain = index[holder]
+                count = len(tpg.chains[chain])
+                given = put[0] != chain
+                start = stand_during(tpg, chain, put) if given else put
+                if given:
+                    leaves = start if start[1] < count else None
+                    hand = flange(chain, start[1]) @ pose
+                    tasks = _tasks(tpg, chain, start[1])
+                    resting.append(Resting(name, hand, item.size, put, leaves, tasks))
+                end, fetched = (chain, count, 0), False
+                if taken is not None:
+                    fetched = taken[0] != chain
+                    end = stand_during(tpg, chain, taken) if fetched else taken
+                if fetched:
+                    stood = None
+                    if end[1] > 0:
+                        first = tpg.chains[chain].first
+                        stood = (
+                            chain,
+                            end[1] - 1,
+                            int(first[end[1]] - first[end[1] - 1]),
+                        )
+                    hand = flange(chain, end[1]) @ pose
+                    tasks = _tasks(tpg, chain, end[1])
+                    resting.append(Resting(name, hand, item.size, stood, taken, tasks))
+                carried.append(
+                    Carried(name, chain, start[1:], end[1:], pose, given, fetched)
+                )
+            if event is not None:
+                holder, pose, put = event.holder, event.pose, taken
+    return carried, resting
+
+
+def stand_during(
+    tpg: TemporalPlanGraph, chain: int, moment: tuple[int, int, int]
+) -> tuple[int, int, int]:
+    """Return where a chain stands, by the planned order, when something happens on another one.
+
+    The result is a moment: the chain, the node before which it stands, and 0.
+    """
+    key = planned_key(tpg, moment[0], moment[1])
+    node = 0
+    while node < len(tpg.chains[chain]) and planned_key(tpg, chain, node) < key:
+        node += 1
+    return chain, node, 0
+
+
+def _tasks(tpg: TemporalPlanGraph, chain: int, node: int) -> tuple[int, ...]:
+    """Return the tasks of a robot that stands before a node."""
+    task = tpg.chains[chain].task
+    return tuple(int(task[k]) for k in (node - 1, node) if 0 <= k < len(task))

@@ -1,0 +1,188 @@
+"""Robots and boxes for independent checks: loaded by pinocchio, measured by coal, and no capsules."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio
+
+from planning.cell.workcell import PlacedRobot
+from planning.robots.registry import ROBOTS
+from planning.transforms import Array, Transform
+
+TOLERANCE = 2e-5
+"""Distances may fall short of the clearance by this much: coal's are that exact [m]."""
+
+_REQUEST = coal.DistanceRequest()
+_RESULT = coal.DistanceResult()
+
+
+@dataclass(frozen=True)
+class Part:
+    """A convex body on a joint of a robot (or at rest in the world).
+
+    Attributes:
+        entity: what allowed contacts call it.
+        joint: index of the joint that carries it, -1 for the base or the world.
+        local: its pose in the joint's frame, shape (4, 4).
+        shape: coal's shape.
+        centre: of a sphere around it, in the joint's frame, shape (3,) [m].
+        radius: of the sphere [m].
+        weight: how far a unit of each joint can move any point of it, shape (n,) [m/rad].
+    """
+
+    entity: str
+    joint: int
+    local: Transform
+    shape: Any
+    centre: Array
+    radius: float
+    weight: Array
+
+
+class ReferenceRobot:
+    """A robot read anew from its URDF.
+
+    Args:
+        placed: which one; of its model only the file, names and frames are used.
+    """
+
+    def __init__(self, placed: PlacedRobot) -> None:
+        model, geometry = _load(placed)
+        self.base = placed.base
+        self._model, self._data = model, model.createData()
+        self.dof = model.nq
+        self._limits = np.maximum(
+            np.abs(model.lowerPositionLimit), np.abs(model.upperPositionLimit)
+        )
+        self._flange = placed.model.flange
+        self._subspaces = [_subspace(joint) for joint in list(model.joints)[1:]]
+        tool = {part.body.name for part in placed.model.parts if part.group == "tool"}
+        self.parts = []
+        for item in geometry.geometryObjects:
+            group = "tool" if item.name in tool else "arm"
+            self.parts.append(
+                self._part(
+                    f"{placed.name}/{group}",
+                    item.parentJoint - 1,
+                    np.array(item.placement.homogeneous),
+                    _convex(item.geometry),
+                )
+            )
+
+    def load(self, entity: str, size: Array, pose: Transform) -> Part:
+        """Return a box held at ``pose`` in the flange frame as a part of the robot."""
+        box = coal.Box(*(float(s) for s in size))
+        return self._part(entity, self.dof - 1, self._flange @ pose, box)
+
+    def joint_frames(self, q: Array) -> Array:
+        """Return the world poses of base and joints at ``q``, shape (n + 1, 4, 4)."""
+        pinocchio.forwardKinematics(self._model, self._data, np.asarray(q))
+        frames = np.empty((self.dof + 1, 4, 4))
+        frames[0] = self.base
+        for j in range(self.dof):
+            frames[j + 1] = self.base @ self._data.oMi[j + 1].homogeneous
+        return frames
+
+    def joint_frames_along(self, path: Array) -> Array:
+        """Return world poses at many configurations at once, shape (s, n + 1, 4, 4).
+
+        Args:
+            path: configurations, shape (s, n).
+        """
+        frames = np.empty((len(path), self.dof + 1, 4, 4))
+        frames[:, 0] = self.base
+        for j in range(self.dof):
+            moved = np.tile(np.eye(4), (len(path), 1, 1))
+            slide, axis = self._subspaces[j]
+            moved[:, :3, 3] = path[:, j, None] * slide
+            cross = np.cross(np.eye(3), axis)  # of a turn by Rodrigues' formula
+            moved[:, :3, :3] += np.sin(path[:, j])[:, None, None] * cross
+            moved[:, :3, :3] += (1.0 - np.cos(path[:, j]))[:, None, None] * (
+                cross @ cross
+            )
+            placement = self._model.jointPlacements[j + 1].homogeneous
+            frames[:, j + 1] = frames[:, j] @ (placement @ moved)
+        return frames
+
+    def flange_pose(self, q: Array) -> Transform:
+        """Return the world pose of the flange at ``q``, shape (4, 4)."""
+        return np.asarray(self.joint_frames(q)[-1] @ self._flange)
+
+    def _part(self, entity: str, joint: int, local: Transform, shape: Any) -> Part:
+        shape.computeLocalAABB()
+        middle, radius = np.array(shape.aabb_center), float(shape.aabb_radius)
+        centre = local[:3, :3] @ middle + local[:3, 3]
+        # A joint's turn moves a point by no more than its distance from the joint's origin,
+        # which is at most the length of the chain between them.
+        weight = np.zeros(self.dof)
+        reach = float(np.linalg.norm(centre)) + radius
+        for j in range(joint, -1, -1):
+            slides = self._model.joints[j + 1].shortname().startswith("JointModelP")
+            weight[j] = 1.0 if slides else reach
+            reach += float(
+                np.linalg.norm(self._model.jointPlacements[j + 1].translation)
+            )
+            reach += float(self._limits[j]) if slides else 0.0
+        return Part(entity, joint, local, shape, centre, radius, weight)
+
+
+def resting_part(entity: str, size: Array, pose: Transform) -> Part:
+    """Return a box at rest in the world."""
+    box = coal.Box(*(float(s) for s in size))
+    radius = 0.5 * float(np.linalg.norm(size))
+    return Part(entity, -1, pose, box, pose[:3, 3], radius, np.zeros(0))
+
+
+def measure(a: Part, frame_a: Transform, b: Part, frame_b: Transform) -> float:
+    """Return the signed distance of two parts whose joints are at the given frames [m]."""
+    _RESULT.clear()
+    pose_a, pose_b = frame_a @ a.local, frame_b @ b.local
+    return float(
+        coal.distance(
+            a.shape,
+            coal.Transform3s(pose_a[:3, :3], pose_a[:3, 3]),
+            b.shape,
+            coal.Transform3s(pose_b[:3, :3], pose_b[:3, 3]),
+            _REQUEST,
+            _RESULT,
+        )
+    )
+
+
+def _subspace(joint: Any) -> tuple[Array, Array]:
+    """Return along what a joint slides and about what it turns, each of shape (3,)."""
+    data = joint.createData()
+    joint.calc(data, np.zeros(1))
+    column = np.asarray(data.S, dtype=np.float64).reshape(6)
+    return column[:3], column[3:]
+
+
+def _load(placed: PlacedRobot) -> tuple[Any, Any]:
+    path = str(placed.model.urdf)
+    dirs = [str(placed.model.urdf.parent), *map(str, placed.model.package_dirs)]
+    model = pinocchio.buildModelFromUrdf(path)
+    geometry = pinocchio.buildGeomFromUrdf(
+        model, path, pinocchio.GeometryType.COLLISION, package_dirs=dirs
+    )
+    still = [
+        name for name in list(model.names)[1:] if name not in placed.model.joint_names
+    ]
+    if still:
+        q = pinocchio.neutral(model)
+        entry = ROBOTS.get(placed.model.name)
+        for name, value in ({} if entry is None else entry.frozen).items():
+            q[model.joints[model.getJointId(name)].idx_q] = value
+        ids = [model.getJointId(name) for name in still]
+        model, geometry = pinocchio.buildReducedModel(model, geometry, ids, q)
+    return model, geometry
+
+
+def _convex(shape: Any) -> Any:
+    if hasattr(shape, "buildConvexHull"):
+        shape.buildConvexHull(True, "Qt")
+        return shape.convex
+    return shape

@@ -1,0 +1,130 @@
+"""What is left out of a scene is too far away to matter, and checkers share their memory rightly."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.cell.compiled_robot import robot_kernel
+from planning.cell.cover import box_body
+from planning.cell.workcell import (
+    Attachment,
+    CellObject,
+    Clearances,
+    PlacedRobot,
+    Workcell,
+    WorldState,
+)
+from planning.geometry.near_boxes import boxes_in_reach
+from planning.geometry.scene_checker import SceneChecker
+from planning.robots.registry import robot_model
+from planning.transforms import readonly, translation
+
+MODEL = robot_model("gp4")
+ROBOT = PlacedRobot("arm", MODEL, readonly(np.eye(4)), MODEL.home)
+OTHER = PlacedRobot("other", MODEL, readonly(translation(0.8, 0, 0)), MODEL.home)
+
+
+def brick(name, x, y, z):
+    size = readonly([0.016, 0.032, 0.0096])
+    return CellObject(
+        name, "2x4", size, readonly(translation(x, y, z)), box_body(name, size)
+    )
+
+
+def checker(items, allowed=frozenset(), held=None):
+    state = WorldState(
+        {"arm": MODEL.home, "other": MODEL.home},
+        {
+            item.name: Attachment("arm" if item.name == held else None, item.start)
+            for item in items
+        },
+    )
+    cell = Workcell((ROBOT, OTHER), (), tuple(items), Clearances(0.001, 0.0))
+    return SceneChecker(cell, "arm", state, allowed, margin=0.0005)
+
+
+turns = st.lists(st.floats(-0.5, 0.5), min_size=6, max_size=6)
+places = st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(0, 0.7))
+
+
+@settings(max_examples=40, deadline=None)
+@given(turns, turns, st.lists(places, min_size=1, max_size=40, unique=True))
+def test_whoever_touches_is_in_reach(first, last, where):
+    """Bricks left out one and all do not change what a checker finds."""
+    path = np.array([MODEL.home + first, MODEL.home + last])
+    items = [brick(f"b{k}", *p) for k, p in enumerate(where)]
+    near = boxes_in_reach(
+        robot_kernel(ROBOT),
+        path,
+        np.array([item.start for item in items]),
+        np.array([item.size for item in items]) / 2,
+        0.0005,
+    )
+    kept = [item for item, close in zip(items, near, strict=True) if close]
+    assert checker(items).motion_free(*path) == checker(kept).motion_free(*path)
+    left_out = [item for item, close in zip(items, near, strict=True) if not close]
+    alone = checker([]).motion_free(*path)
+    assert checker(left_out).motion_free(*path) == alone
+
+
+@settings(max_examples=25, deadline=None)
+@given(turns, st.booleans())
+def test_other_allowed_contacts_make_the_same_checker_as_a_new_one(turn, held):
+    """A brick right at the tool's tip: in the way, unless the two may touch."""
+    kernel = robot_kernel(ROBOT)
+    assert robot_kernel(ROBOT).start is kernel.start
+    q = MODEL.home + np.array(turn)
+    tip = robot_tip(MODEL.home)
+    items = [brick("near", *tip), brick("far", 0.0, 0.4, 0.1)]
+    allowed = frozenset({frozenset({"arm/tool", "near"})})
+    holder = "far" if held else None
+    strict, free = checker(items, held=holder), checker(items, allowed, held=holder)
+    derived, back = strict.with_allowed(allowed), free.with_allowed(frozenset())
+    for a, b in ((derived, free), (back, strict)):
+        for end in (q, MODEL.home):
+            assert a.configuration_free(end) == b.configuration_free(end)
+            assert str(a.contact(end)) == str(b.contact(end))
+    assert not strict.configuration_free(MODEL.home)
+
+
+def robot_tip(q):
+    from planning.kinematics.kinematics import frame_pose
+
+    return frame_pose(ROBOT, q, "tool")[:3, 3]
+
+
+@settings(max_examples=25, deadline=None)
+@given(turns, st.lists(places, min_size=3, max_size=12, unique=True), st.booleans())
+def test_a_checker_without_some_bricks_is_the_one_that_never_had_them(
+    turn, where, allow
+):
+    path = np.array([MODEL.home, MODEL.home + np.array(turn)])
+    tip = robot_tip(MODEL.home)
+    items = [brick(f"b{k}", *p) for k, p in enumerate(where)]
+    items += [brick("tip", *tip), brick("aside", tip[0] + 0.004, tip[1], tip[2])]
+    pairs = frozenset({frozenset({"arm/tool", "aside"})} if allow else ())
+    full = checker(items, pairs)
+    gone = {"tip", "b0", "b2"}
+    fewer = checker([item for item in items if item.name not in gone], pairs)
+    derived = full.without(["tip", "b0"]).without(["b2"])
+    swapped = derived.with_allowed(frozenset()).with_allowed(pairs)
+    for again in (derived, swapped):
+        assert again.motion_free(*path) == fewer.motion_free(*path)
+        for q in path:
+            assert str(again.contact(q)) == str(fewer.contact(q))
+    assert not full.configuration_free(MODEL.home)
+
+
+def test_objects_that_move_are_seen_where_they_are_now():
+    """The same mapping with another place in it is another scene."""
+    item = brick("near", *robot_tip(MODEL.home))
+    cell = Workcell((ROBOT, OTHER), (), (item,), Clearances(0.001, 0.0))
+    places_now = {"near": Attachment(None, item.start)}
+    state = WorldState({"arm": MODEL.home, "other": MODEL.home}, places_now)
+    assert not SceneChecker(cell, "arm", state).configuration_free(MODEL.home)
+    places_now["near"] = Attachment(None, readonly(translation(0.0, 0.4, 0.1)))
+    assert SceneChecker(cell, "arm", state).configuration_free(MODEL.home)
+    del places_now["near"]
+    assert SceneChecker(cell, "arm", state).configuration_free(MODEL.home)

@@ -1,0 +1,149 @@
+"""Scene checks against every pair of hulls measured at dense samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from planning.cell.compiled_robot import robot_kernel
+from planning.cell.cover import box_body
+from planning.cell.workcell import (
+    Attachment,
+    CellObject,
+    Fixture,
+    PlacedRobot,
+    Workcell,
+    WorldState,
+)
+from planning.geometry.exact import distance_at, resting_solid
+from planning.geometry.scene_checker import SceneChecker, flange_pose, robot_solids
+from planning.transforms import from_rpy, translation
+
+
+def _cell(make_arm: Callable[..., PlacedRobot], seed: int) -> Workcell:
+    rng = np.random.default_rng(seed)
+    one = make_arm("one")
+    two = make_arm("two", from_rpy((0.9, 0.1, 0.0), (0.0, 0.0, 3.0)))
+    size = np.array([0.06, 0.12, 0.04])
+    brick = box_body("brick", size)
+    objects = tuple(
+        CellObject(
+            f"brick{k}",
+            "brick",
+            size,
+            from_rpy(rng.uniform(-0.6, 0.6, 3), rng.uniform(-3, 3, 3)),
+            brick,
+        )
+        for k in range(6)
+    )
+    table_size = np.array([2.0, 2.0, 0.02])
+    table = Fixture(
+        "table", table_size, translation(0, 0, -0.2), box_body("table", table_size)
+    )
+    return Workcell((one, two), (table,), objects)
+
+
+def _state(cell: Workcell, held: str | None) -> WorldState:
+    attachments = {o.name: Attachment(None, o.start) for o in cell.objects}
+    if held is not None:
+        attachments["brick0"] = Attachment(held, translation(0.05, 0.0, 0.0))
+    configurations = {
+        "one": np.zeros(4),
+        "two": np.array([0.1, 0.3, -0.2, 0.0]),
+    }
+    return WorldState(configurations, attachments)
+
+
+def _least_gap(cell: Workcell, state: WorldState, q: np.ndarray) -> float:
+    """Return the least distance over every pair that counts, less its clearance."""
+    one, two = cell.robots
+    mine = robot_solids(one, robot_kernel(one))
+    other = robot_solids(two, robot_kernel(two))
+    q_two = state.configurations["two"]
+    gaps = []
+    for a in mine:
+        for b in other:
+            gaps.append(distance_at(a, q, b, q_two) - cell.clearances.robot_robot)
+    for i in range(len(mine)):
+        for j in range(i + 1, len(mine)):
+            if (i, j) not in one.model.never_collide:
+                gaps.append(distance_at(mine[i], q, mine[j], q))
+    boxes = [(f.body, f.pose) for f in cell.fixtures]
+    hand = None
+    for item in cell.objects:
+        at = state.attachments[item.name]
+        if at.holder == "one":
+            hand = resting_solid(item.name, item.body, flange_pose(one, q) @ at.pose)
+        elif at.holder == "two":
+            boxes.append((item.body, flange_pose(two, q_two) @ at.pose))
+        else:
+            boxes.append((item.body, at.pose))
+    solids = [resting_solid("box", body, pose) for body, pose in boxes]
+    for solid in solids:
+        gaps.extend(distance_at(a, q, solid, q) for a in mine)
+    if hand is not None:
+        gaps.extend(distance_at(hand, q, b, q_two) for b in other)
+        gaps.extend(distance_at(hand, q, solid, q) for solid in solids)
+        gaps.extend(distance_at(a, q, hand, q) for a in mine[:3])
+    return min(gaps)
+
+
+@pytest.mark.parametrize("held", [None, "one", "two"])
+@pytest.mark.parametrize("seed", range(4))
+def test_configurations_agree_with_all_pairs(
+    make_arm: Callable[..., PlacedRobot], held: str | None, seed: int
+) -> None:
+    cell = _cell(make_arm, seed)
+    state = _state(cell, held)
+    allowed = frozenset({frozenset(("one/tool", "brick0"))} if held == "one" else ())
+    checker = SceneChecker(cell, "one", state, allowed)
+    rng = np.random.default_rng(seed + 100)
+    answers = set()
+    for _ in range(60):
+        q = rng.uniform(cell.robots[0].model.lower, cell.robots[0].model.upper)
+        gap = _least_gap(cell, state, q)
+        if abs(gap) < 3e-4:
+            continue
+        assert checker.configuration_free(q) is (gap > 0)
+        contact = checker.contact(q)
+        assert (contact is None) is (gap > 0)
+        if contact is not None:
+            assert contact.distance - contact.limit == pytest.approx(gap, abs=1e-6)
+        answers.add(gap > 0)
+    assert answers == {True, False} or held == "one"
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_free_motion_is_free_at_every_sample(
+    make_arm: Callable[..., PlacedRobot], seed: int
+) -> None:
+    cell = _cell(make_arm, seed)
+    state = _state(cell, None)
+    checker = SceneChecker(cell, "one", state)
+    rng = np.random.default_rng(seed)
+    model = cell.robots[0].model
+    for _ in range(12):
+        q_a, q_b = rng.uniform(model.lower, model.upper, (2, 4))
+        gaps = [
+            _least_gap(cell, state, q_a + t * (q_b - q_a))
+            for t in np.linspace(0, 1, 60)
+        ]
+        free = checker.motion_free(q_a, q_b)
+        if min(gaps) < 0:
+            assert not free
+        if min(gaps) > 0.03:
+            assert free
+
+
+def test_an_allowed_pair_is_not_checked(make_arm: Callable[..., PlacedRobot]) -> None:
+    arm = make_arm("one")
+    size = np.array([0.05, 0.05, 0.05])
+    at_tip = flange_pose(arm, np.zeros(4)) @ translation(0.0, 0.0, 0.0)
+    brick = CellObject("brick0", "brick", size, at_tip, box_body("brick", size))
+    cell = Workcell((arm,), (), (brick,))
+    state = WorldState({"one": np.zeros(4)}, {"brick0": Attachment(None, at_tip)})
+    assert not SceneChecker(cell, "one", state).configuration_free(np.zeros(4))
+    pair = frozenset({frozenset(("one/tool", "brick0"))})
+    assert SceneChecker(cell, "one", state, pair).configuration_free(np.zeros(4))

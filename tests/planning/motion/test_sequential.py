@@ -1,0 +1,140 @@
+"""Sequential planning with two arms that reach for boxes, other ways tried when one fails."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from planning.cell.cover import box_body
+from planning.cell.workcell import CellObject, PlacedRobot, Workcell, start_state
+from planning.errors import TransitError
+from planning.geometry.scene_checker import SceneChecker, flange_pose
+from planning.motion.sequential import MotionSettings, plan_sequential
+from planning.motion.speed import L1Speed
+from planning.motion.transit import RrtConnect
+from planning.robots.registry import robot_model
+from planning.tasks.steps import StepTasks
+from planning.tasks.task_graph import TRANSIT, AllowedContact, Handling, Task
+from planning.transforms import Array, from_rpy, inverse, translation
+
+SIZE = np.array([0.016, 0.032, 0.0096])
+REACH = np.array([0.5, 0.3, 0.1, 0.0, -0.2, 0.0])
+
+
+@pytest.fixture(scope="module")
+def cell() -> Workcell:
+    model = robot_model("gp4")
+    left = PlacedRobot("left", model, np.eye(4), model.home)
+    right = PlacedRobot(
+        "right", model, from_rpy((0.88, 0, 0), (0, 0, np.pi)), model.home
+    )
+    at = flange_pose(left, model.home + REACH) @ translation(0, 0, 0.12)
+    box = CellObject("box", "box", SIZE, at, box_body("box", SIZE))
+    return Workcell((left, right), (), (box,))
+
+
+def _settings(cell: Workcell, seed: int = 0, attempts: int = 2) -> MotionSettings:
+    speed = L1Speed()
+    return MotionSettings(
+        {
+            r.name: RrtConnect(r.model.lower, r.model.upper, speed, checks=300)
+            for r in cell.robots
+        },
+        {r.name: speed for r in cell.robots},
+        0.05,
+        {"pick": 4.0},
+        attempts,
+        seed,
+    )
+
+
+def _no_links(steps: Sequence[StepTasks]) -> npt.NDArray[np.int64]:
+    pairs = [pair for step in steps for pair in step.dependencies]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+
+def _fetch(cell: Workcell, first: int, reach: Array = REACH) -> StepTasks:
+    """The left arm goes to the box, takes it and brings it HOME."""
+    robot = cell.robots[0]
+    here = robot.home + reach
+    lifted = here + np.array([0, -0.05, 0, 0, 0, 0])
+    grip = inverse(flange_pose(robot, here)) @ cell.objects[0].start
+    take = Handling("box", 1, "left", grip)
+    ahead = robot.home + reach * 0.9
+    tasks = (
+        Task(first, "left", TRANSIT, 1, "to box", ahead[None]),
+        Task(
+            first + 1, "left", "pick", 1, "pick box", np.array([here, lifted]), (take,)
+        ),
+        Task(first + 2, "left", TRANSIT, 1, "HOME", robot.home[None]),
+    )
+    contact = AllowedContact("left/tool", "box", frozenset(range(first, first + 3)))
+    return StepTasks(1, tasks, ((first, first + 2),), (contact,))
+
+
+def test_paths_join_times_rise_and_the_box_comes_along(cell: Workcell) -> None:
+    plan = plan_sequential(
+        cell, [lambda first: iter([_fetch(cell, first)])], _no_links, _settings(cell)
+    )
+    assert [task.index for task in plan.tasks] == [0, 1, 2]
+    assert plan.dependencies.tolist() == [[0, 2]]
+    end = cell.robots[0].home
+    clock = 0.0
+    for motion in plan.motions:
+        assert np.allclose(motion.path[0], end)
+        assert motion.time[0] == clock
+        assert np.all(np.diff(motion.time) >= 0)
+        end, clock = motion.path[-1], motion.time[-1]
+    assert plan.motions[1].time[-1] - plan.motions[1].time[0] == pytest.approx(4.0)
+    transit = plan.motions[0]
+    assert np.max(np.diff(transit.time)) <= 0.05 + 1e-12
+    rate = np.abs(np.diff(transit.path, axis=0)).sum(axis=1) / np.diff(transit.time)
+    assert np.allclose(rate, 1.0)
+
+
+def test_every_step_of_a_transit_is_free_for_the_checker(cell: Workcell) -> None:
+    plan = plan_sequential(
+        cell, [lambda first: iter([_fetch(cell, first)])], _no_links, _settings(cell)
+    )
+    checker = SceneChecker(cell, "left", start_state(cell))
+    path = plan.motions[0].path
+    assert all(checker.motion_free(a, b) for a, b in zip(path, path[1:], strict=False))
+
+
+def test_another_way_is_tried_when_the_first_one_is_blocked(cell: Workcell) -> None:
+    # A goal that puts the forearm into the arm's own base, then a good one.
+    bent = np.array([0.0, 2.2, 3.4, 0.0, 0.0, 0.0])
+    tried: list[int] = []
+
+    def expand(first: int) -> Iterator[StepTasks]:
+        tried.append(0)
+        yield _fetch(cell, first, bent)
+        tried.append(1)
+        yield _fetch(cell, first)
+
+    plan = plan_sequential(cell, [expand], _no_links, _settings(cell))
+    assert tried == [0, 1]
+    assert np.allclose(plan.motions[1].path[1], cell.robots[0].home + REACH)
+
+
+def test_when_all_ways_fail_the_error_names_task_robot_and_step(cell: Workcell) -> None:
+    bent = np.array([0.0, 2.2, 3.4, 0.0, 0.0, 0.0])
+    ways: list[Callable[[int], Iterator[StepTasks]]] = [
+        lambda first: iter([_fetch(cell, first, bent)])
+    ]
+    with pytest.raises(TransitError, match=r"step 1, task 0 \(to box\) .*'left'"):
+        plan_sequential(cell, ways, _no_links, _settings(cell))
+
+
+def test_the_same_seed_gives_the_same_plan(cell: Workcell) -> None:
+    ways = [lambda first: iter([_fetch(cell, first)])]
+    one, two = (
+        plan_sequential(cell, ways, _no_links, _settings(cell, seed=5))
+        for _ in range(2)
+    )
+    for a, b in zip(one.motions, two.motions, strict=True):
+        assert np.array_equal(a.path, b.path)
+        assert np.array_equal(a.time, b.time)

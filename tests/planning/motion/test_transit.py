@@ -1,0 +1,103 @@
+"""Transit planning on a plane world where right and wrong can be seen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from planning.motion.path_smoothing import smooth_path
+from planning.motion.speed import JointSpeed, L1Speed, path_duration, sample_path
+from planning.motion.transit import RrtConnect
+from planning.transforms import Array
+
+_T = np.linspace(0.0, 1.0, 200)[:, None]
+
+
+class _Discs:
+    """Free space of the unit square without some discs."""
+
+    def __init__(self, *discs: tuple[float, float, float]) -> None:
+        self.discs = discs
+
+    def configuration_free(self, q: Array) -> bool:
+        return all(np.hypot(q[0] - x, q[1] - y) > r for x, y, r in self.discs)
+
+    def motion_free(self, q_a: Array, q_b: Array) -> bool:
+        points = q_a + _T * (q_b - q_a)
+        return all(
+            bool(np.all(np.hypot(points[:, 0] - x, points[:, 1] - y) > r))
+            for x, y, r in self.discs
+        )
+
+
+_START, _GOAL = np.array([0.05, 0.5]), np.array([0.95, 0.5])
+
+
+def _planner() -> RrtConnect:
+    return RrtConnect(np.zeros(2), np.ones(2), L1Speed(1.0), reach=0.2)
+
+
+def _wall_with_gap() -> _Discs:
+    return _Discs(*((0.5, y, 0.08) for y in np.arange(0.0, 0.9, 0.07)))
+
+
+def test_a_free_line_is_taken_as_it_is() -> None:
+    path = _planner().plan(_Discs(), _START, _GOAL, seed=0)
+    assert path is not None
+    assert np.array_equal(path, [_START, _GOAL])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_gap_is_found_and_every_edge_is_free(seed: int) -> None:
+    world = _wall_with_gap()
+    path = _planner().plan(world, _START, _GOAL, seed)
+    assert path is not None
+    assert np.array_equal(path[0], _START)
+    assert np.array_equal(path[-1], _GOAL)
+    assert all(world.motion_free(a, b) for a, b in zip(path, path[1:], strict=False))
+
+
+def test_the_same_seed_gives_the_same_path_whatever_ran_before() -> None:
+    world = _wall_with_gap()
+    first = _planner().plan(world, _START, _GOAL, seed=3)
+    _planner().plan(world, _GOAL, _START, seed=8)
+    again = _planner().plan(world, _START, _GOAL, seed=3)
+    other = _planner().plan(world, _START, _GOAL, seed=4)
+    assert first is not None
+    assert np.array_equal(first, again)
+    assert other is None or not np.array_equal(first, other)
+
+
+def test_no_way_ends_without_a_path() -> None:
+    world = _Discs(*((0.5, y, 0.08) for y in np.arange(0.0, 1.05, 0.07)))
+    planner = RrtConnect(np.zeros(2), np.ones(2), L1Speed(), reach=0.2, checks=300)
+    assert planner.plan(world, _START, _GOAL, seed=0) is None
+
+
+def test_smoothing_shortens_and_stays_free() -> None:
+    world = _Discs((0.5, 0.5, 0.2))
+    zigzag = np.array([_START, [0.1, 0.95], [0.4, 0.8], [0.6, 0.95], [0.9, 0.9], _GOAL])
+    speed = L1Speed()
+    rng = np.random.default_rng(0)
+    path = smooth_path(world, zigzag, speed, rng, 200)
+    assert all(world.motion_free(a, b) for a, b in zip(path, path[1:], strict=False))
+    # Over the disc and back is 0.9 + 2 * 0.2 in L1; the zigzag is 2.15.
+    assert path_duration(path, speed) <= 1.1 * 1.3
+    assert path_duration(path, speed) < path_duration(zigzag, speed)
+
+
+def test_sampling_keeps_corners_goal_and_speed() -> None:
+    path = np.array([[0.0, 0.0], [0.3, 0.1], [0.3, 0.1], [0.3, -0.22]])
+    waypoints, times = sample_path(path, L1Speed(2.0), 0.05)
+    assert times[-1] == pytest.approx(0.72 / 2.0)
+    assert np.all(np.diff(times) <= 0.05 + 1e-12)
+    assert np.all(np.diff(times) > 0)
+    assert any(np.allclose(w, [0.3, 0.1]) for w in waypoints)
+    assert np.array_equal(waypoints[-1], path[-1])
+    rate = np.abs(np.diff(waypoints, axis=0)).sum(axis=1) / np.diff(times)
+    assert np.allclose(rate, 2.0)
+
+
+def test_joint_speed_waits_for_the_slowest_joint() -> None:
+    model = JointSpeed(np.array([2.0, 0.5]), scale=0.5)
+    assert model.duration(np.zeros(2), np.array([1.0, 0.5])) == pytest.approx(2.0)

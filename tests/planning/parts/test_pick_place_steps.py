@@ -1,0 +1,178 @@
+"""Two arms lay two rods side by side and a third across them: who can, what waits for what."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planning.cell.cover import box_body
+from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
+from planning.errors import InfeasibleStepError
+from planning.kinematics.kinematics import frame_pose
+from planning.parts.assembly import GripRules, PickPlaceAssembly
+from planning.parts.candidates import PickPlaceCandidates, find_candidates
+from planning.parts.work import pick_place_work
+from planning.robots.registry import robot_model
+from planning.tasks.highs_solver import HighsAssignmentSolver
+from planning.tasks.plan import TaskPlan, plan_violations
+from planning.tasks.task_graph import TRANSIT, build_task_graph
+from planning.tasks.work import StepExpansions
+from planning.transforms import Transform, from_rpy
+
+ON_TABLE = 0.0125
+RODS = {
+    "south": ((0.0, -0.5, ON_TABLE), 0.0, (0.0, -0.06, ON_TABLE), 0.0),
+    "north": ((0.0, 0.5, ON_TABLE), 0.0, (0.0, 0.06, ON_TABLE), 0.0),
+    "across": ((0.15, -0.5, ON_TABLE), 0.0, (0.0, 0.0, 3 * ON_TABLE), np.pi / 2),
+    "aside": ((0.15, 0.5, ON_TABLE), 0.0, (0.0, 0.3, ON_TABLE), 0.0),
+}
+
+
+def pose(xyz: tuple[float, float, float], yaw: float) -> Transform:
+    return from_rpy(xyz, (0.0, 0.0, yaw))
+
+
+def rod(name: str, start: Transform) -> CellObject:
+    size = np.array([0.2, 0.024, 0.024])
+    return CellObject(name, "rod", size, start, box_body(name, size), 0.05)
+
+
+def two_arms() -> Workcell:
+    model = robot_model("panda")
+    table = np.array([2.0, 2.0, 0.02])
+    return Workcell(
+        robots=tuple(
+            PlacedRobot(name, model, pose((x, 0.0, 0.0), yaw), model.home)
+            for name, x, yaw in (("west", -0.5, 0.0), ("east", 0.5, np.pi))
+        ),
+        fixtures=(
+            Fixture("table", table, pose((0, 0, -0.01), 0), box_body("table", table)),
+        ),
+        objects=tuple(rod(k, pose(v[0], v[1])) for k, v in RODS.items()),
+    )
+
+
+def crossing(*steps: str) -> PickPlaceAssembly:
+    return PickPlaceAssembly(
+        goals={k: pose(v[2], v[3]) for k, v in RODS.items()},
+        steps=steps or ("south", "north", "across", "aside"),
+        grips=GripRules(positions=3),
+    )
+
+
+@pytest.fixture(scope="module")
+def found() -> PickPlaceCandidates:
+    return find_candidates(two_arms(), crossing())
+
+
+@pytest.fixture(scope="module")
+def plan(found: PickPlaceCandidates) -> TaskPlan:
+    return HighsAssignmentSolver().assign(found.problem)
+
+
+def test_what_a_part_touches_is_found_from_the_poses(
+    found: PickPlaceCandidates,
+) -> None:
+    world = found.world
+    assert set(world.at_start(3)) == {"table"}
+    assert set(world.at_goal(1)) == {"table"}
+    assert set(world.at_goal(3)) == {"south", "north"}
+    assert set(world.at_goal(4)) == {"table"}
+
+
+def test_every_candidate_brings_the_part_from_its_start_to_its_goal(
+    found: PickPlaceCandidates, plan: TaskPlan
+) -> None:
+    assert plan_violations(found.problem, plan) == []
+    assert {c.robot for c in plan.choices} == {"west", "east"}
+    for (step, name, grasp), (pick, place) in found.paths.items():
+        robot = found.world.cell.robot(name)
+        grip = found.world.grips(step)[grasp].pose
+        for path, part in (
+            (pick, found.world.start(step)),
+            (place, found.world.goal(step)),
+        ):
+            tool = frame_pose(robot, path.contact, "tool")
+            np.testing.assert_allclose(tool, part @ grip, atol=2e-4)
+
+
+def test_only_parts_that_touch_wait_for_each_other(
+    found: PickPlaceCandidates, plan: TaskPlan
+) -> None:
+    work = pick_place_work(found)
+    # Whoever does it: give the crossing rod to the other arm than one of those below it.
+    steps, first = [], 0
+    for choice in plan.choices:
+        steps.append(work.expand(plan, choice.step, first))
+        first += len(steps[-1].tasks)
+    tasks = [task for step in steps for task in step.tasks]
+    assert [t.index for t in tasks] == list(range(len(tasks)))
+    place = {t.object: t for t in tasks if t.kind == "place-down"}
+    expected = {
+        (place[lower].index, place["across"].index)
+        for lower in ("south", "north")
+        if place[lower].robot != place["across"].robot
+    }
+    dependencies = work.link(steps)
+    assert {tuple(pair) for pair in dependencies.tolist()} == expected
+    build_task_graph(tasks, dependencies)
+
+
+def test_a_step_carries_its_part_over_home(
+    found: PickPlaceCandidates, plan: TaskPlan
+) -> None:
+    step = pick_place_work(found).expand(plan, 3, 20)
+    robot = found.world.cell.robot(plan[3].robot)
+    kinds = [task.kind for task in step.tasks]
+    assert kinds == [TRANSIT, "pick", TRANSIT, TRANSIT, "place-down", TRANSIT]
+    np.testing.assert_array_equal(step.tasks[2].path[-1], robot.home)
+    np.testing.assert_array_equal(step.tasks[-1].path[-1], robot.home)
+    (taken,), (put,) = step.tasks[1].handlings, step.tasks[4].handlings
+    assert (taken.holder, put.holder) == (robot.name, None)
+    np.testing.assert_allclose(put.pose, found.world.goal(3))
+    allowed = {frozenset((c.first, c.second)): c.tasks for c in step.allowed}
+    assert allowed[frozenset(("across", f"{robot.name}/tool"))] == {21, 22, 23, 24}
+    assert allowed[frozenset(("across", "table"))] == {21}
+    assert allowed[frozenset(("across", "south"))] == {24}
+    assert not any("arm" in name for pair in allowed for name in pair)
+
+
+def test_a_step_can_be_done_in_other_ways(
+    found: PickPlaceCandidates, plan: TaskPlan
+) -> None:
+    expansions = StepExpansions(pick_place_work(found), plan)
+    ways = expansions.callables()[2](0)
+    first, second = next(ways), next(ways)
+    assert expansions.plan[3] != plan[3]
+    assert expansions.plan[1] == plan[1]
+    assert [t.kind for t in first.tasks] == [t.kind for t in second.tasks]
+
+
+def test_a_part_must_come_to_lie_on_something() -> None:
+    with pytest.raises(InfeasibleStepError, match=r"step 1 \(across\).*in the air"):
+        find_candidates(two_arms(), crossing("across"))
+
+
+def test_a_part_must_not_go_where_another_is() -> None:
+    assembly = crossing("south", "north")
+    taken = {**assembly.goals, "north": pose((0.01, -0.05, ON_TABLE), 0.0)}
+    with pytest.raises(InfeasibleStepError, match=r"step 2 \(north\).*where south is"):
+        find_candidates(two_arms(), replace(assembly, goals=taken))
+
+
+def test_a_part_that_nobody_reaches_is_named_with_the_reason() -> None:
+    cell = two_arms()
+    far = rod("south", pose((0.0, -0.95, ON_TABLE), 0.0))
+    cell = replace(cell, objects=(far, *cell.objects[1:]))
+    found = find_candidates(cell, crossing("south"))
+    with pytest.raises(InfeasibleStepError, match=r"(?s)south.*out of reach"):
+        HighsAssignmentSolver().assign(found.problem)
+
+
+def test_a_part_too_wide_for_the_fingers_is_refused() -> None:
+    narrow = replace(crossing("south"), grips=GripRules(opening=0.02))
+    found = find_candidates(two_arms(), narrow)
+    with pytest.raises(InfeasibleStepError, match="no face can be gripped"):
+        HighsAssignmentSolver().assign(found.problem)

@@ -1,0 +1,266 @@
+"""The integer program against trying every plan there is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.errors import InfeasibleStepError
+from planning.tasks.assignment_problem import (
+    AssignmentProblem,
+    PrimaryCandidate,
+    Rejection,
+    SupportCandidate,
+)
+from planning.tasks.highs_solver import HighsAssignmentSolver
+from planning.tasks.plan import (
+    StepChoice,
+    TaskPlan,
+    alternatives,
+    plan_cost,
+    plan_violations,
+)
+
+ROBOTS = ("ada", "bob", "cy")
+
+
+@st.composite
+def problems(draw: st.DrawFn) -> AssignmentProblem:
+    """Small problems with every feature; many are infeasible."""
+    robots = ROBOTS[: draw(st.integers(2, 3))]
+    count = draw(st.integers(1, 4))
+    objects = [f"o{k}" for k in range(draw(st.integers(count, 5)))]
+    costs = st.integers(0, 20).map(float)
+    needs = draw(st.lists(st.booleans(), min_size=count, max_size=count))
+    primaries, supports = [], []
+    for step in range(1, count + 1):
+        for _ in range(draw(st.integers(1, 4))):
+            robot = draw(st.sampled_from(robots))
+            item = draw(st.sampled_from(objects))
+            others = [r for r in robots if r != robot]
+            partner = None
+            if needs[step - 1] and draw(st.booleans()):
+                partner = draw(st.sampled_from(others))
+            after = draw(st.sets(st.sampled_from(objects), max_size=1))
+            if draw(st.integers(0, 3)) or item in after:
+                after = set()
+            primaries.append(
+                PrimaryCandidate(
+                    step,
+                    robot,
+                    item,
+                    draw(st.integers(0, 2)),
+                    draw(costs),
+                    partner,
+                    frozenset(after),
+                )
+            )
+        if needs[step - 1]:
+            for pose in range(draw(st.integers(1, 3))):
+                robot = draw(st.sampled_from(robots))
+                supports.append(SupportCandidate(step, robot, pose, draw(costs)))
+    pairs = [
+        (p, s)
+        for p, primary in enumerate(primaries)
+        for s, support in enumerate(supports)
+        if primary.step == support.step
+    ]
+    clashes = draw(st.sets(st.sampled_from(pairs), max_size=3)) if pairs else set()
+    unlimited = draw(st.sets(st.sampled_from(objects), max_size=1))
+    for item in primaries:
+        unlimited -= item.after
+    return AssignmentProblem(
+        robots,
+        tuple(f"step number {k}" for k in range(1, count + 1)),
+        tuple(needs),
+        tuple(primaries),
+        tuple(supports),
+        frozenset(clashes),
+        frozenset(unlimited),
+        draw(st.sampled_from([0.0, 0.3, 1.0, 5.0])),
+    )
+
+
+def every_plan(problem: AssignmentProblem) -> Iterator[TaskPlan]:
+    """Yield all plans that obey the rules, written down anew from the paper."""
+    ways: list[list[StepChoice]] = []
+    for step, needs in enumerate(problem.needs_support, start=1):
+        here = []
+        for p, primary in enumerate(problem.primaries):
+            if primary.step != step:
+                continue
+            if not needs:
+                here.append(StepChoice(primary))
+                continue
+            for s, support in enumerate(problem.supports):
+                if (
+                    support.step == step
+                    and support.robot != primary.robot
+                    and primary.partner in (None, support.robot)
+                    and (p, s) not in problem.incompatible
+                ):
+                    here.append(StepChoice(primary, support))
+        ways.append(here)
+    for choices in product(*ways):
+        used: set[str] = set()
+        for choice in choices:
+            twice = choice.object in used and choice.object not in problem.unlimited
+            if twice or not choice.primary.after <= used:
+                break
+            used.add(choice.object)
+        else:
+            yield TaskPlan(choices)
+
+
+def objective(problem: AssignmentProblem, plan: TaskPlan) -> float:
+    """Equation (1), step by step."""
+    total = sum(c.primary.cost for c in plan.choices)
+    total += sum(c.support.cost for c in plan.choices if c.support)
+    n = len(problem.robots)
+    for start in range(len(plan.choices) - n + 1):
+        window = plan.choices[start : start + n]
+        busy = [c.robot for c in window] + [c.support_robot for c in window]
+        load = [busy.count(robot) for robot in problem.robots]
+        total += problem.balance_weight * (max(load) - min(load))
+    return total
+
+
+@settings(max_examples=150, deadline=None)
+@given(problems())
+def test_solver_finds_what_trying_everything_finds(problem: AssignmentProblem) -> None:
+    plans = list(every_plan(problem))
+    if not plans:
+        with pytest.raises(InfeasibleStepError, match="step"):
+            HighsAssignmentSolver().assign(problem)
+        return
+    best = min(objective(problem, plan) for plan in plans)
+    found = HighsAssignmentSolver().assign(problem)
+    assert plan_violations(problem, found) == []
+    assert objective(problem, found) == pytest.approx(best, abs=1e-6)
+    assert plan_cost(problem, found) == pytest.approx(best, abs=1e-6)
+
+
+@settings(max_examples=80, deadline=None)
+@given(problems(), st.data())
+def test_violations_and_alternatives_agree_with_all_plans(
+    problem: AssignmentProblem, data: st.DataObject
+) -> None:
+    plans = list(every_plan(problem))
+    if not plans:
+        return
+    plan = data.draw(st.sampled_from(plans))
+    assert plan_violations(problem, plan) == []
+    step = data.draw(st.integers(1, len(plan.choices)))
+    expected = {
+        other[step]
+        for other in plans
+        if other != plan
+        and all(a == b or a.step == step for a, b in _pairs(other, plan))
+    }
+    offered = alternatives(problem, plan, step)
+    assert set(offered) == expected
+    for choice in offered:
+        assert plan_violations(problem, plan.with_choice(choice)) == []
+
+
+def _pairs(a: TaskPlan, b: TaskPlan) -> Iterator[tuple[StepChoice, StepChoice]]:
+    return zip(a.choices, b.choices, strict=True)
+
+
+def two_steps(*primaries: PrimaryCandidate, **rest: object) -> AssignmentProblem:
+    problem = AssignmentProblem(
+        ROBOTS[:2],
+        ("the first", "the second"),
+        (False, False),
+        primaries,
+        (),
+        balance=0.0,
+    )
+    return replace(problem, **rest)  # type: ignore[arg-type]
+
+
+def test_two_steps_that_compete_for_one_brick_are_named() -> None:
+    problem = two_steps(
+        PrimaryCandidate(1, "ada", "only", 0, 1.0),
+        PrimaryCandidate(2, "bob", "only", 0, 1.0),
+    )
+    with pytest.raises(InfeasibleStepError) as caught:
+        HighsAssignmentSolver().assign(problem)
+    text = str(caught.value)
+    assert "only by step" in text
+    assert "step 1" in text
+    assert "step 2" in text
+    plan = HighsAssignmentSolver().assign(
+        replace(problem, unlimited=frozenset({"only"}))
+    )
+    assert [c.object for c in plan.choices] == ["only", "only"]
+
+
+def test_a_step_without_candidates_lists_the_reasons() -> None:
+    problem = two_steps(
+        PrimaryCandidate(1, "ada", "a", 0, 1.0),
+        rejections=(
+            Rejection(2, "ada picks b", "attach is out of reach"),
+            Rejection(2, "bob picks b", "attach is out of reach"),
+            Rejection(2, "ada picks c", "ada/tool and d overlap by 2.0 mm"),
+        ),
+    )
+    with pytest.raises(InfeasibleStepError) as caught:
+        HighsAssignmentSolver().assign(problem)
+    text = str(caught.value)
+    assert "step 2 (the second)" in text
+    assert "attach is out of reach: ada picks b, bob picks b" in text
+    assert "overlap by 2.0 mm: ada picks c" in text
+
+
+def test_a_brick_below_another_is_used_later() -> None:
+    problem = two_steps(
+        PrimaryCandidate(1, "ada", "lower", 0, 1.0, after=frozenset({"upper"})),
+        PrimaryCandidate(1, "ada", "upper", 0, 9.0),
+        PrimaryCandidate(2, "ada", "lower", 0, 1.0, after=frozenset({"upper"})),
+        PrimaryCandidate(2, "ada", "upper", 0, 1.0),
+    )
+    plan = HighsAssignmentSolver().assign(problem)
+    assert [c.object for c in plan.choices] == ["upper", "lower"]
+
+
+def test_balance_makes_robots_take_turns() -> None:
+    costs = {"ada": 1.0, "bob": 1.5}
+    problem = AssignmentProblem(
+        ROBOTS[:2],
+        ("1", "2", "3", "4"),
+        (False,) * 4,
+        tuple(
+            PrimaryCandidate(step, robot, f"o{step}", 0, cost)
+            for step in range(1, 5)
+            for robot, cost in costs.items()
+        ),
+        (),
+        balance=1.0,
+    )
+    turns = [c.robot for c in HighsAssignmentSolver().assign(problem).choices]
+    assert all(a != b for a, b in zip(turns, turns[1:], strict=False))
+    alone = HighsAssignmentSolver().assign(replace(problem, balance=0.0))
+    assert {c.robot for c in alone.choices} == {"ada"}
+
+
+def test_same_problem_same_plan() -> None:
+    problem = AssignmentProblem(
+        ROBOTS[:2],
+        ("1", "2", "3"),
+        (False,) * 3,
+        tuple(
+            PrimaryCandidate(step, robot, f"o{k}", 0, 1.0)
+            for step in (1, 2, 3)
+            for robot in ROBOTS[:2]
+            for k in range(4)
+        ),
+        (),
+    )
+    plans = {HighsAssignmentSolver().assign(problem) for _ in range(3)}
+    assert len(plans) == 1

@@ -1,0 +1,148 @@
+"""A saved plan comes back as it was; a damaged one is refused with a clear word."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planning.cell.robot_model import RobotModel
+from planning.errors import OutputError
+from scheduling.build_tpg import build_tpg
+from scheduling.graph.plan_files import load_plan, save_plan
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.invariant import check_invariant
+from tests.scheduling.mini_world import random_plan
+
+
+@pytest.fixture(scope="module")
+def tpg() -> TemporalPlanGraph:
+    graph = build_tpg(random_plan(3, 7))
+    assert len(graph.handlings) >= 3
+    return graph
+
+
+def _same(a: Any, b: Any, path: str = "tpg") -> None:
+    """Compare two values field by field, arrays bit by bit."""
+    if isinstance(a, RobotModel):
+        assert a.name == b.name
+        assert list(a.frames) == list(b.frames)
+    elif isinstance(a, np.ndarray):
+        assert a.dtype == b.dtype, path
+        assert np.array_equal(a, b), path
+    elif dataclasses.is_dataclass(a):
+        assert type(a) is type(b), path
+        for f in dataclasses.fields(a):
+            _same(getattr(a, f.name), getattr(b, f.name), f"{path}.{f.name}")
+    elif isinstance(a, tuple):
+        assert len(a) == len(b), path
+        for i, (x, y) in enumerate(zip(a, b, strict=True)):
+            _same(x, y, f"{path}[{i}]")
+    else:
+        assert a == b, path
+
+
+def _models(tpg: TemporalPlanGraph) -> dict[str, RobotModel]:
+    return {r.model.name: r.model for r in tpg.cell.robots}
+
+
+def test_a_plan_comes_back_as_it_was(tpg: TemporalPlanGraph, tmp_path: Path) -> None:
+    save_plan(tpg, tmp_path / "deep" / "run")
+    loaded = load_plan(tmp_path / "deep" / "run", _models(tpg))
+    _same(tpg, loaded)
+    check_invariant(loaded)
+
+
+def test_the_same_plan_makes_the_same_bytes(
+    tpg: TemporalPlanGraph, tmp_path: Path
+) -> None:
+    for name in ("a", "b"):
+        save_plan(tpg, tmp_path / name)
+    for file in ("plan.json", "plan.npz"):
+        assert (tmp_path / "a" / file).read_bytes() == (
+            tmp_path / "b" / file
+        ).read_bytes()
+
+
+def test_a_registered_robot_is_found_again(tmp_path: Path) -> None:
+    from planning.cell.workcell import PlacedRobot, Workcell
+    from planning.robots.registry import robot_model
+    from planning.transforms import identity
+
+    model = robot_model("gp4")
+    frames = {**model.frames, "extra": identity()}
+    robot = PlacedRobot(
+        "left", dataclasses.replace(model, frames=frames), identity(), model.home
+    )
+    empty = TemporalPlanGraph(
+        Workcell((robot,), (), ()),
+        (),
+        (),
+        np.empty((0, 4), dtype=np.int64),
+        np.empty(0, dtype=np.uint8),
+        (),
+        (),
+    )
+    save_plan(empty, tmp_path)
+    found = load_plan(tmp_path).cell.robot("left").model
+    assert found.parts is model.parts
+    assert list(found.frames) == list(frames)
+
+
+def test_a_missing_folder_is_named(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="nowhere"):
+        load_plan(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("cut", [0, 100, -3])
+def test_cut_arrays_are_refused(
+    tpg: TemporalPlanGraph, tmp_path: Path, cut: int
+) -> None:
+    save_plan(tpg, tmp_path)
+    file = tmp_path / "plan.npz"
+    file.write_bytes(file.read_bytes()[:cut])
+    with pytest.raises(OutputError, match=r"plan\.npz is damaged"):
+        load_plan(tmp_path, _models(tpg))
+
+
+def test_a_cut_or_foreign_document_is_refused(
+    tpg: TemporalPlanGraph, tmp_path: Path
+) -> None:
+    save_plan(tpg, tmp_path)
+    file = tmp_path / "plan.json"
+    text = file.read_text()
+    file.write_text(text[: len(text) // 2])
+    with pytest.raises(OutputError, match="damaged"):
+        load_plan(tmp_path, _models(tpg))
+    file.write_text("[]")
+    with pytest.raises(OutputError, match="holds no temporal plan graph"):
+        load_plan(tmp_path, _models(tpg))
+    file.write_text(json.dumps({**json.loads(text), "version": 2}))
+    with pytest.raises(OutputError, match=r"version 2: .*plan again \(valid: 1\)"):
+        load_plan(tmp_path, _models(tpg))
+    document = json.loads(text)
+    del document["tasks"][0]["robot"]
+    file.write_text(json.dumps(document))
+    with pytest.raises(OutputError, match="robot"):
+        load_plan(tmp_path, _models(tpg))
+
+
+@pytest.mark.parametrize("key", ["dependencies", "slots"])
+def test_a_plan_of_another_version_is_to_be_made_again(
+    tpg: TemporalPlanGraph, tmp_path: Path, key: str
+) -> None:
+    """Plans were saved without these arrays once; their sums are right all the same."""
+    save_plan(tpg, tmp_path)
+    with np.load(tmp_path / "plan.npz") as archive:
+        arrays = {name: archive[name] for name in archive.files if name != key}
+    np.savez_compressed(tmp_path / "plan.npz", **arrays)
+    document = json.loads((tmp_path / "plan.json").read_text())
+    document["arrays_sha256"] = sha256((tmp_path / "plan.npz").read_bytes()).hexdigest()
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    with pytest.raises(OutputError, match=f"no '{key}': .*another version.*plan again"):
+        load_plan(tmp_path, _models(tpg))

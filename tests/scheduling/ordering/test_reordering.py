@@ -1,0 +1,165 @@
+"""A better order of tasks: against every order there is, the rebuilt graph and the slow proof."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.errors import PlanInvariantError
+from planning.geometry.exact import TOLERANCE
+from scheduling.build_tpg import build_tpg, connect_nodes, occupancies_of
+from scheduling.graph.rollout import earliest_times
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.total_order import planned_ranks
+from scheduling.ordering.beam_search import TaskOrderSearch
+from scheduling.ordering.relations import TaskRelations
+from scheduling.ordering.reordering import find_blocks, put_in_order, reorder_tasks
+from scheduling.verification.verify import verify_plan
+from tests.scheduling.algorithm_one import PlainGraph
+from tests.scheduling.mini_world import random_plan
+from tests.scheduling.two_arms import random_turns
+from twin.trial.adversary import audit_standing_states
+
+
+def _parts(
+    tpg: TemporalPlanGraph,
+) -> tuple[TaskRelations, list[tuple[int, ...]], TaskOrderSearch]:
+    ranks = planned_ranks(tpg.chains)
+    relations = TaskRelations(tpg, ranks, occupancies_of(tpg, ranks)[0])
+    blocks = find_blocks(tpg, relations)
+    durations = [chain.duration for chain in tpg.chains]
+    return relations, blocks, TaskOrderSearch(tpg.chains, relations, blocks, durations)
+
+
+def graph_of(tpg: TemporalPlanGraph) -> Any:
+    graph: Any = nx.DiGraph()
+    for r, chain in enumerate(tpg.chains):
+        graph.add_nodes_from((r, n) for n in range(len(chain)))
+        nx.add_path(graph, [(r, n) for n in range(len(chain))])
+    graph.add_edges_from(((r, u), (s, v)) for r, u, s, v in tpg.edges.tolist())
+    return graph
+
+
+def _interleavings(own: Sequence[Sequence[int]]) -> Iterator[list[int]]:
+    """Yield every way to mix sequences without changing the order within one."""
+    if not any(own):
+        yield []
+    for k, sequence in enumerate(own):
+        if sequence:
+            rest = [s[1:] if i == k else s for i, s in enumerate(own)]
+            for tail in _interleavings(rest):
+                yield [sequence[0], *tail]
+
+
+def _makespan(
+    tpg: TemporalPlanGraph, relations: TaskRelations, order: Sequence[tuple[int, ...]]
+) -> float | None:
+    """Return the makespan of the graph built for an order, None where that is not safe."""
+    done: set[int] = set()
+    for block in order:
+        if any(not relations.before[unit] <= done for unit in block):
+            return None
+        done.update(block)
+    chains = put_in_order(tpg.chains, relations, order)
+    try:
+        return float(
+            earliest_times(connect_nodes(replace(tpg, chains=chains))).makespan
+        )
+    except PlanInvariantError:
+        return None
+
+
+@pytest.mark.parametrize(("robots", "seed"), [(2, 17), (2, 43), (3, 13)])
+def test_no_safe_order_is_better(robots: int, seed: int) -> None:
+    tpg = build_tpg(random_plan(robots, seed, rounds=4, step=0.5))
+    relations, blocks, search = _parts(tpg)
+    found = [blocks[b] for b in search.search(width=50)]
+    every = [
+        _makespan(tpg, relations, [(unit,) for unit in order])
+        for order in _interleavings(relations.of_chain)
+    ]
+    safe = [makespan for makespan in every if makespan is not None]
+    assert _makespan(tpg, relations, found) == pytest.approx(min(safe))
+    assert min(safe) < 0.97 * earliest_times(tpg).makespan
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_search_knows_when_everyone_will_be_done(seed: int) -> None:
+    tpg = build_tpg(random_plan(2 + seed % 3, seed, rounds=8, step=0.5))
+    relations, blocks, search = _parts(tpg)
+    best = search.best_way(width=10)
+    chains = put_in_order(tpg.chains, relations, [blocks[b] for b in best.order()])
+    rollout = earliest_times(connect_nodes(replace(tpg, chains=chains)))
+    assert best.clocks == pytest.approx([end[-1] for end in rollout.end])
+
+
+def test_orders_get_better_at_all() -> None:
+    plans = [random_turns(seed, 6, gap=0.62) for seed in range(4)]
+    before = [earliest_times(build_tpg(plan)).makespan for plan in plans]
+    after = [earliest_times(reorder_tasks(build_tpg(plan))).makespan for plan in plans]
+    assert all(b <= a for a, b in zip(before, after, strict=True))
+    assert sum(after) < 0.98 * sum(before)
+
+
+@given(st.integers(2, 5), st.integers(0, 10_000))
+@settings(max_examples=10, deadline=None)
+def test_conflicting_nodes_stay_ordered_and_paths_stay_as_they_are(
+    robots: int, seed: int
+) -> None:
+    before = build_tpg(random_plan(robots, seed, rounds=7, step=0.5))
+    tpg = reorder_tasks(before)
+    assert earliest_times(tpg).makespan <= earliest_times(before).makespan
+    for old, new in zip(before.chains, tpg.chains, strict=True):
+        assert np.array_equal(old.waypoints, new.waypoints)
+        assert np.array_equal(old.duration, new.duration)
+    graph = graph_of(tpg)
+    assert nx.is_directed_acyclic_graph(graph)
+    behind = {node: nx.descendants(graph, node) for node in graph}
+    for u, v in PlainGraph(tpg, -TOLERANCE).conflicts:
+        assert v in behind[u] or u in behind[v], (u, v)
+
+
+@pytest.mark.parametrize("seed", [2])
+def test_a_plan_in_another_order_is_proved_safe(seed: int) -> None:
+    before = build_tpg(random_turns(seed, 6, gap=0.62))
+    tpg = reorder_tasks(before)
+    assert not np.array_equal(tpg.edges, before.edges)
+    assert verify_plan(tpg).problems == ()
+    assert audit_standing_states(tpg).violations == ()
+
+
+def test_tasks_that_take_turns_node_by_node_stay_together() -> None:
+    tpg = build_tpg(random_turns(2, 6, gap=0.62))
+    relations, blocks, _ = _parts(tpg)
+    assert all(len(block) == 1 for block in blocks)
+    units = relations.units
+    a, b = next(
+        (a, b)
+        for a in range(len(units))
+        for b in range(len(units))
+        if units[a].chain != units[b].chain and relations.stairs(a, b) is not None
+    )
+    # Let both start at once: neither could be complete before the other starts.
+    chains = list(tpg.chains)
+    for unit in (a, b):
+        u = units[unit]
+        start = chains[u.chain].planned_start.copy()
+        start += 100.0 - start[u.first]
+        chains[u.chain] = replace(chains[u.chain], planned_start=start)
+    together = find_blocks(replace(tpg, chains=tuple(chains)), relations)
+    assert any({a, b} <= set(block) for block in together)
+    flat = [unit for block in together for unit in block]
+    assert sorted(flat) == list(range(len(units)))
+
+
+def test_one_robot_is_left_alone() -> None:
+    tpg = build_tpg(random_plan(2, 5, rounds=1, step=0.5))
+    alone = replace(tpg, chains=tpg.chains[:1])
+    assert reorder_tasks(alone) is alone

@@ -1,0 +1,70 @@
+"""Shortcuts keep clear of what a robot that stands has just been given."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planning.errors import PlanInvariantError
+from planning.motion.speed import L1Speed
+from scheduling.conflicts.object_spans import Rest, trace_objects
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.total_order import planned_ranks
+from scheduling.invariant import check_invariant
+from scheduling.shortcuts import replacement_check as shortcut_check
+from scheduling.shortcuts.shortcutting import _Board
+from twin.planning.pipeline import order_motions, plan_in_turns
+from twin.planning.stage_watch import StageWatch
+from twin.scenario.file import load_scenario
+
+CLIFF = Path(__file__).parents[3] / "scenarios" / "lego" / "cliff.yaml"
+
+
+@pytest.fixture(scope="module")
+def cliff() -> TemporalPlanGraph:
+    turns = plan_in_turns(load_scenario(CLIFF), CLIFF.parent, StageWatch())
+    return order_motions(turns.motion_plan, StageWatch())
+
+
+def the_gift(tpg: TemporalPlanGraph) -> Rest:
+    history = trace_objects(tpg, planned_ranks(tpg.chains))
+    (gift,) = [rest for rest in history.rests if rest.holder is not None]
+    return gift
+
+
+def take_detours(tpg: TemporalPlanGraph) -> int:
+    """Offer quick ways back by where the giver held the brick; return how many were taken."""
+    gift = the_gift(tpg)
+    assert gift.after is not None
+    giver, given = gift.after
+    chain = tpg.chains[giver]
+    reference = chain.waypoints[chain.first[given] : chain.first[given + 1]]
+    taken = 0
+    for halfway in reference[:-1]:
+        for last in range(given + 3, given + 12):
+            board = _Board(tpg, {c.robot: L1Speed(20.0) for c in tpg.chains}, 0.05)
+            which = next(
+                k
+                for k, span in enumerate(board._spans)
+                if span.chain == giver and span.first <= given + 1 <= span.last
+            )
+            ends = chain.first[given + 1] - 1, chain.first[last + 1] - 1
+            path = np.array(
+                [chain.waypoints[ends[0]], halfway, chain.waypoints[ends[1]]]
+            )
+            if board.try_candidate(which, given + 1, last, path):
+                check_invariant(board.tpg)
+                taken += 1
+    return taken
+
+
+def test_no_way_back_is_taken_through_what_was_given(
+    cliff: TemporalPlanGraph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert take_detours(cliff) > 0
+    # Who does not look at the brick takes one that is not safe.
+    monkeypatch.setattr(shortcut_check, "_gifts_stay_clear", lambda *_: True)
+    with pytest.raises(PlanInvariantError, match="in a standing robot's hand"):
+        take_detours(cliff)

@@ -1,0 +1,275 @@
+"""Shortcuts keep every guarantee: against brute force, networkx and the slow verification."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.geometry.exact import TOLERANCE
+from planning.motion.motion_plan import MotionPlan
+from planning.motion.speed import L1Speed
+from scheduling.build_tpg import build_tpg
+from scheduling.conflicts.object_spans import (
+    ObjectSpan,
+    Rest,
+    shift_history,
+    trace_objects,
+)
+from scheduling.graph.plan_files import load_plan, save_plan
+from scheduling.graph.rollout import earliest_times, latest_ends
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.graph.total_order import planned_ranks
+from scheduling.shortcuts.candidate_paths import splice_chain
+from scheduling.shortcuts.rewiring import splice_edges, splice_index
+from scheduling.shortcuts.shortcutting import ShortcutReport, shorten_tpg
+from scheduling.shortcuts.spans import find_spans
+from scheduling.verification.verify import verify_plan
+from tests.scheduling.algorithm_one import PlainGraph
+from tests.scheduling.mini_world import random_plan
+from tests.scheduling.two_arms import random_turns
+from twin.trial.adversary import audit_standing_states
+
+CASES = [(2, 0), (2, 4), (2, 7), (3, 3), (3, 5), (4, 1), (5, 2)]
+
+
+def _shorten(
+    plan: MotionPlan, step: float, candidates: int = 150, seed: int = 0
+) -> ShortcutReport:
+    speeds = {robot.name: L1Speed() for robot in plan.cell.robots}
+    return shorten_tpg(
+        build_tpg(plan), speeds, step=step, candidates=candidates, seed=seed
+    )
+
+
+def _graph(tpg: TemporalPlanGraph) -> nx.DiGraph:
+    graph = nx.DiGraph()
+    for r, chain in enumerate(tpg.chains):
+        graph.add_nodes_from((r, n) for n in range(len(chain)))
+        nx.add_path(graph, [(r, n) for n in range(len(chain))])
+    graph.add_edges_from(((r, u), (s, v)) for r, u, s, v in tpg.edges.tolist())
+    return graph
+
+
+@given(st.integers(2, 5), st.integers(0, 10_000), st.integers(0, 100))
+@settings(max_examples=10, deadline=None)
+def test_conflicting_nodes_stay_ordered_and_ends_stay_where_they_are(
+    robots: int, seed: int, draws: int
+) -> None:
+    plan = random_plan(robots, seed, rounds=9, step=0.5)
+    before = build_tpg(plan)
+    report = _shorten(plan, 0.5, seed=draws)
+    tpg = report.tpg
+    graph = _graph(tpg)
+    assert nx.is_directed_acyclic_graph(graph)
+    behind = {node: nx.descendants(graph, node) for node in graph}
+    for u, v in PlainGraph(tpg, -TOLERANCE).conflicts:
+        assert v in behind[u], (u, v)
+    assert report.makespan_after_s <= report.makespan_before_s + 1e-9
+    for old, new in zip(before.chains, tpg.chains, strict=True):
+        assert np.array_equal(old.waypoints[-1], new.waypoints[-1])
+        assert new.duration.sum() <= old.duration.sum() + 1e-9
+        skills = [c.waypoints[np.repeat(c.skill, np.diff(c.first))] for c in (old, new)]
+        assert np.array_equal(*skills)
+
+
+def test_shortcuts_are_found_at_all() -> None:
+    taken = [
+        _shorten(random_plan(3, seed, rounds=10, step=0.5), 0.5).taken
+        for seed in (3, 5)
+    ]
+    assert sum(taken) > 3
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_shortened_plan_is_proved_safe_and_stands_still_safely(
+    seed: int, tmp_path: object
+) -> None:
+    report = _shorten(random_turns(seed, 5, gap=0.62), 0.05, candidates=120)
+    assert report.taken > 0
+    assert verify_plan(report.tpg).problems == ()
+    assert audit_standing_states(report.tpg).violations == ()
+
+
+@pytest.mark.parametrize(("robots", "seed"), CASES)
+def test_objects_are_where_tracing_them_anew_finds_them(robots: int, seed: int) -> None:
+    tpg = build_tpg(random_plan(robots, seed, rounds=10, step=0.5))
+    history = trace_objects(tpg, planned_ranks(tpg.chains))
+    chosen = np.random.default_rng(seed)
+    for span in find_spans(tpg, history.spans):
+        # Any shape of path will do: nothing is checked against anything here.
+        chain = tpg.chains[span.chain]
+        first, last = np.sort(
+            chosen.integers(span.first, span.last + 1, size=2)
+        ).tolist()
+        count = int(chosen.integers(1, 2 * (last - first) + 2))
+        ends = chain.waypoints[[chain.first[first] - 1, chain.first[last + 1] - 1]]
+        path = ends[0] + np.linspace(0, 1, count + 1)[1:, None] * (ends[1] - ends[0])
+        new = NodeChain(
+            chain.robot,
+            ends[0],
+            path,
+            np.ones(count),
+            np.arange(count + 1),
+            np.repeat(chain.task[last], count),
+            np.zeros(count, dtype=np.bool_),
+            np.full(count, 0.1),
+            np.repeat(chain.planned_start[last], count),
+        )
+        chains = list(tpg.chains)
+        chains[span.chain] = splice_chain(chain, first, last, new)
+        handlings = tuple(
+            replace(h, node=splice_index(h.node, first, last, count))
+            if h.robot == span.chain
+            else h
+            for h in tpg.handlings
+        )
+        after = replace(tpg, chains=tuple(chains), handlings=handlings)
+        shifted = shift_history(history, span.chain, first, last, count)
+        anew = trace_objects(after, planned_ranks(after.chains))
+        for ours, theirs in (
+            (shifted.spans, anew.spans),
+            (shifted.rests, anew.rests),
+        ):
+            assert [_without_pose(item) for item in ours] == [
+                _without_pose(item) for item in theirs
+            ]
+
+
+def _without_pose(item: ObjectSpan | Rest) -> dict[str, object]:
+    return {k: v for k, v in vars(item).items() if k != "pose"}
+
+
+def test_the_papers_rule_loses_an_order_of_three_robots() -> None:
+    # u = (1, 0) -> (0, 1), (0, 2) -> w = (2, 1), and u -> w, which reduction leaves to those.
+    edges = np.array([[0, 2, 2, 1], [1, 0, 0, 1]])
+    first, last, count = 1, 3, 1
+
+    def waits(rows: np.ndarray) -> bool:
+        graph = nx.DiGraph()
+        for r, size in enumerate((3, 2, 2)):
+            nx.add_path(graph, [(r, n) for n in range(size)])
+        graph.add_edges_from(((r, u), (s, v)) for r, u, s, v in rows.tolist())
+        return nx.has_path(graph, (1, 0), (2, 1))
+
+    papers = edges.copy()
+    papers[0, 1], papers[1, 3] = first - 1, first
+    assert not waits(papers)
+    ours, _ = splice_edges(edges, np.zeros(2, dtype=np.uint8), 0, first, last, count)
+    assert waits(ours)
+
+
+def test_the_same_seed_gives_the_same_plan() -> None:
+    plan = random_plan(3, 3, rounds=10, step=0.5)
+    one, two, other = (_shorten(plan, 0.5, seed=s).tpg for s in (1, 1, 2))
+    assert np.array_equal(one.edges, two.edges)
+    for a, b in zip(one.chains, two.chains, strict=True):
+        assert np.array_equal(a.waypoints, b.waypoints)
+    assert any(
+        len(a) != len(b) or not np.array_equal(a.waypoints, b.waypoints)
+        for a, b in zip(one.chains, other.chains, strict=True)
+    )
+
+
+def test_a_shortened_plan_is_saved_and_loaded(tmp_path: object) -> None:
+    from pathlib import Path
+
+    tpg = _shorten(random_turns(0, 4, gap=0.62), 0.05, candidates=40).tpg
+    folder = Path(str(tmp_path)) / "plan"
+    save_plan(tpg, folder)
+    again = load_plan(folder, {r.model.name: r.model for r in tpg.cell.robots})
+    assert np.array_equal(tpg.edges, again.edges)
+    assert np.array_equal(tpg.chains[0].waypoints, again.chains[0].waypoints)
+
+
+@pytest.mark.parametrize(("robots", "seed"), CASES[:4])
+def test_latest_ends_are_the_longest_ways_to_the_end(robots: int, seed: int) -> None:
+    tpg = build_tpg(random_plan(robots, seed, rounds=8, step=0.5))
+    rollout = earliest_times(tpg)
+    graph = _graph(tpg)
+    tail: dict[tuple[int, int], float] = {}
+    for node in reversed(list(nx.topological_sort(graph))):
+        tail[node] = max(
+            (tail[n] + rollout.duration[n[0]][n[1]] for n in graph.successors(node)),
+            default=0.0,
+        )
+    latest = latest_ends(tpg, rollout)
+    for (r, n), rest in tail.items():
+        assert latest[r][n] == pytest.approx(float(rollout.makespan) - rest)
+    assert len(planned_ranks(tpg.chains)) == len(tpg.chains)
+
+
+@st.composite
+def chains_and_cut(
+    draw: st.DrawFn,
+) -> tuple[list[int], list[tuple[int, int, int, int]], tuple[int, int, int, int]]:
+    """Chains with forward edges, and a run of one of them to replace."""
+    sizes = draw(st.lists(st.integers(3, 8), min_size=2, max_size=5))
+    order = [(r, n) for n in range(8) for r in range(len(sizes)) if n < sizes[r]]
+    pairs = draw(
+        st.lists(
+            st.tuples(st.integers(0, len(order) - 1), st.integers(0, len(order) - 1)),
+            max_size=25,
+        )
+    )
+    edges = sorted(
+        {
+            (*order[min(a, b)], *order[max(a, b)])
+            for a, b in pairs
+            if order[a][0] != order[b][0]
+        }
+    )
+    chain = draw(st.integers(0, len(sizes) - 1))
+    first = draw(st.integers(1, sizes[chain] - 1))
+    last = draw(st.integers(first, sizes[chain] - 1))
+    count = draw(st.integers(1, last - first + 1))
+    return sizes, edges, (chain, first, last, count)
+
+
+@given(chains_and_cut())
+@settings(max_examples=300, deadline=None)
+def test_replacing_nodes_loses_no_order_among_the_others(
+    case: tuple[list[int], list[tuple[int, int, int, int]], tuple[int, int, int, int]],
+) -> None:
+    sizes, edges, (chain, first, last, count) = case
+
+    def graph(sizes: list[int], rows: np.ndarray) -> nx.DiGraph:
+        out = nx.DiGraph()
+        for r, size in enumerate(sizes):
+            nx.add_path(out, [(r, n) for n in range(size)])
+        out.add_edges_from(((r, u), (s, v)) for r, u, s, v in rows.tolist())
+        return out
+
+    rows = np.array(edges, dtype=np.int64).reshape(-1, 4)
+    # What matters is a reduced graph: an order may hang on the replaced nodes alone.
+    reduced = nx.transitive_reduction(graph(sizes, rows))
+    keep = np.array([((r, u), (s, v)) in reduced.edges for r, u, s, v in rows.tolist()])
+    rows = rows[keep.astype(bool)] if len(rows) else rows
+    spliced, cause = splice_edges(
+        rows, np.zeros(len(rows), dtype=np.uint8), chain, first, last, count
+    )
+    assert len(cause) == len(spliced)
+    before = graph(sizes, rows)
+    after_sizes = list(sizes)
+    after_sizes[chain] += count - (last - first + 1)
+    after = graph(after_sizes, spliced)
+    assert nx.is_directed_acyclic_graph(after)
+
+    def moved(node: tuple[int, int]) -> tuple[int, int] | None:
+        r, n = node
+        if r != chain:
+            return node
+        if n == last:
+            return (r, first + count - 1)
+        return None if first <= n < last else (r, splice_index(n, first, last, count))
+
+    reach = {node: nx.descendants(after, node) for node in after}
+    for u in before:
+        for v in nx.descendants(before, u):
+            a, b = moved(u), moved(v)
+            if a is not None and b is not None:
+                assert b in reach[a], (u, v)

@@ -1,0 +1,200 @@
+"""The fast construction against Algorithm 1's double loop and networkx, on random plans."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.errors import PlanInvariantError
+from planning.geometry.exact import TOLERANCE
+from planning.motion.motion_plan import TaskMotion
+from planning.transforms import Array
+from scheduling.build_tpg import build_chains, build_tpg, dependency_edges
+from scheduling.conflicts.conflict_search import CapsuleChecker
+from scheduling.graph.reduction import order_and_reduce
+from scheduling.graph.temporal_plan_graph import (
+    MOTION_CONFLICT,
+    TASK_DEPENDENCY,
+    TemporalPlanGraph,
+)
+from scheduling.graph.total_order import planned_ranks
+from scheduling.invariant import check_invariant
+from tests.scheduling.algorithm_one import PlainGraph
+from tests.scheduling.corner_arms import one_joint_plan
+from tests.scheduling.mini_world import random_plan
+
+CASES = [(2, 0), (2, 4), (2, 7), (2, 10), (3, 3), (3, 5), (3, 11), (4, 1), (5, 2)]
+
+
+def edge_set(tpg: TemporalPlanGraph) -> set[tuple[int, ...]]:
+    return {tuple(edge) for edge in tpg.edges.tolist()}
+
+
+@pytest.mark.parametrize(("robots", "seed"), CASES)
+def test_edges_are_those_of_the_double_loop(robots: int, seed: int) -> None:
+    plan = random_plan(robots, seed, rounds=10, step=0.5)
+    tpg = build_tpg(plan)
+    plain = PlainGraph(tpg)
+    assert edge_set(tpg) == plain.reduced_edges(
+        dependency_edges(plan.tasks, plan.dependencies, tpg.chains)
+    )
+    assert len(edge_set(tpg)) == len(tpg.edges)
+
+
+@given(st.integers(2, 5), st.integers(0, 10_000))
+@settings(max_examples=8, deadline=None)
+def test_any_plan_has_no_cycle_and_the_edges_of_the_double_loop(
+    robots: int, seed: int
+) -> None:
+    plan = random_plan(robots, seed, rounds=6, step=0.5)
+    tpg = build_tpg(plan)
+    graph = nx.DiGraph(((r, u), (s, v)) for r, u, s, v in tpg.edges.tolist())
+    for r, chain in enumerate(tpg.chains):
+        nx.add_path(graph, [(r, n) for n in range(len(chain))])
+    assert nx.is_directed_acyclic_graph(graph)
+    edges = dependency_edges(plan.tasks, plan.dependencies, tpg.chains)
+    # What is as close as the tolerance of a decision may go either way.
+    slacks = (0.0, TOLERANCE, -TOLERANCE)
+    assert any(
+        edge_set(tpg) == PlainGraph(tpg, slack).reduced_edges(edges) for slack in slacks
+    )
+
+
+def test_the_random_plans_are_worth_testing() -> None:
+    kinds: set[str] = set()
+    edges = 0
+    for robots, seed in CASES:
+        plan = random_plan(robots, seed, rounds=10, step=0.5)
+        kinds |= {task.kind for task in plan.tasks}
+        tpg = build_tpg(plan)
+        edges += int((tpg.cause == MOTION_CONFLICT).sum())
+    assert {"transit", "pick", "place-down", "handover", "support-bottom"} <= kinds
+    assert edges > 40
+
+
+def test_capsules_alone_wait_for_at_least_as_much() -> None:
+    plan = random_plan(3, 5)
+    exact, capsules = build_tpg(plan), build_tpg(plan, checker=CapsuleChecker())
+    ranks = planned_ranks(capsules.chains)
+    order, _ = order_and_reduce(ranks, capsules.edges)
+    assert all(order.precedes(*edge) for edge in exact.edges.tolist())
+    assert len(capsules.edges) >= len(exact.edges) > 0
+
+
+# --- two single-joint arms that sweep the same corner --------------------------------------
+
+
+def _poses_touch(plain: PlainGraph, left: Array, right: Array) -> bool:
+    a, b = plain.hold_pieces(0, -1)[0], plain.hold_pieces(1, -1)[0]
+    return plain.overlap(a, left, b, right)
+
+
+def test_an_edge_starts_at_the_successor_of_the_last_colliding_pose() -> None:
+    # The left arm swings through the corner and out again, then the right arm swings in.
+    left = [1.5, 1.0, 0.5, 0.0, -0.5, -1.0, -1.5]
+    plan = one_joint_plan(("left", left), ("right", [1.5, 1.0, 0.5, 0.0]))
+    tpg = build_tpg(plan)
+    plain = PlainGraph(tpg)
+    entered = 1  # the right arm's node that goes from 1.0 to 0.5
+    colliding = [
+        n
+        for n in range(len(left) - 1)
+        if any(
+            _poses_touch(plain, np.array([left[n + 1]]), np.array([q]))
+            for q in np.linspace(1.0, 0.5, 40)
+        )
+    ]
+    last_pose = max(colliding)
+    incoming = [e for e in tpg.edges.tolist() if e[2:] == [1, entered]]
+    assert incoming == [[0, last_pose + 1, 1, entered]]
+
+    # Drawn from the colliding pose itself, one node too early, the graph is unsafe.
+    early = tpg.edges.copy()
+    early[(early[:, 2:] == [1, entered]).all(axis=1), 1] = last_pose
+    with pytest.raises(PlanInvariantError, match="neither waits for the other"):
+        check_invariant(replace(tpg, edges=early))
+
+
+def test_nodes_that_start_together_follow_their_tasks() -> None:
+    # A task without length starts when the one before it ends and the one after it starts.
+    plan = one_joint_plan(
+        ("right", [1.5, 0.0, 1.5]), ("left", [1.5, 1.5]), ("left", [1.5, 0.0, 1.5])
+    )
+    tasks = list(plan.tasks)
+    tasks[1] = replace(tasks[1], kind="support-bottom")
+    motions = list(plan.motions)
+    motions[1] = TaskMotion(motions[1].path, np.full(2, motions[0].time[-1]))
+    motions[2] = TaskMotion(motions[2].path, motions[2].time - 1.0)
+    plan = replace(plan, tasks=tuple(tasks), motions=tuple(motions))
+    tpg = build_tpg(plan)
+    assert [len(c) for c in tpg.chains] == [3, 2]
+    assert tpg.chains[0].duration[0] == 0.0
+    assert tpg.chains[0].planned_start[0] == tpg.chains[0].planned_start[1]
+    ranks = planned_ranks(tpg.chains)
+    assert ranks[1].tolist() == [0, 1]
+    assert ranks[0].tolist() == [2, 3, 4]
+    assert tpg.edges.tolist() == [[1, 1, 0, 1]]
+
+
+def test_waits_are_dropped_and_dependencies_carried_on() -> None:
+    plan = one_joint_plan(
+        ("left", [1.5, 1.2]),
+        ("right", [1.5, 1.5]),
+        ("left", [1.2, 1.2, 1.4]),
+        ("right", [1.5, 1.3]),
+    )
+    plan = replace(plan, dependencies=np.array([[0, 1], [1, 2]]))
+    tpg = build_tpg(plan)
+    assert [c.task.tolist() for c in tpg.chains] == [[0, 2], [3]]
+    # Task 1 vanishes; the right arm's next node waits for what task 1 waited for.
+    assert dependency_edges(plan.tasks, plan.dependencies, tpg.chains).tolist() == [
+        [0, 0, 1, 0]
+    ]
+    plan = replace(plan, dependencies=np.array([[0, 1], [1, 3]]))
+    assert dependency_edges(plan.tasks, plan.dependencies, tpg.chains).tolist() == [
+        [0, 0, 1, 0]
+    ]
+    assert build_tpg(plan).cause.tolist() == [TASK_DEPENDENCY]
+
+
+def test_a_dependency_from_a_task_starts_at_its_last_node() -> None:
+    plan = one_joint_plan(("left", [1.5, 1.4, 1.3, 1.2]), ("right", [1.5, 1.4, 1.3]))
+    plan = replace(plan, dependencies=np.array([[0, 1]]))
+    assert build_tpg(plan).edges.tolist() == [[0, 2, 1, 0]]
+
+
+def test_skill_nodes_keep_the_shares_of_their_time() -> None:
+    plan = one_joint_plan(("left", [1.5, 1.4, 1.3, 1.5]))
+    task = replace(plan.tasks[0], kind="pick")
+    motion = TaskMotion(plan.motions[0].path, np.array([2.0, 3.0, 5.0, 6.0]))
+    chains, _ = build_chains(replace(plan, tasks=(task,), motions=(motion,)))
+    assert len(chains[0]) == 1
+    assert chains[0].fraction.tolist() == [0.25, 0.75, 1.0]
+    assert chains[0].duration.tolist() == [4.0]
+    assert chains[0].skill.all()
+
+
+@pytest.mark.parametrize(
+    ("moves", "message"),
+    [
+        ([("left", [1.5, 1.2]), ("left", [1.3, 1.0])], "starts 0.1 away"),
+        (
+            [("left", [1.5, 1.2]), ("right", [1.5, 1.3])],
+            "which robot 'left' does after",
+        ),
+    ],
+)
+def test_inconsistent_plans_are_refused(
+    moves: list[tuple[str, list[float]]], message: str
+) -> None:
+    plan = one_joint_plan(*moves, ("left", [moves[-1][1][-1], 1.0]))
+    if "does after" in message:
+        plan = one_joint_plan(*moves, ("left", [1.2, 1.0]))
+        plan = replace(plan, dependencies=np.array([[2, 0]]))
+    with pytest.raises(PlanInvariantError, match=message):
+        build_tpg(plan)

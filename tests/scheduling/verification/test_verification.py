@@ -1,0 +1,387 @@
+"""The verification passes plans that keep their guarantee and names what breaks it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import networkx as nx
+import numpy as np
+import pytest
+
+from planning.kinematics.kinematics import frame_pose, inverse_kinematics
+from planning.tasks.task_graph import AllowedContact, Handling
+from planning.transforms import Array, inverse, rotation, translation
+from scheduling.build_tpg import build_chains, build_tpg
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.verification.ancestors import find_precedence
+from scheduling.verification.reference import ReferenceRobot, measure
+from scheduling.verification.verify import Problem, verify_plan
+from tests.scheduling.two_arms import Writer, block, random_turns, two_arms
+from twin.trial.adversary import (
+    audit_standing_states,
+    run_until_still,
+    standing_states,
+)
+
+MIDDLE = (0.44, 0.0, 0.32)
+ONE_NODE = 100.0
+
+
+def at(writer: Writer, robot: str, x: float, y: float, z: float) -> Array:
+    """A configuration with the tool pointing down at a point of the world."""
+    placed = writer.cell.robot(robot)
+    target = translation(x, y, z) @ rotation("y", np.pi)
+    return inverse_kinematics(placed, "tool", target, placed.home)[0]
+
+
+def graph(writer: Writer, *edges: tuple[int, int, int, int]) -> TemporalPlanGraph:
+    """The plan as a graph with exactly these type-2 edges."""
+    plan = writer.plan()
+    chains, handlings = build_chains(plan)
+    return TemporalPlanGraph(
+        plan.cell,
+        plan.tasks,
+        chains,
+        np.array(sorted(edges), dtype=np.int64).reshape(-1, 4),
+        np.zeros(len(edges), dtype=np.uint8),
+        handlings,
+        plan.allowed,
+    )
+
+
+def named(problem: Problem) -> tuple[str, set[tuple[str | None, int]], set[bool]]:
+    assert problem.first is not None
+    assert problem.second is not None
+    sides = problem.first, problem.second
+    return (
+        problem.kind,
+        {(s.robot, s.node) for s in sides},
+        {s.standing for s in sides},
+    )
+
+
+def taking_turns() -> Writer:
+    """Left goes to the middle and home, one node each; then right does."""
+    writer = Writer(two_arms())
+    for robot in ("left", "right"):
+        writer.move(robot, at(writer, robot, *MIDDLE), step=ONE_NODE)
+        writer.move(robot, writer.cell.robot(robot).home, step=ONE_NODE)
+    return writer
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_built_graphs_pass_and_their_standing_states_are_clean(seed: int) -> None:
+    tpg = build_tpg(random_turns(seed, 4, gap=0.62))
+    assert len(tpg.edges) > 3
+    report = verify_plan(tpg)
+    assert report.problems == ()
+    assert report.ok
+    assert report.pairs_checked > 1000
+    assert 0.001 <= report.min_distance_robots_m < 0.05
+    adversary = audit_standing_states(tpg)
+    assert adversary.states == 2 * len({(a, u) for a, u, _, _ in tpg.edges.tolist()})
+    assert adversary.violations == ()
+    assert adversary.min_distance_m > 0.0
+
+
+def test_an_edge_one_node_too_early_is_found() -> None:
+    """The edge of the point model: right may start while left is still on its way out."""
+    writer = taking_turns()
+    assert verify_plan(graph(writer, (0, 1, 1, 0))).ok
+    report = verify_plan(graph(writer, (0, 0, 1, 0)))
+    pairs = {frozenset(named(p)[1]) for p in report.problems}
+    assert pairs == {
+        frozenset({("left", 1), ("right", 0)}),
+        frozenset({("left", 1), ("right", 1)}),
+    }
+    worst = report.problems[0]
+    assert worst.kind == "nodes"
+    assert worst.first is not None
+    assert worst.second is not None
+    assert (worst.first.task, worst.second.task) == (1, 2)
+    assert worst.distance_m < 0.001
+    assert "node 1 (task 1)" in worst.message
+    assert "node 0 (task 2)" in worst.message
+
+
+def test_every_edge_of_a_reduced_graph_is_needed() -> None:
+    """One edge less is a problem of nodes next to the edge's own."""
+    tpg = build_tpg(random_turns(1, 4, gap=0.64))
+    assert len(tpg.edges) >= 2
+    for e in (0, len(tpg.edges) // 2):
+        less = replace(tpg, edges=np.delete(tpg.edges, e, axis=0))
+        a, u, b, v = tpg.edges[e].tolist()
+        sides = {tpg.chains[a].robot: u, tpg.chains[b].robot: v}
+        report = verify_plan(less, limit=2000)
+        assert 0 < len(report.problems) < 2000
+        assert any(
+            all(
+                abs(side.node - sides[str(side.robot)]) <= 1
+                for side in (p.first, p.second)
+                if side
+            )
+            for p in report.problems
+        )
+
+
+def test_a_robot_that_stands_in_the_way_between_two_ordered_nodes_is_found() -> None:
+    """Left goes to the middle, right comes, left goes home: each pair of nodes is ordered."""
+    writer = Writer(two_arms())
+    writer.move("left", at(writer, "left", *MIDDLE), step=ONE_NODE)
+    writer.move("right", at(writer, "right", *MIDDLE), step=ONE_NODE)
+    writer.move("left", writer.cell.robot("left").home, step=ONE_NODE)
+    tpg = graph(writer, (0, 0, 1, 0), (1, 0, 0, 1))
+    report = verify_plan(tpg)
+    found = [named(p) for p in report.problems]
+    # Right moves while left stands before its node 1; and left leaves while right stands.
+    assert ("hold", {("left", 1), ("right", 0)}, {True, False}) in found
+    assert all(kind == "hold" for kind, _, _ in found)
+    # The adversary meets the same: right stops at the end of its node.
+    adversary = audit_standing_states(tpg)
+    assert {(s.robot, s.node, s.at_end) for s, _ in adversary.violations} == {
+        ("right", 0, True)
+    }
+
+
+def test_a_robot_without_nodes_stands_in_the_way() -> None:
+    cell = two_arms(gap=0.60)
+    writer = Writer(cell)
+    home = cell.robot("right").home
+    tool = frame_pose(cell.robot("right"), home, "tool")[:3, 3]
+    writer.move("left", at(writer, "left", *tool), step=ONE_NODE)
+    report = verify_plan(graph(writer))
+    assert [named(p) for p in report.problems] == [
+        ("hold", {("left", 0), ("right", 0)}, {True, False})
+    ]
+
+
+def carrying(*, right_first: bool) -> Writer:
+    """Left carries a block aside and leaves; right passes where it is put, before or after."""
+    x, y, z = 0.40, 0.10, 0.25
+    # The grip plane of the tool is the block's top face.
+    stock = block("block", (0.05, 0.05, 0.04), translation(x, y - 0.2, z - 0.02))
+    writer = Writer(two_arms((stock,)))
+    left = writer.cell.robot("left")
+    pick, place = at(writer, "left", x, y - 0.2, z), at(writer, "left", x, y, z)
+    local = inverse(frame_pose(left, pick)) @ stock.start
+    placed = frame_pose(left, place) @ local
+    # The tool 30 mm above the table's side of the block: only the block is in the way.
+    through = at(writer, "right", x, y, z - 0.02)
+
+    def pass_by() -> None:
+        writer.move("right", through, step=ONE_NODE)
+        writer.move("right", writer.cell.robot("right").home, step=ONE_NODE)
+
+    if right_first:
+        pass_by()
+    writer.move("left", pick, Handling("block", -1, "left", local), step=ONE_NODE)
+    writer.move("left", place, Handling("block", -1, None, placed), step=ONE_NODE)
+    writer.move("left", left.home, step=ONE_NODE)
+    if not right_first:
+        pass_by()
+    for task in writer.tasks:
+        tool = AllowedContact("left/tool", "block", frozenset([task.index]))
+        if task.robot == "left":
+            writer.allowed.append(tool)
+    return writer
+
+
+def test_an_object_at_rest_is_in_the_way_after_its_place() -> None:
+    before = carrying(right_first=True)
+    assert verify_plan(graph(before, (1, 1, 0, 0))).ok
+    after = carrying(right_first=False)
+    tpg = graph(after, (0, 2, 1, 0))
+    report = verify_plan(tpg)
+    assert {named(p)[0] for p in report.problems} == {"rest"}
+    assert {p.first.node for p in report.problems if p.first} == {0, 1}
+    assert {p.second.body for p in report.problems if p.second} == {"block"}
+    assert {p.first.robot for p in report.problems if p.first} == {"right"}
+    tasks = frozenset(t.index for t in tpg.tasks if t.robot == "right")
+    for part in ("tool", "arm"):
+        allowed = AllowedContact(f"right/{part}", "block", tasks)
+        tpg = replace(tpg, allowed=(*tpg.allowed, allowed))
+    assert verify_plan(tpg).ok
+
+
+def test_an_object_that_comes_up_later_is_in_the_way_from_then_on() -> None:
+    """Right passes the place of a station; left lets the next block come up there."""
+    pose = translation(0.40, 0.10, 0.23)
+    later = replace(block("block", (0.05, 0.05, 0.04), pose), later=True)
+
+    def writer(*, right_first: bool) -> Writer:
+        out = Writer(two_arms((later,)))
+        aside = out.cell.robot("left").home + 0.2
+        through = at(out, "right", 0.40, 0.10, 0.23)
+        steps = [
+            ("right", through, ()),
+            ("right", out.cell.robot("right").home, ()),
+            ("left", aside, (Handling("block", -1, None, pose),)),
+        ]
+        for robot, goal, handlings in steps if right_first else [steps[2], *steps[:2]]:
+            out.move(robot, goal, *handlings, step=ONE_NODE)
+        return out
+
+    assert verify_plan(graph(writer(right_first=True), (1, 1, 0, 0))).ok
+    for tpg in (
+        graph(writer(right_first=True)),
+        graph(writer(right_first=False), (0, 0, 1, 0)),
+    ):
+        report = verify_plan(tpg)
+        assert {named(p)[0] for p in report.problems} == {"rest"}
+        assert {p.first.robot for p in report.problems if p.first} == {"right"}
+
+
+def test_nodes_must_be_ordered_with_place_and_pick_of_what_rests_there() -> None:
+    unordered = verify_plan(graph(carrying(right_first=True), (1, 1, 0, 1)))
+    assert unordered.ok  # left may already pick while right passes by: far enough apart
+    # Right may be late: the block may lie there already, and left may be there with it.
+    unordered = verify_plan(graph(carrying(right_first=True)))
+    kinds = {named(p)[0] for p in unordered.problems}
+    assert kinds == {"nodes", "rest"}
+    rests = [p for p in unordered.problems if p.kind == "rest"]
+    assert {p.first.robot for p in rests if p.first} == {"right"}
+    assert all("block at rest" in p.message for p in rests)
+
+
+def test_a_cycle_is_found() -> None:
+    writer = taking_turns()
+    report = verify_plan(graph(writer, (0, 1, 1, 0), (1, 1, 0, 0)))
+    assert [p.kind for p in report.problems] == ["cycle"]
+
+
+def test_an_edge_against_the_planned_order_is_found() -> None:
+    writer = taking_turns()
+    report = verify_plan(graph(writer, (1, 1, 0, 0)))
+    assert [named(p)[:2] for p in report.problems] == [
+        ("order", {("right", 1), ("left", 0)})
+    ]
+
+
+def test_an_object_passed_on_without_an_edge_is_found() -> None:
+    writer = carrying(right_first=False)
+    right = writer.cell.robot("right")
+    grip = at(writer, "right", 0.40, 0.10, 0.25)
+    rest = writer.tasks[1].handlings[0].pose
+    local = inverse(frame_pose(right, grip)) @ rest
+    writer.move("right", grip, Handling("block", -1, "right", local), step=ONE_NODE)
+    kinds = [p.kind for p in verify_plan(graph(writer), limit=3).problems]
+    assert "handling" in kinds
+    ordered = [
+        p.kind for p in verify_plan(graph(writer, (0, 2, 1, 0)), limit=3).problems
+    ]
+    assert "handling" not in ordered
+
+
+def passing_on() -> Writer:
+    """Left brings a beam to right, which stands ready, and goes; then right goes with it."""
+    at_stock = translation(0.44, -0.2, 0.24)
+    beam = block("beam", (0.34, 0.03, 0.02), at_stock)
+    writer = Writer(two_arms((beam,)))
+    left, right = writer.cell.robots
+    ready = at(writer, "right", 0.59, 0.0, 0.25)
+    pick, give = (at(writer, "left", 0.29, y, 0.25) for y in (-0.2, 0.0))
+    held = inverse(frame_pose(left, pick)) @ at_stock
+    received = inverse(frame_pose(right, ready)) @ frame_pose(left, give) @ held
+    writer.move("right", ready, step=ONE_NODE)
+    writer.move("left", pick, Handling("beam", -1, "left", held), step=ONE_NODE)
+    writer.move("left", give, Handling("beam", -1, "right", received), step=ONE_NODE)
+    writer.move("left", left.home, step=ONE_NODE)
+    writer.move("right", right.home, step=ONE_NODE)
+    everything = frozenset(task.index for task in writer.tasks)
+    for robot in ("left", "right"):
+        writer.allowed.append(AllowedContact(f"{robot}/tool", "beam", everything))
+    return writer
+
+
+def test_an_object_is_passed_from_hand_to_hand() -> None:
+    ready, gone = (1, 0, 0, 1), (0, 2, 1, 1)
+    assert verify_plan(graph(passing_on(), ready, gone)).ok
+    report = verify_plan(graph(passing_on(), gone), limit=2)
+    assert named(report.problems[0])[:2] == ("handling", {("right", 0), ("left", 1)})
+    assert "need not stand" in report.problems[0].message
+    report = verify_plan(graph(passing_on(), ready), limit=2)
+    assert named(report.problems[0])[:2] == ("handling", {("left", 1), ("right", 1)})
+
+
+def test_what_a_standing_robot_was_handed_is_in_the_way() -> None:
+    """The giver may touch the beam with its tool only until it has let go."""
+    writer = passing_on()
+    writer.allowed[0] = AllowedContact("left/tool", "beam", frozenset([0, 1, 2, 4]))
+    report = verify_plan(graph(writer, (1, 0, 0, 1), (0, 2, 1, 1)))
+    assert len(report.problems) == 1
+    assert report.problems[0].kind == "rest"
+    assert report.problems[0].first is not None
+    assert (report.problems[0].first.robot, report.problems[0].first.node) == (
+        "left",
+        2,
+    )
+
+
+def test_dependencies_must_follow_from_the_edges() -> None:
+    writer = taking_turns()
+    needed = np.array([[1, 2]])
+    assert verify_plan(replace(graph(writer, (0, 1, 1, 0)), dependencies=needed)).ok
+    report = verify_plan(replace(graph(writer, (0, 1, 1, 1)), dependencies=needed))
+    assert "dependency" in [p.kind for p in report.problems]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_precedence_is_that_of_networkx(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lengths = rng.integers(3, 30, 3)
+    writer = taking_turns()
+    template = graph(writer).chains[0]
+    chains = tuple(replace(template, task=np.zeros(n, dtype=int)) for n in lengths)
+    rank = [np.sort(rng.random(n)) for n in lengths]
+    edges = []
+    for _ in range(25):
+        a, b = rng.choice(3, 2, replace=False)
+        u, v = int(rng.integers(lengths[a])), int(rng.integers(lengths[b]))
+        if rank[a][u] < rank[b][v]:
+            edges.append((int(a), u, int(b), v))
+    tpg = replace(graph(writer), chains=chains, edges=np.array(edges).reshape(-1, 4))
+    precedence = find_precedence(tpg)
+    assert precedence is not None
+    reference = nx.DiGraph()
+    for a, n in enumerate(lengths):
+        reference.add_nodes_from((a, k) for k in range(n))
+        nx.add_path(reference, [(a, k) for k in range(n)])
+    reference.add_edges_from(((a, u), (b, v)) for a, u, b, v in edges)
+    for a, n in enumerate(lengths):
+        for u in range(n):
+            below = nx.descendants(reference, (a, u))
+            for b, m in enumerate(lengths):
+                for v in range(m):
+                    expected = (b, v) in below
+                    assert precedence.precedes(a, u, b, v) == expected
+
+
+def test_a_part_never_moves_further_than_its_weights_say() -> None:
+    robot = ReferenceRobot(two_arms().robot("left"))
+    rng = np.random.default_rng(5)
+    corners = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
+    for _ in range(60):
+        q, step = rng.uniform(-1.5, 1.5, 6), rng.uniform(-0.3, 0.3, 6)
+        a, b = robot.joint_frames(q), robot.joint_frames(q + step)
+        for part in robot.parts:
+            points = part.centre + part.radius * corners / np.sqrt(3)
+            ends = [
+                points @ f[part.joint + 1][:3, :3].T + f[part.joint + 1][:3, 3]
+                for f in (a, b)
+            ]
+            moved = np.linalg.norm(ends[1] - ends[0], axis=1).max()
+            assert moved <= np.abs(step) @ part.weight + 1e-12
+    far = measure(robot.parts[0], a[0], robot.parts[0], translation(0.0, 5.0, 0.0))
+    assert far == pytest.approx(5.0 - 0.175, abs=0.02)
+
+
+def test_others_run_on_until_they_wait_for_the_robot_that_stopped() -> None:
+    tpg = graph(taking_turns(), (0, 1, 1, 0))
+    assert run_until_still(tpg, 0, 1) == (1, 0)
+    assert run_until_still(tpg, 1, 1) == (2, 1)
+    assert run_until_still(tpg, 0, 0) == (0, 0)
+    states = list(standing_states(tpg))
+    assert [(s.robot, s.node, s.at_end, s.completed) for s in states] == [
+        ("left", 1, False, (1, 0)),
+        ("left", 1, True, (1, 0)),
+    ]

@@ -1,0 +1,101 @@
+"""The two engines are one truth: equal to the nanosecond in every replication."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.errors import PlanInvariantError
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.twin_toys import random_tpg
+from twin.durations import Lognormal, Uniform
+from twin.engine.bulk.bulk_engine import BulkEngine
+from twin.engine.bulk.policy_graph import sequential_order
+from twin.engine.engine import Simulator
+from twin.run.run_record import Policy
+from twin.uncertainty.skill_durations import SkillDurations
+
+DURATIONS = SkillDurations(
+    {"pick": Uniform(0.2, 5.0), "place-down": Lognormal(2.0, 9.0)}
+)
+
+
+def _in_slots(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+    """Give every robot's k-th pair of tasks the same slot."""
+    slots = np.zeros(len(tpg.tasks), dtype=np.int64)
+    for chain in tpg.chains:
+        for place, task in enumerate(dict.fromkeys(chain.task.tolist())):
+            slots[task] = place // 2
+    none = np.empty((0, 4), dtype=np.int64)
+    return replace(tpg, slots=slots, edges=none, cause=np.empty(0, dtype=np.uint8))
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.integers(0, 10**6),
+    st.integers(1, 4),
+    st.sampled_from(["asynchronous", "sequential"]),
+)
+def test_engines_agree_to_the_nanosecond(
+    seed: int, robots: int, policy: Policy
+) -> None:
+    tpg = random_tpg(seed, dofs=(2,) * robots, edges=10 if robots > 1 else 0)
+    events = Simulator(tpg, DURATIONS, policy=policy)
+    bulk = BulkEngine(tpg, DURATIONS, policy=policy)
+    found = bulk.run(seed=seed, replications=range(5, 9))
+    for column, replication in enumerate(range(5, 9)):
+        run = events.run(seed=seed, replication=replication)
+        assert run.makespan_ns == found.makespan_ns[column]
+        for k in range(robots):
+            assert run.wait_ns(k) == found.waited_ns[k, :, column].sum()
+            assert run.end_ns[k][-1] == found.chain_end_ns[k, column]
+
+
+def test_engines_agree_in_slots() -> None:
+    tpg = _in_slots(random_tpg(3, dofs=(2, 2, 2), tasks=12, edges=4))
+    events = Simulator(tpg, DURATIONS, policy="synchronous")
+    bulk = BulkEngine(tpg, DURATIONS, policy="synchronous")
+    found = bulk.makespans_ns(seed=1, replications=range(8))
+    runs = [events.run(seed=1, replication=r).makespan_ns for r in range(8)]
+    assert found.tolist() == runs
+    asynchronous = BulkEngine(tpg, DURATIONS)
+    assert np.any(asynchronous.makespans_ns(seed=1, replications=range(8)) < found)
+
+
+def test_slots_are_asked_for() -> None:
+    with pytest.raises(PlanInvariantError, match="not made in slots"):
+        BulkEngine(random_tpg(0), DURATIONS, policy="synchronous")
+
+
+def test_turns_are_taken_in_the_order_of_the_event_engine() -> None:
+    tpg = random_tpg(11, dofs=(2, 3, 2), tasks=10, edges=12)
+    run = Simulator(tpg, SkillDurations({}), policy="sequential").run(seed=0)
+    starts, ends = np.concatenate(run.start_ns), np.concatenate(run.end_ns)
+    order = list(sequential_order(tpg))
+    assert sorted(order) == list(range(len(starts)))
+    assert np.all(np.diff(starts[order]) >= 0)
+    assert np.all(starts[order][1:] == ends[order][:-1])
+
+
+def test_open_loop_waits_for_the_clock_alone() -> None:
+    tpg = random_tpg(6, dofs=(2, 2), edges=10)
+    late = SkillDurations({"pick": Uniform(50.0, 60.0)})
+    found = BulkEngine(tpg, late, policy="open-loop").run(seed=0, replications=[0])
+    nominal = BulkEngine(tpg, SkillDurations({})).run(seed=0, replications=[0])
+    assert np.all(found.start_ns >= nominal.start_ns)
+    own_way = BulkEngine(tpg, SkillDurations({}), policy="open-loop")
+    assert own_way.run(seed=0, replications=[0]).end_ns.tolist() == (
+        nominal.end_ns.tolist()
+    )
+
+
+def test_replications_do_not_know_of_each_other() -> None:
+    tpg = random_tpg(8, dofs=(2, 2, 2), edges=12)
+    engine = BulkEngine(tpg, DURATIONS)
+    together = engine.makespans_ns(seed=2, replications=range(200))
+    apart = [engine.makespans_ns(seed=2, replications=[r])[0] for r in (0, 63, 64, 199)]
+    assert together[[0, 63, 64, 199]].tolist() == apart

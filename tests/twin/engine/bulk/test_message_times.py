@@ -1,0 +1,96 @@
+"""Longest paths with messages and short queues, against the event engine."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.drawn_runs import TPGS, VARIED
+from twin.durations import to_nanoseconds
+from twin.engine.bulk.message_times import Past, end_times, nothing_yet
+from twin.engine.bulk.policy_graph import policy_graph
+from twin.engine.engine import Simulator
+from twin.engine.messages import Messages
+from twin.uncertainty.disturbances import Disturbances, RandomStalls
+
+LATENCIES = st.sampled_from([0.0, 0.001, 0.1, 0.7])
+POLICIES = st.sampled_from(["asynchronous", "sequential", "open-loop"])
+
+
+def simulator(
+    tpg: TemporalPlanGraph, policy: str, depth: int, report: float, release: float
+) -> Simulator:
+    return Simulator(
+        tpg,
+        VARIED,
+        policy=policy,  # type: ignore[arg-type]
+        queue_depth=depth,
+        report_latency_s=report,
+        release_latency_s=release,
+        disturbances=Disturbances(stalls=RandomStalls(1, (0.5, 3.0))),
+    )
+
+
+def messages(policy: str, depth: int, report: float, release: float) -> Messages:
+    if policy == "open-loop":
+        return Messages()
+    if policy == "sequential":
+        depth = 1
+    return Messages(depth, int(to_nanoseconds(report)), int(to_nanoseconds(release)))
+
+
+@settings(max_examples=80, deadline=None)
+@given(TPGS, st.integers(0, 100), POLICIES, st.integers(1, 5), LATENCIES, LATENCIES)
+def test_end_times_are_those_of_the_event_engine(
+    tpg: TemporalPlanGraph,
+    seed: int,
+    policy: str,
+    depth: int,
+    report: float,
+    release: float,
+) -> None:
+    engine = simulator(tpg, policy, depth, report, release)
+    runs = [engine.run(seed=seed, replication=r) for r in range(3)]
+    busy = np.stack(
+        [
+            np.concatenate([*run.duration_ns]) + np.concatenate([*run.stall_ns])
+            for run in runs
+        ],
+        axis=1,
+    )
+    graph = policy_graph(tpg, policy)  # type: ignore[arg-type]
+    talk = messages(policy, depth, report, release)
+    end = end_times(graph, busy, talk, nothing_yet(graph, 3))
+    assert np.array_equal(end.T, [np.concatenate(run.end_ns) for run in runs])
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    TPGS, st.integers(0, 100), st.integers(1, 5), LATENCIES, LATENCIES, st.floats(0, 1)
+)
+def test_what_has_happened_changes_nothing_about_what_will(
+    tpg: TemporalPlanGraph,
+    seed: int,
+    depth: int,
+    report: float,
+    release: float,
+    share: float,
+) -> None:
+    """The rest of a run, known durations given, is the run."""
+    run = simulator(tpg, "asynchronous", depth, report, release).run(seed=seed)
+    now = int(share * run.makespan_ns)
+    start, end = np.concatenate(run.start_ns), np.concatenate(run.end_ns)
+    started, done = start <= now, end <= now
+    busy = np.concatenate([*run.duration_ns]) + np.concatenate([*run.stall_ns])
+    busy = np.where(started & ~done, end - now, busy)
+    graph = policy_graph(tpg, "asynchronous")
+    past = Past(
+        now,
+        np.where(started, start, -1),
+        np.where(done, end, -1),
+        np.zeros((len(tpg.chains), 1), dtype=np.int64),
+    )
+    talk = messages("asynchronous", depth, report, release)
+    assert np.array_equal(end_times(graph, busy[:, None], talk, past)[:, 0], end)

@@ -1,0 +1,66 @@
+"""Both engines on the plans of all bundled scenarios: one truth, to the nanosecond."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.timing_graphs import SCENARIOS, contracted_graph
+from twin.durations import packaged_timings
+from twin.engine.bulk.bulk_engine import BulkEngine
+from twin.engine.engine import Simulator
+from twin.run.run_record import Policy
+from twin.study.replications.timing_graph import load_timing_graph, save_timing_graph
+from twin.uncertainty.contraction import contract
+from twin.uncertainty.skill_durations import SkillDurations
+
+FOLDER = Path(__file__).parents[2] / "timing_graphs"
+GRAPHS = sorted(FOLDER.glob("*.npz"))
+CHEAP = ("cliff", "rearrangement")
+
+
+def test_every_bundled_scenario_has_its_graph() -> None:
+    assert {path.stem for path in GRAPHS} == set(SCENARIOS)
+
+
+@pytest.mark.parametrize("policy", ["asynchronous", "sequential"])
+@pytest.mark.parametrize("path", GRAPHS, ids=lambda path: path.stem)
+def test_engines_agree(path: Path, policy: Policy) -> None:
+    tpg = load_timing_graph(path)
+    durations = SkillDurations(packaged_timings())
+    events = Simulator(tpg, durations, policy=policy)
+    numbers = [0, 1, 77]
+    found = BulkEngine(tpg, durations, policy=policy).run(seed=4, replications=numbers)
+    for column, replication in enumerate(numbers):
+        run = events.run(seed=4, replication=replication)
+        assert run.outcome == "completed"
+        assert found.makespan_ns[column] == run.makespan_ns
+        for k in range(len(tpg.chains)):
+            assert found.waited_ns[k, :, column].sum() == run.wait_ns(k)
+
+
+@pytest.mark.parametrize("name", CHEAP)
+def test_graphs_are_current(name: str) -> None:
+    kept, now = (
+        load_timing_graph(FOLDER / f"{name}.npz"),
+        contracted_graph(SCENARIOS[name]),
+    )
+    assert [task.label for task in kept.tasks] == [task.label for task in now.tasks]
+    assert np.array_equal(kept.edges, now.edges)
+    for ours, theirs in zip(kept.chains, now.chains, strict=True):
+        assert np.array_equal(ours.task, theirs.task)
+        assert np.allclose(ours.duration, theirs.duration, atol=1e-6)
+
+
+def test_a_graph_is_kept_whole(tmp_path: Path) -> None:
+    kept = load_timing_graph(FOLDER / "cliff.npz")
+    save_timing_graph(tmp_path / "again.npz", kept)
+    again = load_timing_graph(tmp_path / "again.npz")
+    assert again.tasks[3].label == kept.tasks[3].label
+    assert again.chains[1].duration.tolist() == kept.chains[1].duration.tolist()
+    assert [item.kind for item in again.cell.objects] == [
+        item.kind for item in kept.cell.objects
+    ]
+    assert len(contract(kept).tpg.chains[0]) == len(kept.chains[0])

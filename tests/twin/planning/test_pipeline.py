@@ -1,0 +1,112 @@
+"""A scenario is planned from end to end, and the bricks end up where the file says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planning.lego.bricks.catalogue import brick_type
+from planning.lego.bricks.grid import box_pose
+from scheduling.verification.verify import verify_plan
+from twin.planning.pipeline import MOTION, Planned, plan_scenario
+from twin.scenario.file import load_scenario
+from twin.trial.trial import Keep, Trial, try_plan
+
+SCENARIO = """\
+version: 1
+name: three
+seed: 3
+cell:
+  robots:
+    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
+    - {name: right, model: gp4, base: {xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}
+  fixtures:
+    - {name: table, size_m: [0.7, 1.2, 0.02], pose: {xyz_m: [0.44, 0, 1.1045]}}
+assembly:
+  kind: lego
+  plate: {pose: {xyz_m: [0.44, 0, 1.1145]}}
+  stock:
+    - {name: left_a, brick: 2x4, at: [2, 30, 1]}
+    - {name: left_b, brick: 2x4, at: [6, 30, 1]}
+    - {name: right_a, brick: 2x4, at: [44, 30, 1]}
+    - {name: right_b, brick: 2x4, at: [40, 30, 1]}
+  steps:
+    - {brick: 2x4, at: [23, 15, 1], press: {side: 1, offset: 1}}
+    - {brick: 2x4, at: [23, 15, 2], press: {side: 1, offset: 1}, stock: left_b}
+    - {brick: 2x4, at: [23, 15, 3], press: {side: 1, offset: 1}}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("three")
+    (folder / "three.yaml").write_text(SCENARIO)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def planned(folder: Path) -> Planned:
+    return plan_scenario(load_scenario(folder / "three.yaml"), folder)
+
+
+@pytest.fixture(scope="module")
+def trial(planned: Planned, folder: Path) -> Trial:
+    out = folder / "run"
+    out.mkdir()
+    scenario = load_scenario(folder / "three.yaml")
+    return try_plan(scenario, planned.tpg, out, keep=Keep(recording=False))
+
+
+def test_the_plan_uses_the_stock_that_is_prescribed(planned: Planned) -> None:
+    assert planned.task_plan[2].object == "left_b"
+    assert len({planned.task_plan[k].object for k in (1, 2, 3)}) == 3
+    assert set(planned.planning_s) == {"assignment", "motion", "tpg", "shortcut"}
+
+
+def test_the_same_seed_gives_the_same_plan(planned: Planned, folder: Path) -> None:
+    seen: list[tuple[str, float, float]] = []
+    scenario = load_scenario(folder / "three.yaml")
+    again = plan_scenario(scenario, folder, lambda *stage: seen.append(stage))
+    np.testing.assert_array_equal(again.tpg.edges, planned.tpg.edges)
+    for ours, theirs in zip(planned.tpg.chains, again.tpg.chains, strict=True):
+        np.testing.assert_array_equal(ours.waypoints, theirs.waypoints)
+        np.testing.assert_array_equal(ours.duration, theirs.duration)
+    assert [s[1:] for s in seen if s[0] == MOTION] == [(0, 3), (1, 3), (2, 3), (3, 3)]
+
+
+def test_the_plan_is_safe_by_the_other_proof(planned: Planned) -> None:
+    report = verify_plan(planned.tpg)
+    assert report.problems == ()
+
+
+def test_bricks_end_where_the_file_says_and_the_audit_is_clean(
+    planned: Planned, trial: Trial
+) -> None:
+    import pyarrow.parquet as pq
+
+    assert trial.passed
+    assert trial.summary["audit"]["violations"] == []
+    last = {}
+    for row in pq.read_table(trial.folder / "objects.parquet").to_pylist():
+        last[row["object"]] = row
+    for choice in planned.task_plan.choices:
+        step = planned.assembly.steps[choice.step - 1]
+        kind = brick_type(step.brick, planned.assembly.bricks)
+        goal = box_pose(planned.assembly.plate, step.cell, kind)
+        assert last[choice.object]["parent"] == "world"
+        np.testing.assert_allclose(last[choice.object]["xyz"], goal[:3, 3], atol=1e-9)
+    untouched = {o.name for o in planned.cell.objects} - {
+        c.object for c in planned.task_plan.choices
+    }
+    for name in untouched:
+        start = planned.cell.object(name).start
+        np.testing.assert_allclose(last[name]["xyz"], start[:3, 3], atol=1e-12)
+
+
+def test_asynchronous_execution_is_between_its_bounds(trial: Trial) -> None:
+    summary = trial.summary
+    assert summary["lower_bound_s"] <= summary["makespan_s"] + 1e-9
+    assert summary["makespan_s"] < summary["makespan_sequential_s"]
+    assert all(wait >= 0 for wait in summary["wait_s"].values())

@@ -1,0 +1,207 @@
+"""Space-time plans all the way: motion plan, graph, proof, execution under delays, audit."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.construction.checks.checker import SpaceTimeChecker
+from planning.construction.export.motion_plan_export import (
+    export_motion_plan,
+    planned_makespan,
+)
+from planning.construction.export.planned_task import PlannedTask, with_task, world_of
+from planning.construction.paths.rrt import RrtSettings, space_time_rrt
+from planning.construction.world.fixed_world import FixedWorld
+from planning.errors import PlanInvariantError
+from planning.motion.motion_plan import MotionPlan
+from planning.tasks.task_graph import TRANSIT
+from planning.transforms import translation
+from scheduling.build_tpg import build_tpg
+from scheduling.graph.rollout import earliest_times
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.verification.verify import verify_plan
+from tests.planning.construction.toy_building import Builder
+from tests.planning.construction.toy_teams import (
+    box,
+    fixture,
+    flyer,
+    placed,
+    slider,
+    team,
+)
+from twin.audit.audit import Auditor
+from twin.audit.cell_description import scene_of
+from twin.audit.executed import read_recording
+from twin.durations import Uniform
+from twin.engine.engine import Simulator
+from twin.recorders.motion_tables import objects_table, trajectory_table, write_table
+from twin.run.folder import OBJECTS, TRAJECTORY
+from twin.run.trajectory import object_placements, robot_trajectories
+from twin.uncertainty.disturbances import Disturbances, RandomStalls
+from twin.uncertainty.skill_durations import SkillDurations
+
+QUICK = RrtSettings(iterations=300, patience=50, rounds=1, checks=0, shortcuts=10)
+
+
+def crossing(count: int, seed: int) -> tuple[FixedWorld, list[PlannedTask]]:
+    """Sliders on a circle change places, some twice, each planned among those before it."""
+    rng = np.random.default_rng(seed)
+    angle = 2 * np.pi * np.arange(count) / count
+    cell = team(
+        [
+            placed(f"s{k}", slider(), (1.1 * np.cos(a), 1.1 * np.sin(a)))
+            for k, a in enumerate(angle)
+        ]
+    )
+    world, tasks = FixedWorld(cell), []
+    for _ in range(count + 2):
+        robot = f"s{rng.integers(count)}"
+        checker = SpaceTimeChecker(world, (robot,))
+        goals = rng.uniform(-1.2, 1.2, (4, 2))
+        found = space_time_rrt(checker, goals, stay=np.inf, settings=QUICK, seed=seed)
+        if found is None:
+            continue
+        task = PlannedTask(robot, TRANSIT, found.time, found.path, 1, f"{robot} goes")
+        world = with_task(world, task)
+        tasks.append(task)
+    return world, tasks
+
+
+@settings(max_examples=3, deadline=None)
+@given(st.integers(0, 1000))
+def test_robots_that_cross_keep_their_times_and_every_guarantee(seed: int) -> None:
+    world, tasks = crossing(3 + seed % 3, seed)
+    plan = export_motion_plan(world.cell, tasks)
+    tpg = build_tpg(plan)
+    assert verify_plan(tpg).ok
+    # Waits may shrink, nothing comes later than planned.
+    assert earliest_times(tpg).makespan <= planned_makespan(plan) + 1e-6
+    for task, motion in zip(plan.tasks, plan.motions, strict=True):
+        line = world.robots[task.robot]
+        for q, t in zip(motion.path, motion.time, strict=True):
+            assert np.allclose(q, line.at(float(t)), atol=1e-9)
+
+
+@cache
+def building() -> tuple[Builder, MotionPlan, TemporalPlanGraph]:
+    """Three flyers build a stack; one hands a beam over to another."""
+    floor = fixture("floor", (6.0, 6.0, 0.2), (0.0, 0.0, -0.1))
+    boxes = tuple(
+        box(f"b{k}", (0.2, 0.2, 0.1), (1.2 * np.cos(2 * k), 1.2 * np.sin(2 * k), 0.05))
+        for k in range(4)
+    )
+    beam = box("beam", (0.8, 0.1, 0.1), (-1.8, 1.8, 0.05))
+    angle = 2 * np.pi * np.arange(3) / 3 + 0.4
+    robots = [
+        placed(f"f{k}", flyer(), (1.6 * np.cos(a), 1.6 * np.sin(a), 0.8))
+        for k, a in enumerate(angle)
+    ]
+    cell = team(robots, fixtures=(floor,), objects=(*boxes, beam))
+    builder = Builder(cell)
+    for k in range(4):
+        robot = min(("f0", "f1", "f2"), key=builder.world.free_from)
+        builder.free(robot)
+        builder.pick(robot, f"b{k}", k + 1)
+        builder.place(robot, f"b{k}", translation(0.0, 0.0, 0.05 + 0.1 * k), k + 1)
+    builder.free("f1")
+    builder.pick("f1", "beam", 5, along=-0.25)
+    builder.hand_over("f1", "f2", "beam", np.array([-1.0, 0.8, 0.9]), 5)
+    builder.place("f2", "beam", translation(1.5, -1.5, 0.05), 5)
+    plan = export_motion_plan(
+        cell, builder.tasks, rests_on={f"b{k}": [f"b{k - 1}"] for k in range(1, 4)}
+    )
+    return builder, plan, build_tpg(plan)
+
+
+def test_a_building_is_proved_safe_and_no_slower_than_planned() -> None:
+    builder, plan, tpg = building()
+    report = verify_plan(tpg)
+    assert report.ok, report.problems
+    assert earliest_times(tpg).makespan <= planned_makespan(plan) + 1e-6
+    assert {t.kind for t in plan.tasks} == {TRANSIT, "pick", "place-down", "handover"}
+    # They do work at the same time.
+    busy = sum(float(m.time[-1] - m.time[0]) for m in plan.motions)
+    assert busy > 1.3 * planned_makespan(plan)
+    places = [t.index for t in plan.tasks if t.kind == "place-down"]
+    edges = {tuple(e) for e in plan.dependencies.tolist()}
+    assert {(a, b) for a, b in pairwise(places[:4])} <= edges
+    again = world_of(plan.cell, builder.tasks)
+    for name, line in builder.world.robots.items():
+        assert np.allclose(again.robots[name].at(7.7), line.at(7.7))
+
+
+def test_nothing_touches_whatever_is_delayed(tmp_path: Path) -> None:
+    _, _, tpg = building()
+    skills = ("pick", "place-down", "handover")
+    varied = SkillDurations({skill: Uniform(0.3, 4.0) for skill in skills})
+    stalls = Disturbances(stalls=RandomStalls(4, (1.0, 10.0)))
+    scene = scene_of(tpg)
+    with Auditor(scene) as auditor:
+        for seed in range(4):
+            simulator = Simulator(tpg, SkillDurations({}))
+            if seed:
+                simulator = Simulator(tpg, varied, disturbances=stalls)
+            run = simulator.run(seed=seed)
+            assert run.outcome == "completed"
+            motions = robot_trajectories(tpg, run)
+            write_table(tmp_path / TRAJECTORY, trajectory_table(motions))
+            placements = object_placements(tpg, run)
+            write_table(tmp_path / OBJECTS, objects_table(placements))
+            found = auditor.audit(read_recording(tmp_path, scene))
+            assert found.violations == ()
+            assert found.configurations > 1000
+
+
+def test_a_plan_in_which_robots_meet_is_refused_by_name() -> None:
+    cell = team(
+        [placed("a", slider(), (-1.0, 0.0)), placed("b", slider(), (0.0, -1.0))]
+    )
+    tasks = [
+        PlannedTask(
+            "a", TRANSIT, np.array([0.0, 4.0]), np.array([[-1.0, 0], [1, 0]]), 1, "east"
+        ),
+        PlannedTask(
+            "b",
+            TRANSIT,
+            np.array([0.0, 4.0]),
+            np.array([[0.0, -1], [0, 1]]),
+            1,
+            "north",
+        ),
+    ]
+    with pytest.raises(PlanInvariantError, match=r"'b' \(north.*'a' \(east.*too close"):
+        export_motion_plan(cell, tasks)
+
+
+def test_close_robots_get_finer_nodes_than_distant_ones() -> None:
+    def nodes(gap: float) -> int:
+        cell = team(
+            [
+                placed("a", slider(), (-1.0, 0.0)),
+                placed("b", slider(), (-1.0 - gap, 0.0)),
+            ]
+        )
+        tasks = [
+            PlannedTask(
+                name,
+                TRANSIT,
+                np.array([0.0, 4.0]),
+                np.array([[x, 0.0], [x + 2.0, 0.0]]),
+                1,
+                name,
+            )
+            for name, x in (("a", -1.0), ("b", -1.0 - gap))
+        ]
+        plan = export_motion_plan(cell, tasks)
+        assert verify_plan(build_tpg(plan)).ok
+        return sum(len(motion.path) - 1 for motion in plan.motions)
+
+    assert nodes(1.0) == 80
+    assert nodes(0.33) > 80

@@ -1,0 +1,210 @@
+"""A run that was killed is resumed: its files are those of a run that never was."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from planning.errors import OutputError
+from scheduling.build_tpg import build_tpg
+from scheduling.graph.plan_files import save_plan
+from tests.twin.turning_arms import SCENARIO, turning_plan
+from twin.cli import app
+from twin.recorders.jsonl import JsonlRecorder
+from twin.scenario.build_workcell import build_workcell
+from twin.scenario.file import load_scenario
+from twin.trial.resume import ResumeError, resume_run
+
+ROOT = Path(__file__).parents[3]
+DISTURBED = """\
+  stalls: {rate_per_h: 600, duration: {kind: fixed, value_s: 2}}
+  emergency_stops: [{at_s: 1.0, duration_s: 2.0}]
+"""
+
+KILLED = """
+import os, signal, sys
+from twin.recorders.jsonl import JsonlRecorder
+from twin.cli import app
+
+write = JsonlRecorder.record
+count = int(sys.argv.pop(1))
+
+def record(self, event):
+    global count
+    count -= 1
+    if count == 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    write(self, event)
+
+JsonlRecorder.record = record
+app()
+"""
+
+
+def command(folder: Path, out: Path) -> list[str]:
+    return [
+        *("run", str(folder / "two.yaml"), "--plan", str(folder), "--out", str(out)),
+        *("--no-audit", "--no-recording", "-q"),
+    ]
+
+
+def invoke(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("plan")
+    (folder / "two.yaml").write_text(SCENARIO + DISTURBED)
+    cell = build_workcell(load_scenario(folder / "two.yaml"), folder)
+    save_plan(build_tpg(turning_plan(cell)), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(plan: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that was never killed."""
+    out = tmp_path_factory.mktemp("whole") / "run"
+    result = invoke(*command(plan, out))
+    assert result.exit_code == 0, result.output
+    return out
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {file.name: file.read_bytes() for file in sorted(folder.iterdir())}
+
+
+def cut(whole: Path, to: Path, size: int) -> Path:
+    """The folder as a kill leaves it: the log cut off, nothing that comes later."""
+    shutil.copytree(whole, to)
+    for name in ("trajectory.parquet", "objects.parquet", "gantt.png", "summary.json"):
+        (to / name).unlink()
+    with (to / "events.jsonl").open("rb+") as file:
+        file.truncate(size)
+    return to
+
+
+def test_a_killed_run_is_brought_to_its_end(
+    plan: Path, whole: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, "17", *command(plan, out)],
+        check=False,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert done.returncode == -signal.SIGKILL
+    assert len((out / "events.jsonl").read_text().splitlines()) == 16
+    assert not (out / "summary.json").exists()
+    result = invoke("resume", out)
+    assert result.exit_code == 0, result.output
+    assert "16 events of the log happened again" in result.stdout
+    assert contents(out) == contents(whole)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.37, 0.9, 1.0])
+def test_a_log_may_be_torn_anywhere(whole: Path, tmp_path: Path, share: float) -> None:
+    size = int(share * (whole / "events.jsonl").stat().st_size)
+    out = cut(whole, tmp_path / "run", size)
+    done = resume_run(out)
+    assert contents(out) == contents(whole)
+    lines = (whole / "events.jsonl").read_bytes()[:size].count(b"\n")
+    assert done.agreed == lines
+    assert done.agreed + done.added == len(
+        (whole / "events.jsonl").read_text().splitlines()
+    )
+
+
+def test_a_run_killed_before_its_first_event_is_resumed(
+    whole: Path, tmp_path: Path
+) -> None:
+    out = cut(whole, tmp_path / "run", 0)
+    (out / "events.jsonl").unlink()
+    assert resume_run(out).agreed == 0
+    assert contents(out) == contents(whole)
+
+
+def test_a_run_that_the_user_broke_off_is_resumed(whole: Path, tmp_path: Path) -> None:
+    size = (whole / "events.jsonl").read_bytes().find(b"\n", 2000) + 1
+    out = cut(whole, tmp_path / "run", size)
+    with (out / "events.jsonl").open("a") as file:
+        for kind, detail in (
+            ("stopped", "interrupted by the user"),
+            ("finished", "aborted"),
+        ):
+            file.write(
+                f'{{"t_s": 1.000000000, "robot": "", "kind": "{kind}", "task": -1, '
+                f'"node": -1, "object": "", "detail": "{detail}"}}\n'
+            )
+    (out / "summary.json").write_text("{}")
+    resume_run(out)
+    assert contents(out) == contents(whole)
+
+
+def test_a_run_that_has_ended_is_left_alone(whole: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    shutil.copytree(whole, out)
+    before = contents(out)
+    result = invoke("resume", out)
+    assert result.exit_code == 0
+    assert "come to its end already" in result.stdout
+    assert contents(out) == before
+    assert json.loads(invoke("resume", out, "--json").stdout)["outcome"] == "completed"
+
+
+def test_a_log_of_another_run_is_refused_and_left_alone(
+    whole: Path, tmp_path: Path
+) -> None:
+    out = cut(whole, tmp_path / "run", 3000)
+    log = (out / "events.jsonl").read_text()
+    changed = log.replace('"kind": "started"', '"kind": "stalled"', 2)
+    (out / "events.jsonl").write_text(changed)
+    number = next(
+        k
+        for k, pair in enumerate(
+            zip(log.splitlines(), changed.splitlines(), strict=True), 1
+        )
+        if pair[0] != pair[1]
+    )
+    with pytest.raises(ResumeError, match=rf"events.jsonl:{number}: the log says"):
+        resume_run(out)
+    assert (out / "events.jsonl").read_text() == changed
+    assert invoke("resume", out).exit_code == 1
+
+
+def test_folders_without_a_run_are_refused(whole: Path, tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="no run to resume"):
+        resume_run(tmp_path)
+    out = cut(whole, tmp_path / "run", 0)
+    content = json.loads((out / "manifest.json").read_text())
+    content["scenario"]["seed"] = 5
+    (out / "manifest.json").write_text(json.dumps(content))
+    with pytest.raises(OutputError, match="scenario_sha256"):
+        resume_run(out)
+    del content["run"]
+    (out / "manifest.json").write_text(json.dumps(content))
+    with pytest.raises(OutputError, match="does not say how to resume: 'run'"):
+        resume_run(out)
+    assert invoke("resume", out).exit_code == 2
+
+
+def test_a_run_that_is_alive_is_not_resumed(whole: Path, tmp_path: Path) -> None:
+    out = cut(whole, tmp_path / "run", 0)
+    log = JsonlRecorder(out / "events.jsonl")
+    try:
+        with pytest.raises(OutputError, match="a running process writes this log"):
+            resume_run(out)
+    finally:
+        log.close()
+    assert (out / "events.jsonl").read_bytes() == b""
+    resume_run(out)
+    assert contents(out) == contents(whole)

@@ -1,0 +1,218 @@
+"""A plan goes through twin, recorders and audit, and every promised file is there."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner, Result
+
+from scheduling.build_tpg import build_tpg
+from scheduling.graph.plan_files import save_plan
+from tests.twin.turning_arms import SCENARIO, turning_plan
+from twin.cli import app
+from twin.run.table import summary_rows
+from twin.scenario.build_workcell import build_workcell
+from twin.scenario.file import load_scenario
+
+FILES = {
+    "manifest.json",
+    "plan.json",
+    "plan.npz",
+    "events.jsonl",
+    "trajectory.parquet",
+    "objects.parquet",
+    "gantt.png",
+    "run.rrd",
+    "summary.json",
+}
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("plan")
+    (folder / "two.yaml").write_text(SCENARIO)
+    cell = build_workcell(load_scenario(folder / "two.yaml"), folder)
+    save_plan(build_tpg(turning_plan(cell)), folder)
+    return folder
+
+
+def invoke(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def test_run_leaves_every_promised_file_and_prints_the_figures(
+    plan: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+    result = invoke("run", plan / "two.yaml", "--plan", plan, "--out", out)
+    assert result.exit_code == 0, result.output
+    assert {p.name for p in out.iterdir()} == FILES
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["outcome"] == "completed"
+    assert summary["audit"]["violations"] == []
+    assert summary["audit"]["configurations"] > 10
+    # Both arms work at once: the longer one decides, and nobody waits.
+    assert summary["makespan_s"] < 0.75 * summary["makespan_sequential_s"]
+    assert set(summary["wait_s"].values()) == {0.0}
+    for word in ("makespan", "below", "wait of left", "nodes", "clean", "twin replay"):
+        assert word in result.stdout
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert manifest["scenario"]["name"] == "two"
+    assert [r["name"] for r in manifest["robots"]] == ["left", "right"]
+
+
+def test_every_file_key_and_column_is_documented(plan: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    arguments = ("run", plan / "two.yaml", "--plan", plan, "--out", out, "-q")
+    assert invoke(*arguments).exit_code == 0
+    page = Path(__file__).parents[3] / "docs" / "reference" / "formats.md"
+    words = set(re.findall(r"`([\w.]+)`", page.read_text()))
+    names = {p.name for p in out.iterdir()}
+    for table in ("trajectory", "objects"):
+        names |= set(pq.read_schema(out / f"{table}.parquet").names)
+    names |= set(json.loads((out / "events.jsonl").read_text().splitlines()[0]))
+    summary = json.loads((out / "summary.json").read_text())
+    names |= set(summary) | set(summary["audit"])
+    names |= set(json.loads((out / "manifest.json").read_text()))
+    names |= set(json.loads((out / "plan.json").read_text()))
+    assert names - words - {f"q_{k}" for k in range(2, 9)} == set()
+
+
+def test_json_output_is_the_summary_and_nothing_else(
+    plan: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+    result = invoke(
+        *("run", plan / "two.yaml", "--plan", plan, "--out", out),
+        *("--json", "--no-audit", "--no-recording"),
+    )
+    assert result.exit_code == 0, result.output
+    assert result.stderr == ""
+    content = json.loads(result.stdout)
+    assert content["folder"] == str(out)
+    assert content["audit"] is None
+    assert {p.name for p in out.iterdir()} == FILES - {"run.rrd"}
+
+
+def test_quiet_prints_nothing(plan: Path, tmp_path: Path) -> None:
+    result = invoke(
+        *("run", plan / "two.yaml", "--plan", plan, "--out", tmp_path / "run"),
+        *("--quiet", "--no-audit", "--no-recording"),
+    )
+    assert (result.exit_code, result.output) == (0, "")
+
+
+def test_options_reach_the_run_and_the_manifest(plan: Path, tmp_path: Path) -> None:
+    results = {}
+    for stalls in (0, 3):
+        out = tmp_path / f"run_{stalls}"
+        result = invoke(
+            *("run", plan / "two.yaml", "--plan", plan, "--out", out, "--seed", 7),
+            *("--policy", "sequential", "--stalls", stalls),
+            *("--json", "--no-audit", "--no-recording"),
+        )
+        results[stalls] = json.loads(result.stdout)
+        manifest = json.loads((out / "manifest.json").read_text())
+        assert manifest["seed"] == manifest["scenario"]["seed"] == 7
+        assert manifest["scenario"]["execution"]["policy"] == "sequential"
+    assert results[3]["makespan_s"] > results[0]["makespan_s"] + 6.0
+    assert results[0]["makespan_s"] == results[0]["makespan_sequential_s"]
+
+
+def test_the_same_seed_gives_the_same_tables(plan: Path, tmp_path: Path) -> None:
+    tables = []
+    for name in ("a", "b"):
+        out = tmp_path / name
+        arguments = ("run", plan / "two.yaml", "--plan", plan, "--out", out, "-q")
+        assert invoke(*arguments, "--no-audit", "--no-recording").exit_code == 0
+        table = pq.read_table(out / "trajectory.parquet").to_pydict()
+        tables.append((table, (out / "events.jsonl").read_text()))
+    assert tables[0] == tables[1]
+
+
+def test_a_plan_for_another_cell_is_refused(plan: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.yaml"
+    other.write_text(SCENARIO.replace("name: right", "name: east"))
+    out = tmp_path / "run"
+    result = invoke("run", other, "--plan", plan, "--out", out)
+    assert result.exit_code == 2
+    assert "is for other robots" in result.stderr
+    assert not out.exists()
+
+
+def test_violations_end_with_code_1_and_are_listed(
+    plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from twin.audit import audit
+
+    found = audit.Violation(1.0, 2.0, "left/arm", "right/arm", 0.004, "link_3 - link_4")
+    report = audit.AuditReport(100, -0.004, (found,))
+    monkeypatch.setattr(audit, "audit_run", lambda *_: report)
+    out = tmp_path / "run"
+    result = invoke(
+        "run", plan / "two.yaml", "--plan", plan, "--out", out, "--no-recording"
+    )
+    assert result.exit_code == 1
+    assert "1 violations" in result.stdout
+    assert "left/arm - right/arm: 4.00 mm deep" in result.stdout
+
+
+def test_an_interrupt_in_the_twin_leaves_a_readable_log_and_code_130(
+    plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from twin.recorders import memory
+
+    def interrupt(self: object, event: object) -> None:
+        counter.append(event)
+        if len(counter) == 5:
+            raise KeyboardInterrupt
+
+    counter: list[object] = []
+    monkeypatch.setattr(memory.MemoryRecorder, "record", interrupt)
+    out = tmp_path / "run"
+    result = invoke("run", plan / "two.yaml", "--plan", plan, "--out", out)
+    assert result.exit_code == 130, result.output
+    assert "interrupted" in result.stderr
+    rows = [json.loads(s) for s in (out / "events.jsonl").read_text().splitlines()]
+    assert len(rows) >= 5
+    assert json.loads((out / "summary.json").read_text())["outcome"] == "aborted"
+
+
+def test_verify_proves_a_saved_plan(plan: Path) -> None:
+    result = invoke("verify", plan)
+    assert result.exit_code == 0, result.output
+    assert "safe for any delays" in result.stdout
+    report = json.loads(invoke("verify", plan, "--json").stdout)
+    assert report["ok"]
+    assert report["min_distance_robots_m"] is None or (
+        report["min_distance_robots_m"] > 0.001
+    )
+
+
+def test_verify_of_no_plan_says_so(tmp_path: Path) -> None:
+    result = invoke("verify", tmp_path)
+    assert result.exit_code == 2
+    assert "cannot read the plan" in result.stderr
+
+
+def test_the_table_can_show_a_run_without_time() -> None:
+    summary = {
+        "outcome": "completed",
+        "seed": 0,
+        "policy": "asynchronous",
+        "makespan_s": 0.0,
+        "makespan_sequential_s": 0.0,
+        "lower_bound_s": 0.0,
+        "wait_s": {"left": 0.0},
+        "nodes": 0,
+        "type2_edges": 0,
+        "planning_s": {"motion": 1.0},
+        "audit": {"configurations": 1, "min_distance_m": None, "violations": []},
+    }
+    rows = {row[0]: row[1:] for row in summary_rows(summary)}
+    assert rows["makespan, asynchronous"] == ("0.00 s", "0.0 % below")
+    assert rows["audit"] == ("clean", "1 configurations")

@@ -1,0 +1,153 @@
+"""Durations of many replications at once are those of one at a time, bit by bit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.tasks.task_graph import SKILLS
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.twin_toys import random_tpg
+from twin.durations import (
+    DurationModel,
+    Empirical,
+    Fixed,
+    Lognormal,
+    Uniform,
+    to_nanoseconds,
+)
+from twin.uncertainty.draws import uniform
+from twin.uncertainty.skill_draws import share_duration
+from twin.uncertainty.skill_durations import SkillDurations, nominal_durations
+
+MODELS: dict[str, DurationModel] = {
+    "pick": Lognormal(6.0, 8.0),
+    "place-down": Uniform(3.0, 5.0),
+    "place-up": Empirical([1.0, 2.0, 7.0]),
+    "handover": Fixed(8.7),
+    "support-top": Lognormal(4.0, 5.0),
+}
+"""All skills but one."""
+
+
+def with_cut_skills(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+    """Cut the first skill node of the first chain that has one into two."""
+    place = next(k for k, chain in enumerate(tpg.chains) if chain.skill.any())
+    chain = tpg.chains[place]
+    node = int(np.flatnonzero(chain.skill)[0])
+    at = int(chain.first[node + 1])
+    cut = replace(
+        chain,
+        waypoints=np.insert(chain.waypoints, at, chain.waypoints[at - 1], axis=0),
+        fraction=np.insert(chain.fraction, at, 1.0),
+        first=np.insert(chain.first, node + 1, at)
+        + (np.arange(len(chain) + 2) > node + 1),
+        task=np.insert(chain.task, node, chain.task[node]),
+        skill=np.insert(chain.skill, node, True),
+        duration=np.insert(chain.duration, node, 0.7),
+        planned_start=np.insert(chain.planned_start, node, chain.planned_start[node]),
+    )
+    chains = (*tpg.chains[:place], cut, *tpg.chains[place + 1 :])
+    return replace(tpg, chains=chains)
+
+
+@settings(deadline=None)
+@given(
+    st.integers(0, 50),
+    st.integers(0, 2**40),
+    st.lists(st.integers(0, 2**40), max_size=6),
+    st.booleans(),
+)
+def test_bulk_equals_one_at_a_time(
+    plan: int, seed: int, replications: list[int], antithetic: bool
+) -> None:
+    tpg = with_cut_skills(random_tpg(plan, tasks=12))
+    durations = SkillDurations(MODELS, antithetic=antithetic)
+    bulk = durations.sample_bulk(tpg, seed=seed, replications=replications)
+    tasks, totals = durations.sample_totals(tpg, seed=seed, replications=replications)
+    assert totals.shape == (len(replications), len(tasks))
+    for row, replication in enumerate(replications):
+        one = durations.sample(tpg, seed=seed, replication=replication)
+        sums = dict.fromkeys(tasks.tolist(), 0)
+        for chain, many, alone in zip(tpg.chains, bulk, one, strict=True):
+            assert many.dtype == alone.dtype == np.int64
+            assert np.array_equal(many[row], alone)
+            for node in np.flatnonzero(chain.skill):
+                if chain.task[node] in sums:
+                    sums[int(chain.task[node])] += int(alone[node])
+        assert list(sums.values()) == totals[row].tolist()
+
+
+def test_a_duration_follows_from_its_name() -> None:
+    """The slow way: one named uniform a task, through the quantile function."""
+    tpg = random_tpg(3, tasks=60)
+    tasks, totals = SkillDurations(MODELS).sample_totals(
+        tpg, seed=5, replications=range(7, 10)
+    )
+    expected = [task for task in tpg.tasks if task.kind in MODELS]
+    assert tasks.tolist() == [task.index for task in expected]
+    assert {task.kind for task in expected} == set(MODELS)
+    for row, replication in enumerate(range(7, 10)):
+        for total, task in zip(totals[row], expected, strict=True):
+            u = uniform(5, replication, task.robot, task.index, task.kind, "duration")
+            quantile = MODELS[task.kind].ppf(np.array([u]))
+            assert total == to_nanoseconds(quantile)[0]
+
+
+def test_antithetic_pairs_mirror_their_uniforms() -> None:
+    tpg = random_tpg(3, tasks=20)
+    models = {skill: Uniform(2.0, 4.0) for skill in SKILLS}
+    _, plain = SkillDurations(models).sample_totals(
+        tpg, seed=5, replications=range(200)
+    )
+    _, paired = SkillDurations(models, antithetic=True).sample_totals(
+        tpg, seed=5, replications=range(200)
+    )
+    assert np.array_equal(paired[::2], plain[::2])
+    assert np.all(np.abs(paired[::2] + paired[1::2] - 6_000_000_000) <= 1)
+    assert not np.array_equal(plain[1::2], paired[1::2])
+
+
+def test_antithetic_pairs_lower_the_variance_of_a_mean() -> None:
+    tpg = random_tpg(3, tasks=20)
+    models = {skill: Lognormal(6.0, 8.0) for skill in SKILLS}
+
+    def variance_of_pair_means(antithetic: bool) -> float:
+        durations = SkillDurations(models, antithetic=antithetic)
+        _, totals = durations.sample_totals(tpg, seed=1, replications=range(4000))
+        sums = totals.sum(axis=1) / 1e9
+        return float(np.var(sums.reshape(-1, 2).mean(axis=1)))
+
+    assert variance_of_pair_means(True) < 0.2 * variance_of_pair_means(False)
+
+
+def test_nothing_to_draw_is_nothing_drawn() -> None:
+    tpg = random_tpg(3, tasks=20)
+    tasks, totals = SkillDurations({}).sample_totals(tpg, seed=1, replications=range(3))
+    assert tasks.shape == (0,)
+    assert totals.shape == (3, 0)
+    bulk = SkillDurations({}).sample_bulk(tpg, seed=1, replications=range(3))
+    for rows, nominal in zip(bulk, nominal_durations(tpg), strict=True):
+        assert np.array_equal(rows, np.stack([nominal] * 3))
+
+
+@settings(deadline=None)
+@given(
+    st.lists(st.integers(0, 10**12), min_size=1, max_size=5),
+    st.lists(st.floats(0, 1e3), min_size=1, max_size=6),
+)
+def test_shares_add_up_and_are_in_proportion(
+    totals: list[int], weights: list[float]
+) -> None:
+    parts = share_duration(np.array(totals), np.array(weights))
+    assert parts.shape == (len(weights), len(totals))
+    assert parts.sum(axis=0).tolist() == totals
+    assert parts.min() >= 0
+    whole = sum(weights)
+    for weight, row in zip(weights, parts, strict=True):
+        share = weight / whole if whole > 0 else 1 / len(weights)
+        assert row == pytest.approx(share * np.array(totals), abs=1.5, rel=1e-9)

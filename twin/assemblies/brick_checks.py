@@ -1,0 +1,270 @@
+"""Checks of LEGO sections: known bricks, in places of their own, not in the air, and enough."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from planning.lego.bricks.assembly import BrickType, Cell, Support
+from planning.lego.bricks.grid import occupied_studs
+from planning.lego.skills.support import supported_cell
+from twin.assemblies.brick_types import brick_types
+from twin.assemblies.structure_checks import find_structure_problems
+from twin.scenario.document.problems import Problem, mark_problems, unknown_name
+from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.sections.lego import (
+    LegoSection,
+    RulesSection,
+    StepSection,
+    StockSection,
+)
+
+Found = Iterator[tuple[KeyPath, str]]
+
+Stud = tuple[int, int, int]
+"""A place on the grid: stud in x and y from 0, layer from 1."""
+
+
+def find_lego_problems(assembly: LegoSection, document: YamlDocument) -> list[Problem]:
+    """Return everything in a LEGO section that cannot be as it is written.
+
+    Args:
+        assembly: passed the checks of its single values.
+        document: where it was read from.
+    """
+    types = brick_types(assembly)
+    unknown = list(_unknown_bricks(assembly, types))
+    if unknown:  # the other checks need every size
+        return mark_problems(document, unknown)
+    problems = mark_problems(
+        document, [*_check_layout(assembly, types), *_check_supply(assembly)]
+    )
+    if assembly.structure is not None:
+        problems += find_structure_problems(assembly, types, document)
+    return problems
+
+
+def _unknown_bricks(assembly: LegoSection, types: Mapping[str, BrickType]) -> Found:
+    groups: tuple[tuple[str, Sequence[StockSection | StepSection]], ...] = (
+        ("stock", assembly.stock),
+        ("steps", assembly.steps),
+    )
+    for group, items in groups:
+        for i, item in enumerate(items):
+            if item.brick not in types:
+                yield (
+                    ("assembly", group, i, "brick"),
+                    unknown_name("brick type", item.brick, tuple(types)),
+                )
+
+
+def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Found:
+    """No two bricks in one place, nothing off the plate, nothing in the air."""
+    studs = assembly.plate.studs
+    owner: dict[str, StockSection] = {s.name: s for s in assembly.stock}
+    stock = list(enumerate(assembly.stock))
+    taken: dict[Stud, str] = {}
+    if assembly.storage_plate is None:
+        yield from _check_stock(stock, types, studs, taken)
+    else:
+        scaffold = [(i, s) for i, s in stock if s.fixed]
+        yield from _check_stock(scaffold, types, studs, taken)
+        stored = [(i, s) for i, s in stock if not s.fixed]
+        yield from _check_stock(stored, types, assembly.storage_plate.studs, {})
+
+    structure = {
+        cell for cell, name in taken.items() if name in owner and owner[name].fixed
+    }
+    for k, step in enumerate(assembly.steps):
+        at = ("assembly", "steps", k)
+        label = f"step {k + 1}"
+        cells = _studs_of(step, types)
+        source = owner.get(step.stock or "")
+        if source is not None and not source.station:
+            for cell in _studs_of(source, types):
+                if taken.get(cell) == source.name:
+                    del taken[cell]
+        if message := _off_plate(cells, studs):
+            yield (*at, "at"), message
+        if other := _first_taken(cells, taken):
+            yield (*at, "at"), f"{label} goes where {other} already is"
+        elif step.place == "down" and not _touches(cells, structure, (-1,)):
+            if not _on_plate(cells):
+                yield (
+                    (*at, "at"),
+                    f"{label} would float: no stud of it is above the plate or a brick placed before",
+                )
+        elif step.place == "up" and not _touches(cells, structure, (1,)):
+            yield (
+                (*at, "at"),
+                f"{label} is placed from below, but no brick placed before is above it",
+            )
+        taken.update(dict.fromkeys(cells, label))
+        structure.update(cells)
+        yield from _check_step(step, types[step.brick], at, taken)
+        yield from _check_allowed(step, assembly.rules, at, label)
+
+
+def _check_step(
+    step: StepSection,
+    brick: BrickType,
+    at: KeyPath,
+    taken: Mapping[Stud, str],
+) -> Found:
+    if step.press is not None:
+        along = brick.studs[1] if step.press.side in (1, 4) else brick.studs[0]
+        # A one-stud edge is gripped with half of the tool beside it.
+        if step.press.offset > max(along - 2, 0):
+            yield (
+                (*at, "press", "offset"),
+                f"the edge has {along} studs: an offset of at most {max(along - 2, 0)} fits",
+            )
+    if step.place == "up" and step.support is None:
+        yield at, "a brick placed from below needs 'support'"
+    if step.support is not None:
+        x, y, z = step.support.at
+        support = Support(x, y, z, step.support.orientation)
+        cells = [(c.x, c.y, c.z) for c in supported_cell(support)]
+        if other := _first_taken(cells, taken):
+            yield (*at, "support", "at"), f"the support goes where {other} is"
+
+
+def _check_allowed(
+    step: StepSection, rules: RulesSection, at: KeyPath, label: str
+) -> Found:
+    """Steps must keep to the rules of the assembly."""
+    if step.place == "up" and not rules.place_up:
+        text = f"{label} places from below, which 'rules' forbid (place_up)"
+        yield (*at, "place"), text
+    elif step.place == "down" and step.support is not None and not rules.support:
+        text = f"{label} has a support, which 'rules' forbid (support)"
+        yield (*at, "support"), text
+
+
+def _check_stock(
+    stock: Sequence[tuple[int, StockSection]],
+    types: Mapping[str, BrickType],
+    studs: Sequence[int],
+    taken: dict[Stud, str],
+) -> Found:
+    """Check the stock of one plate, and note the studs it takes."""
+    for i, item in stock:
+        at: KeyPath = ("assembly", "stock", i, "at")
+        cells = _studs_of(item, types)
+        if message := _off_plate(cells, studs):
+            yield at, message
+        if other := _first_taken(cells, taken):
+            yield at, f"{item.name} stands where {other} already stands"
+        taken.update(dict.fromkeys(cells, item.name))
+    yield from _check_stock_stands(stock, types, taken)
+
+
+def _check_stock_stands(
+    stock: Sequence[tuple[int, StockSection]],
+    types: Mapping[str, BrickType],
+    taken: Mapping[Stud, str],
+) -> Found:
+    """Every stock brick must be joined to the plate through others, never through a station."""
+    cells = {s.name: _studs_of(s, types) for _, s in stock}
+    for i, item in stock:
+        below = {taken.get((x, y, z - 1)) for x, y, z in cells[item.name]}
+        for _, other in stock:
+            if other.station and other.name in below:
+                yield (
+                    ("assembly", "stock", i, "at"),
+                    f"{item.name} stands on the feeding station {other.name}",
+                )
+    held = {name for name, c in cells.items() if _on_plate(c)}
+    frontier = list(held)
+    while frontier:
+        for x, y, z in cells[frontier.pop()]:
+            for neighbour in ((x, y, z + 1), (x, y, z - 1)):
+                name = taken.get(neighbour)
+                if name is not None and name not in held:
+                    held.add(name)
+                    frontier.append(name)
+    for i, item in stock:
+        if item.name not in held and item.at[2] >= 1:
+            yield (
+                ("assembly", "stock", i, "at"),
+                f"{item.name} floats: it is not joined to the plate",
+            )
+
+
+def _check_supply(assembly: LegoSection) -> Found:
+    """Every step must find a brick."""
+    free = [s for s in assembly.stock if not s.fixed]
+    stations = {s.brick for s in free if s.station}
+    supply = Counter(s.brick for s in free)
+    owner = {s.name: s for s in assembly.stock}
+    used: dict[str, int] = {}
+    need: Counter[str] = Counter()
+    for k, step in enumerate(assembly.steps):
+        at: KeyPath = ("assembly", "steps", k)
+        need[step.brick] += 1
+        lacking = need[step.brick] > supply[step.brick]
+        if lacking and step.stock is None and step.brick not in stations:
+            yield (
+                (*at, "brick"),
+                f"step {k + 1} is the {_ordinal(need[step.brick])} to need a {step.brick}, "
+                f"but the stock has {supply[step.brick]}",
+            )
+        if step.stock is None:
+            continue
+        source = owner.get(step.stock)
+        if source is None:
+            names = tuple(s.name for s in free)
+            yield (*at, "stock"), unknown_name("stock brick", step.stock, names)
+        elif source.brick != step.brick:
+            yield (
+                (*at, "stock"),
+                f"{source.name} is a {source.brick}, step {k + 1} needs a {step.brick}",
+            )
+        elif source.fixed:
+            yield (*at, "stock"), f"{source.name} is fixed and cannot be used"
+        elif source.name in used and not source.station:
+            first = used[source.name]
+            yield (*at, "stock"), f"{source.name} is already used by step {first}"
+        used.setdefault(step.stock, k + 1)
+
+
+def _studs_of(
+    item: StockSection | StepSection, types: Mapping[str, BrickType]
+) -> frozenset[Stud]:
+    x, y, z = item.at
+    return occupied_studs(Cell(x, y, z, item.turned), types[item.brick])
+
+
+def _off_plate(cells: frozenset[Stud], studs: Sequence[int]) -> str:
+    for x, y, z in sorted(cells):
+        if z < 1:
+            return f"layer {z} is below the plate: the lowest layer is 1"
+        if z == 1 and not (0 <= x < studs[0] and 0 <= y < studs[1]):
+            return (
+                f"stud ({x}, {y}) is beyond the plate of {studs[0]} x {studs[1]} studs"
+            )
+    return ""
+
+
+def _first_taken(
+    cells: Iterable[Stud],
+    taken: Mapping[Stud, str],
+) -> str:
+    return next((taken[c] for c in cells if c in taken), "")
+
+
+def _on_plate(cells: frozenset[Stud]) -> bool:
+    return any(z == 1 for _, _, z in cells)
+
+
+def _touches(
+    cells: frozenset[Stud], structure: set[Stud], layers: Sequence[int]
+) -> bool:
+    return any((x, y, z + dz) in structure for x, y, z in cells for dz in layers)
+
+
+def _ordinal(n: int) -> str:
+    suffix = (
+        "th" if 10 < n % 100 < 14 else {1: "st", 2: "nd", 3: "rd"}.get(n % 10, "th")
+    )
+    return f"{n}{suffix}"

@@ -1,0 +1,96 @@
+"""Which overlaps the audit accepts: the plan says who may touch whom, the audit sets bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from twin.audit.cell_description import AuditScene
+from twin.audit.executed import Recording, RobotRows
+
+CONTACT_DEPTH = 0.003
+"""Allowed contacts may be this deep [m]."""
+
+SLACK = 1e-4
+"""Overlaps up to this are numerical: 2.5 times the measured error of Bullet's distances [m]."""
+
+
+class ContactRule:
+    """How deep two things may overlap at a time.
+
+    A contact counts as allowed only if the plan lists it for the tasks at hand *and* it is of a
+    kind that handling needs: a tool and an object, two objects, or an object and a fixture.
+    Robots never touch each other, and an arm never touches anything.
+
+    Args:
+        scene: the allowed contacts of the plan.
+        recording: tells which task each robot is at.
+    """
+
+    def __init__(self, scene: AuditScene, recording: Recording) -> None:
+        self._recording = recording
+        self._tasks = scene.task_of_node
+        self._known: dict[tuple[str, float], frozenset[int]] = {}
+        objects = {box.name for box in scene.objects}
+        fixtures = {box.name for box in scene.fixtures}
+        tools = {f"{robot.name}/tool": robot.name for robot in scene.robots}
+        self._tools: Mapping[str, str] = tools
+        self._allowed: dict[frozenset[str], list[frozenset[int]]] = {}
+        for contact in scene.allowed:
+            pair = frozenset((contact.first, contact.second))
+            partners = pair - objects
+            if (
+                len(pair) == 2
+                and len(partners) <= 1
+                and partners <= tools.keys() | fixtures
+            ):
+                self._allowed.setdefault(pair, []).append(contact.tasks)
+
+    def depth(
+        self, first: str, second: str, holders: Mapping[str, str | None], t: float
+    ) -> float:
+        """Return the greatest overlap that is no violation [m].
+
+        Args:
+            first, second: entities.
+            holders: object name to the robot that holds it, None at rest.
+            t: time [s].
+        """
+        entries = self._allowed.get(frozenset((first, second)))
+        if entries is None:
+            return SLACK
+        owners = {
+            owner
+            for name in (first, second)
+            if (owner := self._tools.get(name, holders.get(name))) is not None
+        }
+        for tasks in entries:
+            if all(tasks & self.tasks_at(owner, t) for owner in owners):
+                return CONTACT_DEPTH
+        return SLACK
+
+    def tasks_at(self, robot: str, t: float) -> frozenset[int]:
+        """Return the tasks a robot is at: two at the moment one ends and when it stands."""
+        key = (robot, t)
+        if key not in self._known:
+            rows = self._recording.robots[robot]
+            tasks = self._tasks[robot]
+            if len(tasks):
+                nodes = np.clip(_nodes_at(rows, t), 0, len(tasks) - 1)
+                self._known[key] = frozenset(tasks[nodes].tolist())
+            else:
+                self._known[key] = frozenset()
+        return self._known[key]
+
+
+def _nodes_at(rows: RobotRows, t: float) -> np.ndarray:
+    low = int(np.searchsorted(rows.t, t, side="left"))
+    high = int(np.searchsorted(rows.t, t, side="right"))
+    last = len(rows.t) - 1
+    if low == high:  # strictly between two rows
+        before, after = max(low - 1, 0), min(low, last)
+        if np.array_equal(rows.q[before], rows.q[after]):
+            return np.array([rows.node[before], rows.node[after]])
+        return np.array([rows.node[after]])
+    return np.asarray(rows.node[max(low, 0) : min(high, last) + 1])

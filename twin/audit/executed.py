@@ -1,0 +1,151 @@
+"""What was executed, read back from ``trajectory.parquet`` and ``objects.parquet`` alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from planning.errors import OutputError
+from planning.transforms import Array, Transform, from_quat_wxyz
+from scheduling.graph.temporal_plan_graph import Indices
+from twin.audit.cell_description import AuditScene
+
+WORLD = "world"
+
+
+@dataclass(frozen=True)
+class RobotRows:
+    """The rows of one robot: straight lines in joint space join them.
+
+    Attributes:
+        t: times, shape (k,), never falling [s].
+        q: configurations, shape (k, n).
+        node: node of each row, shape (k,), -1 before the first.
+    """
+
+    t: Array
+    q: Array
+    node: Indices
+
+    def at(self, times: Array) -> Array:
+        """Return configurations at some times, shape (m, n)."""
+        k = np.clip(np.searchsorted(self.t, times), 1, max(len(self.t) - 1, 1))
+        if len(self.t) == 1:
+            return np.repeat(self.q, len(times), axis=0)
+        span = self.t[k] - self.t[k - 1]
+        share = np.divide(
+            times - self.t[k - 1], span, out=np.ones_like(times), where=span > 0
+        )
+        before, after = self.q[k - 1], self.q[k]
+        # Written so that a standing robot keeps exactly the same values.
+        return np.asarray(before + (after - before) * np.clip(share, 0, 1)[:, None])
+
+
+@dataclass(frozen=True)
+class ObjectRow:
+    """From ``t`` on an object is held by a robot (flange frame) or at rest (world).
+
+    Attributes:
+        t: when [s].
+        object: its name.
+        holder: the robot, None at rest.
+        pose: of the object's centre.
+    """
+
+    t: float
+    object: str
+    holder: str | None
+    pose: Transform
+
+
+@dataclass(frozen=True)
+class Recording:
+    """An execution.
+
+    Attributes:
+        robots: the rows of every robot of the scene.
+        objects: rows by time.
+        end: time of the last row [s].
+    """
+
+    robots: Mapping[str, RobotRows]
+    objects: tuple[ObjectRow, ...]
+    end: float
+
+
+def read_recording(folder: Path, scene: AuditScene) -> Recording:
+    """Read the tables of a run.
+
+    Args:
+        folder: of the run.
+        scene: names robots and objects; a robot without rows stands at HOME.
+
+    Raises:
+        OutputError: a table is missing, or does not fit the scene.
+    """
+    moves = _read(folder / "trajectory.parquet")
+    names = np.asarray(moves["robot"])
+    known = {robot.name for robot in scene.robots}
+    _reject(folder, set(names.tolist()) - known, "robot", known)
+    robots = {}
+    for robot in scene.robots:
+        mine = names == robot.name
+        t = np.asarray(moves["t_s"], dtype=float)[mine]
+        if not len(t):
+            robots[robot.name] = RobotRows(
+                np.zeros(1), robot.home[None, :], np.full(1, -1)
+            )
+            continue
+        columns = [f"q_{j}" for j in range(len(robot.joints))]
+        q = np.stack([np.asarray(moves[c], dtype=float)[mine] for c in columns], axis=1)
+        node = np.asarray(moves["node"], dtype=np.int64)[mine]
+        _check_rows(folder, robot.name, t, q)
+        robots[robot.name] = RobotRows(t, q, node)
+    table = _read(folder / "objects.parquet")
+    boxes = {box.name for box in scene.objects}
+    _reject(folder, set(table["object"]) - boxes, "object", boxes)
+    rows = []
+    for t_s, name, parent, xyz, quat in zip(
+        *(table[c] for c in ("t_s", "object", "parent", "xyz", "quat_wxyz")),
+        strict=True,
+    ):
+        holder = None if parent == WORLD else str(parent).rpartition("/")[0]
+        if holder is not None:
+            _reject(folder, {holder} - known, "robot", known)
+        rows.append(ObjectRow(t_s, name, holder, from_quat_wxyz(xyz, quat)))
+    rows.sort(key=lambda row: row.t)
+    end = max(float(r.t[-1]) for r in robots.values())
+    return Recording(robots, tuple(rows), end)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    import pyarrow
+    import pyarrow.parquet
+
+    try:
+        table = pyarrow.parquet.read_table(path)
+    except (OSError, pyarrow.ArrowException) as error:
+        raise OutputError(f"cannot read {path}: {error}") from error
+    return {name: table.column(name).to_pylist() for name in table.column_names}
+
+
+def _reject(folder: Path, unknown: set[str], what: str, known: set[str]) -> None:
+    if unknown:
+        raise OutputError(
+            f"{folder}: the recording has an unknown {what} {sorted(unknown)[0]!r}",
+            choices=tuple(sorted(known)),
+        )
+
+
+def _check_rows(folder: Path, robot: str, t: Array, q: Array) -> None:
+    if not np.all(np.isfinite(q)) or np.any(np.diff(t) < 0):
+        raise OutputError(
+            f"{folder}: rows of robot {robot!r} are incomplete or unordered"
+        )
+    jump = (np.diff(t) == 0) & np.any(np.abs(np.diff(q, axis=0)) > 1e-9, axis=1)
+    if np.any(jump):
+        raise OutputError(f"{folder}: robot {robot!r} jumps at {t[:-1][jump][0]:.6f} s")

@@ -1,1 +1,0 @@
-"""The engine for many replications at once: longest paths through the graph."""

@@ -1,0 +1,170 @@
+"""The second engine: many replications of a plan side by side, as longest paths.
+
+It gives the same integer nanoseconds as the event engine, wherever completion times are longest
+paths at all: messages take no time, and nothing happens at times of the run's clock. What the
+policies make of a plan is in ``policy_graph``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from planning.transforms import Array
+from scheduling.graph.temporal_plan_graph import Indices, TemporalPlanGraph
+from twin.durations import Nanoseconds, to_nanoseconds
+from twin.engine.bulk.flat_graph import PrecedenceArrays
+from twin.engine.bulk.max_plus import Completions, completions, makespans
+from twin.engine.bulk.policy_graph import policy_graph
+from twin.run.run_record import Policy
+from twin.uncertainty.contraction import Contraction, contract
+from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.node_times import NodeTimeSampler, SegmentTimes
+from twin.uncertainty.skill_draws import SkillDraws
+from twin.uncertainty.skill_durations import SkillDurations
+
+
+@dataclass(frozen=True)
+class _Shares:
+    """How totals of skills make up the segments of a contraction.
+
+    Attributes:
+        fixed: time of each segment that does not vary, shape (segments,) [ns].
+        segment, draw: a segment and the drawn task that is part of it, shape (shares,).
+        low, high: which part of the task's total: ``rint(high * total) - rint(low * total)``.
+    """
+
+    fixed: Nanoseconds
+    segment: Indices
+    draw: Indices
+    low: Array
+    high: Array
+
+
+class BulkEngine:
+    """Executes one plan as often as asked, many replications at a time.
+
+    Args:
+        tpg: what to execute.
+        durations: gives skills their durations.
+        policy: how nodes are released.
+        disturbances: what may go wrong, None for nothing.
+
+    Raises:
+        PlanInvariantError: the policy is synchronous, but the plan was not made in slots.
+    """
+
+    def __init__(
+        self,
+        tpg: TemporalPlanGraph,
+        durations: SkillDurations,
+        *,
+        policy: Policy = "asynchronous",
+        disturbances: Disturbances | None = None,
+    ) -> None:
+        self.tpg = tpg
+        self._sampler = NodeTimeSampler(tpg, durations, disturbances)
+        self.contraction: Contraction = contract(tpg)
+        self.graph: PrecedenceArrays = policy_graph(self.contraction.tpg, policy)
+        self._draws = durations.bind(tpg)
+        self._shares = _shares(self._draws, self.contraction)
+        self._bare = disturbances is None or disturbances == Disturbances()
+
+    def sample(self, *, seed: int, replications: npt.ArrayLike) -> SegmentTimes:
+        """Draw what every segment takes in some replications."""
+        numbers = np.asarray(replications, dtype=np.int64)
+        if self._bare:
+            totals = self._draws.totals(seed=seed, replications=numbers).T
+            none = np.zeros(len(numbers), dtype=np.bool_)
+            return SegmentTimes(self._busy(totals), none)
+        return self._sampler.sample_segments(
+            self.contraction, seed=seed, replications=numbers
+        )
+
+    def _busy(self, totals: Nanoseconds) -> Nanoseconds:
+        """Return the times of segments from those of skills, shape (tasks, r) [ns]."""
+        shares = self._shares
+        busy = np.repeat(shares.fixed[:, None], totals.shape[1], axis=1)
+        _add_shares(
+            np.ascontiguousarray(totals),
+            shares.segment,
+            shares.draw,
+            shares.low,
+            shares.high,
+            busy,
+        )
+        return busy
+
+    def makespans_ns(self, *, seed: int, replications: npt.ArrayLike) -> Nanoseconds:
+        """Return the makespan of each replication, shape (r,) [ns], and nothing else."""
+        times = self.sample(seed=seed, replications=replications)
+        return makespans(self.graph, times.busy_ns)
+
+    def least_makespan_ns(self) -> int:
+        """Return the makespan if every skill is as quick as it can be [ns].
+
+        No undisturbed run is shorter.
+        """
+        totals = np.zeros((len(self._draws.tasks), 1), dtype=np.int64)
+        for model, rows in self._draws.groups:
+            totals[rows] = to_nanoseconds(model.minimum)
+        busy = self._busy(totals)
+        return int(makespans(self.graph, busy)[0])
+
+    def run(self, *, seed: int, replications: npt.ArrayLike) -> Completions:
+        """Execute replications in none of which a task fails for good.
+
+        Nodes of what is returned are segments of ``contraction``.
+        """
+        times = self.sample(seed=seed, replications=replications)
+        return completions(self.graph, times.busy_ns)
+
+
+def _shares(draws: SkillDraws, contraction: Contraction) -> _Shares:
+    segment_of = [
+        np.repeat(np.arange(len(first) - 1), np.diff(first))
+        for first in contraction.first
+    ]
+    offsets = np.cumsum([0, *(len(first) - 1 for first in contraction.first)])
+    fixed = [nominal.copy() for nominal in draws.nominal]
+    rows: list[tuple[int, int, float, float]] = []
+    for draw, (chain, nodes, weights) in enumerate(draws.nodes):
+        fixed[chain][nodes] = 0
+        # The parts of a total are differences of rounded cumulative shares, so the parts of a
+        # segment add up to the difference at its borders.
+        cumulative = np.cumsum(weights)
+        if cumulative[-1] <= 0:
+            cumulative = np.arange(1.0, len(weights) + 1)
+        upto = np.concatenate([[0.0], cumulative / cumulative[-1]])
+        own = segment_of[chain][nodes]
+        cuts = np.flatnonzero(np.diff(own, prepend=-1, append=-1))
+        for low, high in zip(cuts, cuts[1:], strict=False):
+            segment = int(offsets[chain] + own[low])
+            rows.append((segment, draw, float(upto[low]), float(upto[high])))
+    sums = np.concatenate([*contraction.sums(fixed), np.empty(0, dtype=np.int64)])
+    return _Shares(
+        fixed=sums.astype(np.int64),
+        segment=np.array([row[0] for row in rows], dtype=np.int64),
+        draw=np.array([row[1] for row in rows], dtype=np.int64),
+        low=np.array([row[2] for row in rows], dtype=float),
+        high=np.array([row[3] for row in rows], dtype=float),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _add_shares(
+    totals: Nanoseconds,
+    segment: Indices,
+    draw: Indices,
+    low: Array,
+    high: Array,
+    busy: Nanoseconds,
+) -> None:
+    for k in range(len(segment)):
+        for r in range(busy.shape[1]):
+            total = float(totals[draw[k], r])
+            part = np.rint(high[k] * total) - np.rint(low[k] * total)
+            busy[segment[k], r] += np.int64(part)

@@ -1,0 +1,125 @@
+"""Completion times when messages take time and queues are short: longest paths all the same.
+
+A dispatcher that lets a robot have d nodes ahead releases node n once node n - d is reported
+complete and so is everything that n waits for, in order. Releases and reports take time on their
+way. All of that is a maximum of sums, so it needs no events::
+
+    released(n) = max(released(n - 1), end(n - d) + report, end(source) + report, ...)
+    start(n)    = max(end(n - 1), released(n) + release)
+
+What has happened already may be given, then the rest follows from it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from twin.durations import Nanoseconds
+from twin.engine.bulk.flat_graph import PrecedenceArrays
+from twin.engine.messages import Messages
+
+
+class Past(NamedTuple):
+    """What has happened until now, by node; nodes are numbered through, chain by chain.
+
+    Attributes:
+        now_ns: the time; what has not started starts no earlier [ns].
+        start_ns: -1 for a node that has not started, shape (nodes,) [ns].
+        end_ns: -1 for a node that is not complete, shape (nodes,) [ns].
+        not_before_ns: when each robot can go on, shape (chains, replications) [ns].
+    """
+
+    now_ns: int
+    start_ns: Nanoseconds
+    end_ns: Nanoseconds
+    not_before_ns: Nanoseconds
+
+
+def nothing_yet(graph: PrecedenceArrays, replications: int) -> Past:
+    """Return the past of a run that has not begun."""
+    nodes, chains = len(graph.order), len(graph.chain_first) - 1
+    return Past(
+        0,
+        np.full(nodes, -1, dtype=np.int64),
+        np.full(nodes, -1, dtype=np.int64),
+        np.zeros((chains, replications), dtype=np.int64),
+    )
+
+
+def end_times(
+    graph: PrecedenceArrays, busy_ns: Nanoseconds, messages: Messages, past: Past
+) -> Nanoseconds:
+    """Return when every node is complete, for several replications.
+
+    Args:
+        graph: what must wait for what, not contracted.
+        busy_ns: stall and duration of each node together, for a node under way what is left
+            of it from now on, shape (nodes, replications) [ns].
+        messages: between robots and dispatcher.
+        past: what has happened already.
+
+    Returns:
+        Shape (nodes, replications) [ns].
+    """
+    end = np.empty_like(busy_ns)
+    _end_times(
+        graph,
+        busy_ns,
+        messages.queue_depth,
+        messages.report_ns,
+        messages.release_ns,
+        past,
+        np.empty((len(graph.order), busy_ns.shape[1]), dtype=np.int64),
+        end,
+    )
+    return end
+
+
+@njit(cache=True, nogil=True)
+def _end_times(
+    graph: PrecedenceArrays,
+    busy: Nanoseconds,
+    depth: int,
+    report: int,
+    release: int,
+    past: Past,
+    released: Nanoseconds,
+    end: Nanoseconds,
+) -> None:
+    now = np.int64(past.now_ns)
+    chain_of = np.empty(len(graph.order), np.int64)
+    for chain in range(len(graph.chain_first) - 1):
+        for n in range(graph.chain_first[chain], graph.chain_first[chain + 1]):
+            chain_of[n] = chain
+    for n in graph.order:
+        chain = chain_of[n]
+        own = graph.before[n]
+        ahead = n - depth
+        known_start, known_end = past.start_ns[n], past.end_ns[n]
+        for r in range(busy.shape[1]):
+            if known_start >= 0:
+                released[n, r] = known_start - release
+                if known_end >= 0:
+                    end[n, r] = known_end
+                else:
+                    end[n, r] = max(now, past.not_before_ns[chain, r])
+                    end[n, r] += busy[n, r]
+                continue
+            t = np.int64(0)
+            if own >= 0:
+                t = released[own, r]
+            if ahead >= graph.chain_first[chain]:
+                t = max(t, end[ahead, r] + report)
+            for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
+                t = max(t, end[graph.source[e], r] + report)
+            released[n, r] = t
+            t += release
+            if own >= 0:
+                t = max(t, end[own, r])
+            t = max(t, now)
+            t = max(t, graph.not_before[n])
+            t = max(t, past.not_before_ns[chain, r])
+            end[n, r] = t + busy[n, r]

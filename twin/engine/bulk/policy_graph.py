@@ -1,0 +1,91 @@
+"""What a policy makes of a plan: the graph of everything that a node waits for under it.
+
+Every policy releases nodes by what is complete, never by durations; so each of them is a graph.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from heapq import heapify, heappop, heappush
+
+import numpy as np
+
+from scheduling.graph.barriers import with_barriers
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.rollout import earliest_times
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.engine.bulk.critical_paths import OTHER
+from twin.engine.bulk.flat_graph import PrecedenceArrays, precedence_arrays
+from twin.run.run_record import Policy
+from twin.uncertainty.skill_durations import nominal_durations
+
+
+def policy_graph(tpg: TemporalPlanGraph, policy: Policy) -> PrecedenceArrays:
+    """Return what every node of a plan waits for under a policy.
+
+    Args:
+        tpg: the plan.
+        policy: ``"asynchronous"`` waits by the edges of the plan, ``"synchronous"`` for
+            everyone at the end of each slot as well; ``"sequential"`` is one chain of all
+            nodes; under ``"open-loop"`` a node waits for its planned time and nothing else.
+
+    Raises:
+        PlanInvariantError: the policy is synchronous, but the plan was not made in slots.
+    """
+    if policy == "synchronous":
+        barred = with_barriers(tpg)
+        # Barriers need not follow the planned starts, as edges do.
+        order = np.fromiter(sequential_order(barred), dtype=np.int64)
+        return _turns_marked(barred, tpg)._replace(order=order)
+    if policy == "sequential":
+        return _in_turns(tpg)
+    if policy == "open-loop":
+        none = np.empty((0, 4), dtype=np.int64)
+        free = replace(tpg, edges=none, cause=np.empty(0, dtype=np.uint8))
+        starts = earliest_times(tpg, nominal_durations(tpg)).start
+        return precedence_arrays(free, np.concatenate(starts))
+    return precedence_arrays(tpg)
+
+
+def _in_turns(tpg: TemporalPlanGraph) -> PrecedenceArrays:
+    """Return one chain of all nodes, in the order in which they take their turns."""
+    order = np.fromiter(sequential_order(tpg), dtype=np.int64)
+    plain = precedence_arrays(tpg)
+    source = np.full(len(order), -1, dtype=np.int64)
+    source[order[1:]] = order[:-1]
+    has_edge = (source >= 0) & (source != plain.before)
+    return plain._replace(
+        order=order,
+        edge_first=np.concatenate([[0], np.cumsum(has_edge)]).astype(np.int64),
+        source=source[has_edge],
+        cause=np.full(np.count_nonzero(has_edge), OTHER, dtype=np.uint8),
+    )
+
+
+def _turns_marked(
+    barred: TemporalPlanGraph, tpg: TemporalPlanGraph
+) -> PrecedenceArrays:
+    """Return a graph with barriers, in which a wait for a barrier is one for a turn."""
+    own = {tuple(edge) for edge in tpg.edges.tolist()}
+    added = np.array([tuple(edge) not in own for edge in barred.edges.tolist()], bool)
+    return precedence_arrays(
+        replace(barred, cause=np.where(added, OTHER, barred.cause).astype(np.uint8))
+    )
+
+
+def sequential_order(tpg: TemporalPlanGraph) -> Iterator[int]:
+    """Yield node numbers, chain by chain from 0, in the order of the sequential policy.
+
+    Of the nodes that are safe, that of the earliest task comes first.
+    """
+    first = np.cumsum([0, *(len(chain) for chain in tpg.chains)]).tolist()
+    dispatcher = Dispatcher(tpg)
+    task = [chain.task.tolist() for chain in tpg.chains]
+    ready = [(task[k][node], k, node) for k, node in dispatcher.ready()]
+    heapify(ready)
+    while ready:
+        _, chain, node = heappop(ready)
+        yield first[chain] + node
+        for k, safe in dispatcher.complete(chain, node):
+            heappush(ready, (task[k][safe], k, safe))

@@ -1,0 +1,324 @@
+"""One run of the twin under way: robot processes and the dispatcher process (APEX-MR IV-D)."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Generator, Sequence
+from typing import Any
+
+import simpy
+from simpy.events import EventPriority
+
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.durations import NANOSECONDS
+from twin.engine.messages import Messages
+from twin.engine.narrator import Narrator, failure_text, waiting_cause
+from twin.recorders.observers import Observers
+from twin.run.run_record import Outcome, Policy
+from twin.uncertainty.halts import Halts
+from twin.uncertainty.node_times import NodeTimes
+
+_LAST = EventPriority(9)
+"""Priority of what happens after everything else at the same time."""
+
+_Steps = Generator[simpy.Event, Any, None]
+
+
+class Execution:
+    """One run under way."""
+
+    def __init__(
+        self,
+        tpg: TemporalPlanGraph,
+        times: NodeTimes,
+        *,
+        policy: Policy,
+        messages: Messages,
+        dispatcher: Dispatcher,
+        halts: Sequence[Halts] | None = None,
+        planned: Sequence[Sequence[int]] | None = None,
+        observers: Observers | None = None,
+    ) -> None:
+        """Set the cell up at time 0.
+
+        Args:
+            tpg: what to execute.
+            times: how long every node takes and stands.
+            policy: see twin.engine.engine.simulate.
+            messages: between robots and dispatcher.
+            dispatcher: of the graph, nothing complete yet.
+            halts: stops by the clock, one entry a chain.
+            planned: start of every node by the planned clock [ns], for ``open-loop``.
+            observers: told of every event.
+        """
+        self.tpg = tpg
+        self.times = times
+        self.sequential = policy == "sequential"
+        self.queue_depth = messages.queue_depth
+        self.report_ns, self.release_ns = messages.report_ns, messages.release_ns
+        self.halts = halts
+        self.planned = planned if policy == "open-loop" else None
+        self.env = simpy.Environment(initial_time=0)
+        self.dispatcher = dispatcher
+        self.narrator = (
+            Narrator(tpg, times, observers, lambda: int(self.env.now))
+            if observers
+            else None
+        )
+        self.task = [chain.task.tolist() for chain in tpg.chains]
+        self.motion = [motion.tolist() for motion in times.motion]
+        self.stall = [stall.tolist() for stall in times.stall]
+        self.start = [[-1] * len(chain) for chain in tpg.chains]
+        self.end = [[-1] * len(chain) for chain in tpg.chains]
+        self.queue: list[deque[int]] = [deque() for _ in tpg.chains]
+        self.idle: list[simpy.Event | None] = [None] * len(tpg.chains)
+        self.outstanding = [0] * len(tpg.chains)
+        self.released = [0] * len(tpg.chains)
+        self.failed: list[int] = []
+        self.reports: list[tuple[int, int]] = []
+        self.report_arrived = self.env.event()
+
+    @property
+    def now_ns(self) -> int:
+        """Time that has passed [ns]."""
+        return int(self.env.now)
+
+    def execute(self) -> Outcome:
+        """Run until everything is done, nothing can go on, or the user interrupts."""
+        for chain in range(len(self.tpg.chains)):
+            self.env.process(self._robot(chain))
+        if self.planned is None:
+            self.env.process(self._dispatch())
+        outcome: Outcome = "completed"
+        try:
+            if self.narrator is not None and self.halts is not None:
+                self._run_and_tell_of_halts(self.narrator, self.halts)
+            else:
+                self.env.run()
+            if any(end and end[-1] < 0 for end in self.end):
+                outcome = "failed"
+                if self.narrator is not None and not self.failed:
+                    self.narrator.emit("failed", detail=self.deadlock())
+        except KeyboardInterrupt:
+            outcome = "aborted"
+            if self.narrator is not None:
+                self.narrator.emit("stopped", detail="interrupted by the user")
+        finally:
+            if self.narrator is not None:
+                self.narrator.emit("finished", detail=outcome)
+                self.narrator.close()
+        return outcome
+
+    def deadlock(self) -> str:
+        """Return which robots stand and what each of them waits for."""
+        stuck = []
+        for k, chain in enumerate(self.tpg.chains):
+            if self.released[k] < len(chain):
+                node = self.released[k]
+                stuck.append(f"{chain.robot} at node {node} {self._cause(k, node)}")
+        return "deadlock: " + "; ".join(stuck)
+
+    # Robots
+
+    def _robot(self, chain: int) -> _Steps:
+        env, queue, narrator = self.env, self.queue[chain], self.narrator
+        motion, stall = self.motion[chain], self.stall[chain]
+        start, end = self.start[chain], self.end[chain]
+        halts = None if self.halts is None else self.halts[chain]
+        failed = self.times.failed[chain]
+        for node in range(len(motion)):
+            if self.planned is not None:
+                yield from self._until_planned(chain, node)
+            else:
+                if not queue:
+                    arrival = self.idle[chain] = env.event()
+                    if narrator is not None:
+                        self._after_everything_else(narrator, chain, node)
+                    yield arrival
+                queue.popleft()
+            if (
+                halts is not None
+                and (stop := halts.after(self.now_ns) - self.now_ns) > 0
+            ):
+                yield env.timeout(stop)
+            start[node] = int(env.now)
+            if narrator is not None:
+                yield from self._execute_watched(narrator, chain, node)
+            else:
+                busy = stall[node] + (motion[node] if node != failed else 0)
+                yield self._work(chain, busy)
+            if node == failed:
+                self.failed.append(chain)
+                return
+            end[node] = int(env.now)
+            if self.planned is None:
+                self._report(chain, node)
+        if narrator is not None:
+            narrator.emit("finished", chain)
+
+    def _work(self, chain: int, busy_ns: int) -> simpy.Event:
+        """Return the end of some work that begins now; stops by the clock make it later."""
+        if self.halts is None:
+            return self.env.timeout(busy_ns)
+        now = self.now_ns
+        return self.env.timeout(self.halts[chain].advance(now, busy_ns) - now)
+
+    def _until_planned(self, chain: int, node: int) -> _Steps:
+        """Wait until the planned start of a node, whatever the others do."""
+        assert self.planned is not None
+        early = self.planned[chain][node] - self.now_ns
+        if early > 0:
+            if self.narrator is not None:
+                at = f"{self.planned[chain][node] / NANOSECONDS:.3f} s"
+                detail = f"waits for its planned start at {at}"
+                self.narrator.emit("waiting", chain, node, detail=detail)
+            yield self.env.timeout(early)
+
+    def _execute_watched(self, narrator: Narrator, chain: int, node: int) -> _Steps:
+        """Execute a node and tell of everything that happens in it."""
+        narrator.emit("started", chain, node)
+        failed = node == self.times.failed[chain]
+        stands = narrator.standstills(chain, node)
+        attempt = 0
+        for k, entry in enumerate(stands):
+            narrator.stands(chain, node, entry)
+            yield self._work(chain, entry.duration_ns)
+            attempt += entry.cause == "retry"
+            if failed and k == len(stands) - 1:
+                detail = failure_text(self.tpg, self.times, chain)
+                narrator.emit("failed", chain, node, detail=detail)
+                return
+            narrator.goes_on(chain, node, entry, attempt)
+        passed = 0
+        for offset, name, holder in narrator.handlings(chain, node):
+            if offset > passed:
+                yield self._work(chain, offset - passed)
+                passed = offset
+            narrator.handle(chain, node, name, holder)
+        if self.motion[chain][node] > passed:
+            yield self._work(chain, self.motion[chain][node] - passed)
+        narrator.emit("completed", chain, node)
+
+    def _after_everything_else(self, narrator: Narrator, chain: int, node: int) -> None:
+        """Tell that a robot waits unless a node reaches it at this very time."""
+
+        def tell(_: simpy.Event) -> None:
+            if self.idle[chain] is not None and self.start[chain][node] < 0:
+                narrator.emit("waiting", chain, node, detail=self._cause(chain, node))
+
+        check = self.env.event()
+        check._ok, check._value = True, None
+        check.callbacks.append(tell)
+        self.env.schedule(check, priority=_LAST)
+
+    def _cause(self, chain: int, node: int) -> str:
+        return waiting_cause(
+            self.tpg, self.dispatcher, chain, node, sequential=self.sequential
+        )
+
+    def _run_and_tell_of_halts(
+        self, narrator: Narrator, halts: Sequence[Halts]
+    ) -> None:
+        """Run, and tell of stops by the clock before anything else at their time.
+
+        They are not events of the simulation: nobody would know when to stop waiting for them.
+        """
+        edge = min(own.next_edge(-1) for own in halts)
+        while (upcoming := self.env.peek()) < math.inf:
+            while edge <= upcoming:
+                for chain in range(len(halts)):
+                    if self._has_work_left(chain):
+                        node = self._under_way(chain)
+                        narrator.stopped(halts, chain, node, edge)
+                edge = min(own.next_edge(edge) for own in halts)
+            self.env.step()
+
+    def _has_work_left(self, chain: int) -> bool:
+        end = self.end[chain]
+        return bool(end) and end[-1] < 0 and chain not in self.failed
+
+    def _under_way(self, chain: int) -> int:
+        """Return the node that a robot has started and not completed, -1 for none."""
+        done = sum(end >= 0 for end in self.end[chain])
+        begun = done < len(self.end[chain]) and self.start[chain][done] >= 0
+        return done if begun else -1
+
+    # Messages
+
+    def _report(self, chain: int, node: int) -> None:
+        """Send the dispatcher word that a node is complete."""
+        if self.report_ns == 0:
+            self._receive_report(chain, node)
+        else:
+            message = self.env.timeout(self.report_ns)
+            message.callbacks.append(lambda _: self._receive_report(chain, node))
+
+    def _receive_report(self, chain: int, node: int) -> None:
+        self.reports.append((chain, node))
+        if not self.report_arrived.triggered:
+            self.report_arrived.succeed()
+
+    def _send(self, chain: int, node: int) -> None:
+        """Send a robot its next node."""
+        if self.release_ns == 0:
+            self._enqueue(chain, node)
+        else:
+            message = self.env.timeout(self.release_ns)
+            message.callbacks.append(lambda _: self._enqueue(chain, node))
+
+    def _enqueue(self, chain: int, node: int) -> None:
+        self.queue[chain].append(node)
+        arrival, self.idle[chain] = self.idle[chain], None
+        if arrival is not None:
+            arrival.succeed()
+
+    # Dispatcher
+
+    def _dispatch(self) -> _Steps:
+        while True:
+            self._release_safe()
+            self.report_arrived = self.env.event()
+            yield self.report_arrived
+            for chain, node in self.reports:
+                self.dispatcher.complete(chain, node)
+                self.outstanding[chain] -= 1
+            self.reports.clear()
+
+    def _release_safe(self) -> None:
+        """Release what has become safe and fits into the queues."""
+        chains = range(len(self.queue))
+        if self.sequential:
+            if not any(self.outstanding):
+                ready = [k for k in chains if self._next_is_safe(k)]
+                if ready:
+                    self._release(
+                        min(ready, key=lambda k: self.task[k][self.released[k]])
+                    )
+            return
+        for chain in chains:
+            while self.outstanding[chain] < self.queue_depth and self._next_is_safe(
+                chain
+            ):
+                self._release(chain)
+
+    def _next_is_safe(self, chain: int) -> bool:
+        """Return whether the next node to release waits for no other robot.
+
+        Its own robot works through its queue in order, so it need not be done with that.
+        """
+        node = self.released[chain]
+        if node == len(self.task[chain]):
+            return False
+        if self.outstanding[chain] == 0:
+            return self.dispatcher.is_safe(chain, node)
+        return not self.dispatcher.waits_for(chain, node)
+
+    def _release(self, chain: int) -> None:
+        node = self.released[chain]
+        self.released[chain] += 1
+        self.outstanding[chain] += 1
+        if self.narrator is not None:
+            self.narrator.emit("released", chain, node)
+        self._send(chain, node)

@@ -1,0 +1,79 @@
+"""The tables ``trajectory.parquet`` and ``objects.parquet``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from planning.transforms import quat_wxyz
+from twin.durations import NANOSECONDS
+from twin.host.atomic import replacing
+from twin.run.trajectory import Placement, Trajectory
+
+WORLD = "world"
+FLANGE = "flange"
+
+
+def trajectory_table(trajectories: Sequence[Trajectory]) -> pa.Table:
+    """Return columns t_s, robot, q_0 ... q_k and node, robot after robot.
+
+    A robot with fewer joints than another has nulls in the columns that it does not need.
+    """
+    counts = [len(motion.t_ns) for motion in trajectories]
+    names = pa.array([motion.robot for motion in trajectories], pa.string())
+    index = pa.array(np.repeat(np.arange(len(counts), dtype=np.int32), counts))
+    columns = {
+        "t_s": pa.array(_joined([m.t_ns for m in trajectories]) / NANOSECONDS),
+        "robot": pa.DictionaryArray.from_arrays(index, names),
+    }
+    for j in range(max((m.q.shape[1] for m in trajectories), default=0)):
+        chunks = [
+            pa.array(np.ascontiguousarray(m.q[:, j]))
+            if j < m.q.shape[1]
+            else pa.nulls(len(m.t_ns), pa.float64())
+            for m in trajectories
+        ]
+        columns[f"q_{j}"] = pa.chunked_array(chunks, pa.float64())
+    columns["node"] = pa.array(_joined([m.node for m in trajectories]))
+    return pa.table(columns)
+
+
+def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
+    return np.concatenate([np.zeros(0, np.int64), *parts])
+
+
+def objects_table(placements: Sequence[Placement]) -> pa.Table:
+    """Return columns t_s, object, parent, xyz and quat_wxyz, by time.
+
+    The parent is ``world``, or ``<robot>/flange`` for an object that is held.
+    """
+    return pa.table(
+        {
+            "t_s": pa.array([p.t_ns / NANOSECONDS for p in placements], pa.float64()),
+            "object": pa.array([p.object for p in placements], pa.string()),
+            "parent": pa.array(
+                [
+                    WORLD if p.holder is None else f"{p.holder}/{FLANGE}"
+                    for p in placements
+                ],
+                pa.string(),
+            ),
+            "xyz": pa.array(
+                [p.pose[:3, 3].tolist() for p in placements], pa.list_(pa.float64(), 3)
+            ),
+            "quat_wxyz": pa.array(
+                [quat_wxyz(p.pose).tolist() for p in placements],
+                pa.list_(pa.float64(), 4),
+            ),
+        }
+    )
+
+
+def write_table(path: Path, table: pa.Table) -> None:
+    """Write a table as Parquet, whole or not at all."""
+    with replacing(path) as temporary:
+        pq.write_table(table, temporary, compression="zstd")

@@ -1,0 +1,66 @@
+"""From the cell of a scenario to the cell that planning works with."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from planning.cell.robot_model import RobotModel
+from planning.cell.workcell import Clearances, Fixture, PlacedRobot, Workcell
+from planning.transforms import readonly
+from twin.assemblies.kinds import assembly_kind
+from twin.scenario.sections.poses import build_transform
+from twin.scenario.sections.scenario import FixtureSection, RobotSection, Scenario
+
+
+def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
+    """Return the cell of a scenario: robots, fixtures, and what is to be assembled.
+
+    Args:
+        scenario: a checked scenario.
+        folder: where relative paths in it start, that of its file.
+
+    Raises:
+        RobotModelError: a robot description cannot be used.
+    """
+    clearance = scenario.cell.clearance
+    assembly = assembly_kind(scenario.assembly)
+    return Workcell(
+        robots=tuple(_robot(r, folder) for r in scenario.cell.robots),
+        fixtures=(
+            *(_fixture(f) for f in scenario.cell.fixtures),
+            *assembly.fixtures(),
+        ),
+        objects=assembly.objects(),
+        clearances=Clearances(clearance.robot_robot_m, clearance.robot_object_m),
+    )
+
+
+def _robot(section: RobotSection, folder: Path) -> PlacedRobot:
+    from planning.robots.registry import robot_model
+
+    model: RobotModel = robot_model(section.model, folder)
+    if section.frames:
+        own = {name: build_transform(pose) for name, pose in section.frames.items()}
+        model = dataclasses.replace(model, frames={**model.frames, **own})
+    if section.home_deg is not None:
+        home = readonly(np.deg2rad(section.home_deg))
+    elif section.home_rad_or_m is not None:
+        home = readonly(section.home_rad_or_m)
+    else:
+        home = model.home
+    if section.parked is not None:
+        x, y = section.parked.at_m
+        stand = (x, y, np.deg2rad(section.parked.facing_deg))
+        home = readonly((*stand, *home[3:]))
+    return PlacedRobot(section.name, model, build_transform(section.base), home)
+
+
+def _fixture(section: FixtureSection) -> Fixture:
+    from planning.cell.cover import box_body
+
+    size = readonly(section.size_m)
+    pose = build_transform(section.pose)
+    return Fixture(section.name, size, pose, box_body(section.name, size))

@@ -1,0 +1,171 @@
+"""The cell of a scenario: robots, one by one or as a team, and what stands around them."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any
+
+from pydantic import Field, model_validator
+
+from planning.errors import ScenarioError
+from twin.scenario.sections.base import Name, PoseSection, Section, Size3
+
+Vector2 = Annotated[tuple[float, ...], Field(min_length=2, max_length=2)]
+
+
+class ParkedSection(Section):
+    """Where a mobile robot stands at HOME, on the ground of its base frame.
+
+    Attributes:
+        at_m: x and y.
+        facing_deg: direction of its front, from the x axis towards y.
+    """
+
+    at_m: Vector2
+    facing_deg: float = 0.0
+
+
+class RobotSection(Section):
+    """A robot of the cell.
+
+    Attributes:
+        name: unique in the cell.
+        model: a name that ``twin robots`` lists, or the path of a URDF, relative to the file.
+        base: pose of the base in the world; that of a mobile robot is the origin of the ground
+            it drives on.
+        home_deg: HOME of a robot with revolute joints only [deg]; default: the model's.
+        home_rad_or_m: HOME of any robot, joint by joint [rad or m].
+        parked: where a mobile robot stands at HOME; its arm is as in the model's HOME.
+        frames: tool frames, each a pose in the flange frame; they replace the model's.
+    """
+
+    name: Name
+    model: str
+    base: PoseSection = PoseSection(xyz_m=(0.0, 0.0, 0.0))
+    home_deg: tuple[float, ...] | None = None
+    home_rad_or_m: tuple[float, ...] | None = None
+    parked: ParkedSection | None = None
+    frames: dict[Name, PoseSection] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_home(self) -> RobotSection:
+        given = [
+            key
+            for key in ("home_deg", "home_rad_or_m", "parked")
+            if getattr(self, key) is not None
+        ]
+        if len(given) > 1:
+            raise ValueError(f"give {' or '.join(given)}, not both")
+        return self
+
+
+class RingSection(Section):
+    """Robots on a circle, evenly spread, facing its middle.
+
+    Attributes:
+        radius_m: of the circle.
+        centre_m: its middle, x and y.
+        start_deg: direction of the first robot, seen from the middle.
+    """
+
+    radius_m: Annotated[float, Field(gt=0, le=1000)]
+    centre_m: Vector2 = (0.0, 0.0)
+    start_deg: float = 0.0
+
+
+class TeamSection(Section):
+    """Mobile robots of one type.
+
+    Attributes:
+        model: of all of them, as for a single robot.
+        count: how many.
+        name: of all of them; a number from 1 on follows it.
+        ring: where they stand at HOME.
+    """
+
+    model: str
+    count: Annotated[int, Field(ge=1, le=100)]
+    name: Name = "robot"
+    ring: RingSection
+
+    def robots(self) -> tuple[RobotSection, ...]:
+        """Return the robots one by one."""
+        out = []
+        for k in range(self.count):
+            deg = self.ring.start_deg + 360.0 * k / self.count
+            x, y = self.ring.centre_m
+            x += self.ring.radius_m * math.cos(math.radians(deg))
+            y += self.ring.radius_m * math.sin(math.radians(deg))
+            # Facing the middle, written as an angle between -180 and 180 degrees.
+            facing = (deg + 360.0) % 360.0 - 180.0
+            parked = ParkedSection(
+                at_m=(round(x, 6), round(y, 6)), facing_deg=round(facing, 6)
+            )
+            name = f"{self.name}{k + 1}"
+            out.append(RobotSection(name=name, model=self.model, parked=parked))
+        return tuple(out)
+
+
+class FixtureSection(Section):
+    """An immovable box; ``pose`` is that of its centre in the world."""
+
+    name: Name
+    size_m: Size3
+    pose: PoseSection
+
+
+class ClearanceSection(Section):
+    """Least distances kept: between robots, and between a robot and anything else."""
+
+    robot_robot_m: Annotated[float, Field(ge=0, le=1)] = 0.001
+    robot_object_m: Annotated[float, Field(ge=0, le=1)] = 0.0
+
+
+class CellSection(Section):
+    """Who works, and what stands around.
+
+    Attributes:
+        listed: ``robots`` of the file: robots given one by one.
+        team: further robots, all of one type.
+        fixtures: what does not move.
+        clearance: least distances kept.
+    """
+
+    listed: Annotated[tuple[RobotSection, ...], Field(alias="robots")] = ()
+    team: TeamSection | None = None
+    fixtures: tuple[FixtureSection, ...] = ()
+    clearance: ClearanceSection = ClearanceSection()
+
+    @model_validator(mode="after")
+    def _someone(self) -> CellSection:
+        if not self.listed and self.team is None:
+            raise ValueError("key 'robots' is missing: a cell needs robots, or a team")
+        return self
+
+    @property
+    def robots(self) -> tuple[RobotSection, ...]:
+        """All robots: those given one by one, then the team."""
+        return (*self.listed, *(() if self.team is None else self.team.robots()))
+
+
+def choose_robots(cell: dict[str, Any], count: int) -> None:
+    """Change the content of a cell section to a number of robots.
+
+    A team gets that many robots, beside those given one by one; without a team, the first
+    ``count`` of those given one by one stay.
+
+    Args:
+        cell: the section as a mapping with all defaults filled in, changed in place.
+        count: how many.
+
+    Raises:
+        ScenarioError: there is no team, and there are fewer robots.
+    """
+    if cell["team"] is not None:
+        cell["team"]["count"] = count
+    elif count <= len(cell["robots"]):
+        cell["robots"] = cell["robots"][:count]
+    else:
+        raise ScenarioError(
+            f"--robots {count}: the cell has {len(cell['robots'])} robots and no team"
+        )

@@ -1,0 +1,191 @@
+"""Structures in a scenario file: the sections, and the bricks they draw, with their places.
+
+A structure takes the place of the steps; the planner then finds the steps itself. Drawings and
+lists may be mixed: all bricks together are the structure.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from planning.lego.bricks.assembly import BrickType, Cell
+from planning.lego.bricks.contacts import PlacedBrick
+from planning.lego.bricks.drawing import (
+    Drawing,
+    DrawnBrick,
+    Spot,
+    name_bricks,
+    read_elevation,
+    read_layer,
+)
+from planning.lego.bricks.grid import occupied_studs
+from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=64)]
+Stud2 = Annotated[
+    tuple[Annotated[int, Field(ge=-1000, le=1000)], ...],
+    Field(min_length=2, max_length=2),
+]
+GridCell = Annotated[
+    tuple[Annotated[int, Field(ge=-1000, le=1000)], ...],
+    Field(min_length=3, max_length=3),
+]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False
+    )
+
+
+class ElevationSection(_Section):
+    """A side view, every line of which is one layer; its bricks are equally deep.
+
+    Attributes:
+        at: stud and layer of the lower left character (the nearest stud in depth).
+        along: the direction that runs to the right.
+        depth: studs in the other direction.
+        drawing: lines from the top layer down; each run of one letter is a brick, '.' is empty.
+    """
+
+    at: GridCell
+    along: Literal["x", "y"] = "y"
+    depth: Annotated[int, Field(ge=1, le=100)] = 2
+    drawing: str
+
+
+class StructureBrickSection(_Section):
+    """A brick of a structure: its type, and where it goes (as for the stock)."""
+
+    brick: str
+    at: GridCell
+    turned: bool = False
+    name: Name | None = None
+
+
+class StructureSection(_Section):
+    """A finished structure.
+
+    Attributes:
+        origin: stud of the lower left character of every layer.
+        layers: from the plate up, seen from above with x to the right and y upwards; each patch
+            of one letter is a brick, '.' is empty.
+        elevations: side views.
+        bricks: one by one.
+    """
+
+    origin: Stud2 | None = None
+    layers: tuple[str, ...] = ()
+    elevations: tuple[ElevationSection, ...] = ()
+    bricks: tuple[StructureBrickSection, ...] = ()
+
+    @model_validator(mode="after")
+    def _something(self) -> StructureSection:
+        if not (self.layers or self.elevations or self.bricks):
+            raise ValueError("give 'layers', 'elevations' or 'bricks'")
+        if self.layers and self.origin is None:
+            raise ValueError(
+                "layers need an 'origin': the stud of their lower left corner"
+            )
+        return self
+
+
+@dataclass(frozen=True)
+class ReadStructure:
+    """The bricks of a structure section.
+
+    Attributes:
+        bricks: all of them, with names of their own.
+        places: for each brick, the path of the value it is in, and its spot in a drawing.
+        problems: what is wrong, each with its place.
+    """
+
+    bricks: tuple[PlacedBrick, ...]
+    places: tuple[tuple[KeyPath, Spot | None], ...]
+    problems: tuple[tuple[KeyPath, Spot | None, str], ...]
+
+
+def read_structure(
+    section: StructureSection, types: Mapping[str, BrickType]
+) -> ReadStructure:
+    """Return the bricks of a structure.
+
+    Args:
+        section: what the file says.
+        types: brick types by name.
+    """
+    drawn: list[DrawnBrick] = []
+    places: list[tuple[KeyPath, Spot | None]] = []
+    problems: list[tuple[KeyPath, Spot | None, str]] = []
+    for path, drawing in _drawings(section, types):
+        drawn += drawing.bricks
+        places += [(path, item.spot) for item in drawing.bricks]
+        problems += [(path, item.spot, item.message) for item in drawing.problems]
+    listed = [(i, item) for i, item in enumerate(section.bricks) if item.brick in types]
+    for i, item in enumerate(section.bricks):
+        if item.brick not in types:
+            from twin.scenario.document.problems import unknown_name
+
+            message = unknown_name("brick type", item.brick, tuple(types))
+            problems.append((("bricks", i, "brick"), None, message))
+    cells = [
+        Cell(item.at[0], item.at[1], item.at[2], item.turned) for _, item in listed
+    ]
+    drawn += [
+        DrawnBrick(item.name or f"{item.brick}_", types[item.brick], cell, (0, 0))
+        for (_, item), cell in zip(listed, cells, strict=True)
+    ]
+    bricks = list(name_bricks(drawn))
+    first = len(drawn) - len(listed)
+    for k, (i, item) in enumerate(listed, start=first):
+        places.append((("bricks", i, "at"), None))
+        if item.name is not None:
+            bricks[k] = PlacedBrick(item.name, bricks[k].brick, bricks[k].cell)
+    counts = Counter(item.name for item in bricks)
+    for i, item in listed:
+        if item.name is not None and counts[item.name] > 1:
+            message = f"another brick is called {item.name!r} too"
+            problems.append((("bricks", i, "name"), None, message))
+    return ReadStructure(tuple(bricks), tuple(places), tuple(problems))
+
+
+def _drawings(
+    section: StructureSection, types: Mapping[str, BrickType]
+) -> Iterator[tuple[KeyPath, Drawing]]:
+    for k, text in enumerate(section.layers):
+        assert section.origin is not None
+        origin = (section.origin[0], section.origin[1])
+        if text.strip() or k == len(section.layers) - 1:
+            yield ("layers", k), read_layer(text, origin, k + 1, types)
+    for k, view in enumerate(section.elevations):
+        at = (view.at[0], view.at[1], view.at[2])
+        drawing = read_elevation(view.drawing, at, view.along, view.depth, types)
+        yield ("elevations", k, "drawing"), drawing
+
+
+def mark_of_spot(document: YamlDocument, path: KeyPath, spot: Spot | None) -> Mark:
+    """Return where a character of a drawing is written.
+
+    In a block (``|``) the text starts on the line after the mark; elsewhere the mark of the whole
+    value has to do.
+    """
+    mark = document.mark_of(path)
+    if spot is None:
+        return mark
+    head = document.lines[mark.line - 1][mark.column - 1 :]
+    row = mark.line + spot[0]
+    if not head.startswith("|") or row >= len(document.lines):
+        return mark
+    block = [line for line in document.lines[mark.line :] if line.strip()]
+    indent = len(block[0]) - len(block[0].lstrip(" ")) if block else 0
+    return Mark(row + 1, indent + spot[1] + 1)
+
+
+def occupied(brick: PlacedBrick) -> frozenset[tuple[int, int, int]]:
+    """Return the places on the grid that a brick fills."""
+    return occupied_studs(brick.cell, brick.brick)

@@ -1,0 +1,207 @@
+"""Assemblies of kind ``lego``: plates, bricks in stock, and the steps or the finished structure."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, model_validator
+
+from twin.scenario.sections.base import Name, PoseSection, Section
+from twin.scenario.sections.drawn_structure import StructureSection
+
+Studs = Annotated[
+    tuple[Annotated[int, Field(ge=1, le=1000)], ...],
+    Field(min_length=2, max_length=2),
+]
+GridCell = Annotated[
+    tuple[Annotated[int, Field(ge=-1000, le=1000)], ...],
+    Field(min_length=3, max_length=3),
+]
+
+
+class PlateSection(Section):
+    """The base plate; ``pose`` is that of the centre of the surface bricks rest on."""
+
+    pose: PoseSection
+    studs: Studs = (48, 48)
+
+
+class BrickSection(Section):
+    """A type of brick: studs along its own x and y, and its mass."""
+
+    studs: Studs
+    mass_kg: Annotated[float, Field(gt=0)]
+
+
+class StockSection(Section):
+    """A brick that stands on a plate at the start.
+
+    Attributes:
+        name: unique in the scenario.
+        brick: its type.
+        at: stud of its least x and y (from 0) and layer (1 = on the plate).
+        turned: turned by +90 degrees about z.
+        fixed: scaffolding, which no step may use.
+        station: a feeding station: once a brick has been picked, the next one stands there.
+    """
+
+    name: Name
+    brick: str
+    at: GridCell
+    turned: bool = False
+    fixed: bool = False
+    station: bool = False
+
+    @model_validator(mode="after")
+    def _fixed_or_station(self) -> StockSection:
+        if self.fixed and self.station:
+            raise ValueError("a brick is fixed or a station, not both")
+        return self
+
+
+class PressSection(Section):
+    """Where the tool grips and presses: an edge of the brick, and the first stud along it.
+
+    Attributes:
+        side: for a brick that is not turned: 1 = edge of least x, 2 = of greatest y, 3 = of least
+            y, 4 = of greatest x.
+        offset: the tool covers studs ``offset`` and ``offset + 1``.
+    """
+
+    side: Annotated[int, Field(ge=1, le=4)]
+    offset: Annotated[int, Field(ge=0)]
+
+
+class PressCellSection(Section):
+    """The 1 x 2 cell in which a brick placed from below is held."""
+
+    at: GridCell
+    turned: bool = False
+
+
+class SupportSection(Section):
+    """Where the supporting tool goes.
+
+    Attributes:
+        at: the 1 x 2 cell, as stud and layer.
+        orientation: 0 = the tool comes from -x, 1 = from +y, 2 = from -y, 3 = from +x.
+    """
+
+    at: GridCell
+    orientation: Annotated[int, Field(ge=0, le=3)]
+
+
+class StepSection(Section):
+    """One step of the assembly sequence.
+
+    Attributes:
+        brick: type of the brick to place.
+        at, turned: where it goes, as for the stock.
+        place: from above, or from below with a handover and a support on top.
+        press: the grip; the planner chooses where it is not given.
+        presses: the grips to choose from, ``press`` the first of them.
+        press_cell: where a brick placed from below is held.
+        support: where the other robot holds the structure; none where it need not.
+        supports: the supports to choose from, ``support`` the first of them.
+        attack: sign of the sideways offset of the approach.
+        stock: name of the stock brick to use; the planner chooses where it is not given.
+    """
+
+    brick: str
+    at: GridCell
+    turned: bool = False
+    place: Literal["down", "up"] = "down"
+    press: PressSection | None = None
+    presses: tuple[PressSection, ...] = ()
+    press_cell: PressCellSection | None = None
+    support: SupportSection | None = None
+    supports: tuple[SupportSection, ...] = ()
+    attack: Literal[1, -1] = 1
+    stock: Name | None = None
+
+    @model_validator(mode="after")
+    def _first_choice(self) -> StepSection:
+        if self.presses and self.press != self.presses[0]:
+            raise ValueError("'press' must be the first of 'presses'")
+        if self.supports and self.support != self.supports[0]:
+            raise ValueError("'support' must be the first of 'supports'")
+        return self
+
+
+TwistDeg = Annotated[float, Field(gt=0, lt=90)]
+
+
+class TwistSection(Section):
+    """By how much the tool twists to free itself or a brick, by skill [deg]."""
+
+    model_config = ConfigDict(validate_by_name=True, validate_by_alias=True)
+
+    pick: TwistDeg = 16.0
+    place_down: Annotated[TwistDeg, Field(alias="place-down")] = 16.0
+    place_up: Annotated[TwistDeg, Field(alias="place-up")] = 16.0
+    handover: TwistDeg = 18.0
+
+
+class RulesSection(Section):
+    """What the sequence of a structure may do, and what it must bear.
+
+    Attributes:
+        support: a second robot may hold the structure from below while a brick is pressed on.
+        place_up: a brick may be handed over and pressed on from below.
+        press_force_n: force with which bricks are pressed on [N].
+        check_steps: whether given steps must bear that force too.
+    """
+
+    support: bool = True
+    place_up: bool = True
+    press_force_n: Annotated[float, Field(gt=0, le=1000)] = 15.0
+    check_steps: bool = True
+
+
+def _or_file(schema: dict[str, Any]) -> None:
+    """Let editors know that a structure may have a file of its own, put in its place on reading."""
+    schema["anyOf"].insert(
+        1,
+        {
+            "type": "object",
+            "description": "Read the structure from a file, relative to this one.",
+            "properties": {"file": {"title": "File", "type": "string"}},
+            "required": ["file"],
+            "additionalProperties": False,
+        },
+    )
+
+
+class LegoSection(Section):
+    """A LEGO structure, what it is built from, and in which order.
+
+    Attributes:
+        kind: ``lego``.
+        plate: the base plate of the structure.
+        storage_plate: the base plate of the stock, where that is another one; scaffolding
+            stands on ``plate`` all the same.
+        bricks: types of bricks, added to those of the library.
+        stock: bricks that are there at the start.
+        steps: the assembly sequence; or else
+        structure: the finished structure, whose sequence the planner finds.
+        rules: what the sequence may do, and what the structure must bear.
+        twist_deg: by how much the tool twists.
+    """
+
+    kind: Literal["lego"]
+    plate: PlateSection
+    storage_plate: PlateSection | None = None
+    bricks: dict[Name, BrickSection] = Field(default_factory=dict)
+    stock: Annotated[tuple[StockSection, ...], Field(min_length=1)]
+    steps: tuple[StepSection, ...] = ()
+    structure: Annotated[StructureSection | None, Field(json_schema_extra=_or_file)] = (
+        None
+    )
+    rules: RulesSection = RulesSection()
+    twist_deg: TwistSection = TwistSection()
+
+    @model_validator(mode="after")
+    def _steps_or_structure(self) -> LegoSection:
+        if (self.structure is None) == (not self.steps):
+            raise ValueError("give 'steps' or 'structure', one of them")
+        return self

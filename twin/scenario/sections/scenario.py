@@ -1,0 +1,98 @@
+"""What a scenario file may say: one cell, one assembly, how to plan and how to run it.
+
+These are the sections and keys of the file, frozen and checked one by one. Reading a file and
+checking that the parts fit together is in ``twin.scenario.file``; every quantity carries its unit
+in its key.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from twin.scenario.sections.base import Name, Section
+from twin.scenario.sections.cell import CellSection as CellSection
+from twin.scenario.sections.cell import FixtureSection as FixtureSection
+from twin.scenario.sections.cell import RobotSection as RobotSection
+from twin.scenario.sections.construction import ConstructionSection
+from twin.scenario.sections.execution import ExecutionSection as ExecutionSection
+from twin.scenario.sections.goals import GoalsSection
+from twin.scenario.sections.lego import LegoSection
+from twin.scenario.sections.pick_place import PickPlaceSection
+
+AssemblySection = Annotated[
+    LegoSection | PickPlaceSection | GoalsSection | ConstructionSection,
+    Field(discriminator="kind"),
+]
+"""What is built; ``kind`` says which of them it is."""
+
+
+class PlanningSection(Section):
+    """How the planner works.
+
+    Attributes:
+        speed_model: ``l1`` moves at a constant sum of joint speeds, as APEX-MR does; ``joint``
+            keeps each joint within its own limit.
+        speed_rad_s: the speed of the ``l1`` model [rad/s].
+        step_s: time between the waypoints of a path [s].
+        attempts: transit searches, each longer than the one before, until the planner gives up.
+        coordination: ``sequential`` plans one task after another; ``synchronous`` turns that
+            into slots in which robots move at once.
+        shortcut_candidates: shortcuts tried on the temporal plan graph, after its tasks were
+            put into a better order; 0 leaves it as planned, ``auto`` goes by the number of steps.
+    """
+
+    speed_model: Literal["l1", "joint"] = "l1"
+    speed_rad_s: Annotated[float, Field(gt=0)] = 1.0
+    step_s: Annotated[float, Field(gt=0, le=10)] = 0.05
+    attempts: Annotated[int, Field(ge=1, le=1000)] = 5
+    coordination: Literal["sequential", "synchronous"] = "sequential"
+    shortcut_candidates: (
+        Annotated[int, Field(ge=0, le=10_000_000)] | Literal["auto"]
+    ) = "auto"
+
+
+class Scenario(Section):
+    """A whole scenario file."""
+
+    version: Literal[1]
+    name: Name
+    description: str = ""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    cell: CellSection
+    assembly: AssemblySection
+    planning: PlanningSection = PlanningSection()
+    execution: ExecutionSection = ExecutionSection()
+
+    @model_validator(mode="after")
+    def _slots_to_execute(self) -> Scenario:
+        if (
+            self.execution.policy == "synchronous"
+            and self.planning.coordination != "synchronous"
+        ):
+            raise ValueError(
+                "policy 'synchronous' needs a plan in slots: set the planning's"
+                " coordination to 'synchronous'"
+            )
+        if (
+            self.execution.policy == "synchronous"
+            and self.planning.shortcut_candidates not in ("auto", 0)
+        ):
+            raise ValueError(
+                "policy 'synchronous' executes the slots as they were planned: leave"
+                " shortcut_candidates away, or choose policy 'asynchronous'"
+            )
+        return self
+
+
+def resolved(scenario: Scenario) -> dict[str, Any]:
+    """Return the scenario with every default filled in, ready for JSON."""
+    return scenario.model_dump(mode="json", by_alias=True)
+
+
+def fingerprint(scenario: Scenario) -> str:
+    """Return the SHA-256 of the resolved scenario; equal scenarios have equal ones."""
+    from twin.run.folder import scenario_sha256
+
+    return scenario_sha256(resolved(scenario))

@@ -1,0 +1,183 @@
+"""Runs the replications of a study wherever they are to be run, until there are enough."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    wait,
+)
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.errors import TwinError
+from twin.study.replications.block_files import blocks_done, read_block, write_block
+from twin.study.replications.executors import parallelism
+from twin.study.replications.experiment import Block, Experiment, blocks_of
+from twin.study.replications.workload import (
+    BlockResult,
+    Parcel,
+    Workload,
+    compute_block,
+    pack,
+)
+
+BULK_BLOCK, EVENTS_BLOCK = 500, 20
+"""Replications of a block, by engine: about as much work as is worth sending away."""
+
+_RESTARTS = 3
+"""Times that a pool is opened anew after one of its workers died."""
+
+OpenExecutor = Callable[[], AbstractContextManager[Executor]]
+Progress = Callable[[int, int], None]
+
+
+def run_replications(
+    experiment: Experiment,
+    workloads: Sequence[Workload],
+    folder: Path,
+    open_executor: OpenExecutor,
+    progress: Progress = lambda done, total: None,
+) -> int:
+    """Run replications that have no file yet, and write a file for every block of them.
+
+    Which replications there are, what comes of each and how they are cut into blocks depends
+    neither on the executor nor on how often the study was interrupted.
+
+    Args:
+        experiment: how many are wanted.
+        workloads: one for each of its cells.
+        folder: of the block files, made where it is missing.
+        open_executor: gives who computes; asked again when a worker has died.
+        progress: called with replications done and wanted, of all cells together; how many
+            are wanted is a forecast until the precision is reached.
+
+    Returns:
+        Replications of each cell.
+
+    Raises:
+        TwinError: workers died again and again; what was done is kept.
+        OutputError: a file cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    parcels = [pack(load) for load in workloads]
+    counter = _Counter(experiment, len(workloads), progress)
+    done = set(blocks_done(folder))
+    begin = 0
+    for target in experiment.targets():
+        blocks = [
+            block
+            for cell, load in enumerate(workloads)
+            for block in blocks_of(
+                cell, begin, target, EVENTS_BLOCK if load.reasons else BULK_BLOCK
+            )
+        ]
+        for block in blocks:
+            if block in done:
+                counter.add(read_block(folder, block))
+        missing = [block for block in blocks if block not in done]
+        _compute(missing, parcels, folder, open_executor, counter)
+        begin = target
+        if counter.enough(target):
+            break
+    return begin
+
+
+class _Counter:
+    """Keeps the makespans of all cells: 8 bytes a replication, and nothing else."""
+
+    def __init__(self, experiment: Experiment, cells: int, progress: Progress) -> None:
+        self._experiment = experiment
+        self._makespans: list[dict[int, npt.NDArray[np.float64]]] = [
+            {} for _ in range(cells)
+        ]
+        self._progress = progress
+        self._done = 0
+        self._wanted = next(iter(experiment.targets())) * cells
+
+    def add(self, result: BlockResult) -> None:
+        """Count a block."""
+        parts = self._makespans[result.block.cell]
+        parts[result.block.first] = result.rows.makespans_s()
+        self._done += result.block.count
+        self._progress(self._done, max(self._wanted, self._done))
+
+    def enough(self, target: int) -> bool:
+        """Tell whether the means of all cells are known well enough."""
+        if self._experiment.replications is not None:
+            return True
+        rule = self._experiment.precision
+        samples = [self._sample(cell) for cell in range(len(self._makespans))]
+        mirror = self._experiment.antithetic
+        # A cell in which nothing completes has no mean to wait for.
+        if target >= rule.most or all(
+            len(sample) < 2 or rule.reached(sample, antithetic=mirror)
+            for sample in samples
+        ):
+            return True
+        forecast = max(rule.forecast(sample) for sample in samples if len(sample) > 1)
+        self._wanted = max(forecast, target) * len(samples)
+        return False
+
+    def _sample(self, cell: int) -> npt.NDArray[np.float64]:
+        parts = self._makespans[cell]
+        values = np.concatenate([parts[first] for first in sorted(parts)])
+        return np.asarray(values[np.isfinite(values)], dtype=float)
+
+
+def _compute(
+    blocks: Iterable[Block],
+    parcels: Sequence[Parcel],
+    folder: Path,
+    open_executor: OpenExecutor,
+    counter: _Counter,
+) -> None:
+    waiting = deque(blocks)
+    restarts = 0
+    while waiting:
+        try:
+            with open_executor() as executor:
+                _drain(executor, waiting, parcels, folder, counter)
+        except BrokenExecutor as error:
+            restarts += 1
+            if restarts > _RESTARTS:
+                raise TwinError(
+                    f"workers died {restarts} times; what was done is kept, go on with"
+                    " --resume and fewer --workers"
+                ) from error
+
+
+def _drain(
+    executor: Executor,
+    waiting: deque[Block],
+    parcels: Sequence[Parcel],
+    folder: Path,
+    counter: _Counter,
+) -> None:
+    """Compute blocks until none is waiting; a block leaves the queue when its file is there."""
+    under_way: dict[Future[BlockResult], Block] = {}
+    most = 2 * parallelism(executor)
+    try:
+        while waiting or under_way:
+            while waiting and len(under_way) < most:
+                block = waiting[0]
+                # Where a worker has died meanwhile this fails, and the block must still be waiting.
+                future = executor.submit(compute_block, parcels[block.cell], block)
+                under_way[future] = waiting.popleft()
+            finished, _ = wait(under_way, return_when=FIRST_COMPLETED)
+            for future in finished:
+                result = future.result()
+                write_block(folder, result)
+                counter.add(result)
+                del under_way[future]
+    finally:
+        waiting.extendleft(under_way.values())
+        for future in under_way:
+            future.cancel()

@@ -1,0 +1,238 @@
+"""The work of one cell of a study, in a form that can be sent to any process or machine."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.durations import Nanoseconds
+from twin.engine.bulk.bulk_engine import BulkEngine
+from twin.engine.bulk.critical_paths import explain
+from twin.engine.bulk.flat_graph import PrecedenceArrays
+from twin.engine.bulk.max_plus import completions
+from twin.engine.bulk.policy_graph import policy_graph
+from twin.engine.engine import Simulator
+from twin.run.run_record import DeadlockError, Policy, Run
+from twin.study.replications.experiment import Block
+from twin.study.replications.replication_rows import ERROR, ReplicationRows, empty_rows
+from twin.study.replications.task_tally import TaskGroups, TaskTally, task_groups
+from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.skill_durations import SkillDurations
+
+
+@dataclass(frozen=True)
+class Workload:
+    """A plan, how it is executed, and what varies.
+
+    Attributes:
+        tpg: what is executed; a timing graph will do.
+        policy: how nodes are released.
+        durations: of skills.
+        disturbances: what may go wrong.
+        seed: names the draws.
+        queue_depth, report_latency_s, release_latency_s: of messages; see simulate.
+        reasons: why only the event engine can execute it; empty where both can.
+    """
+
+    tpg: TemporalPlanGraph
+    policy: Policy
+    durations: SkillDurations
+    disturbances: Disturbances
+    seed: int
+    queue_depth: int = 1
+    report_latency_s: float = 0.0
+    release_latency_s: float = 0.0
+    reasons: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class BlockResult:
+    """What came of a block of replications.
+
+    Attributes:
+        block: which.
+        rows: one a replication.
+        tally: what is kept of tasks; replications that did not complete are not in it.
+    """
+
+    block: Block
+    rows: ReplicationRows
+    tally: TaskTally
+
+
+@dataclass(frozen=True)
+class Parcel:
+    """A workload packed for travel; a worker unpacks the same one once.
+
+    Attributes:
+        digest: of the data; parcels with the same digest are equal.
+        data: compressed.
+    """
+
+    digest: str
+    data: bytes = field(compare=False, repr=False)
+
+
+def pack(workload: Workload) -> Parcel:
+    """Pack a workload for travel."""
+    data = zlib.compress(pickle.dumps(workload, protocol=5), 1)
+    return Parcel(hashlib.sha256(data).hexdigest(), data)
+
+
+def compute_block(parcel: Parcel, block: Block) -> BlockResult:
+    """Execute a block of replications; the function that workers call.
+
+    A replication that raises is a row with its error.
+    """
+    return _engines(parcel).compute(block)
+
+
+@lru_cache(maxsize=8)
+def _engines(parcel: Parcel) -> Engines:
+    return Engines(pickle.loads(zlib.decompress(parcel.data)))
+
+
+class Engines:
+    """Both engines of one workload, made when they are needed.
+
+    Args:
+        workload: what they execute.
+    """
+
+    def __init__(self, workload: Workload) -> None:
+        self.workload = workload
+
+    def compute(self, block: Block) -> BlockResult:
+        """Execute a block, side by side where that is possible."""
+        if self.workload.reasons:
+            return self.by_events(block)
+        try:
+            return self.in_bulk(block)
+        except Exception:
+            # One of many replications: find out which, and lose no other.
+            return self.by_events(block)
+
+    def in_bulk(self, block: Block) -> BlockResult:
+        """Execute a block side by side; replications in which a task fails go by events."""
+        load = self.workload
+        bulk = self.bulk
+        robots = robot_names(load.tpg)
+        numbers = np.asarray(block.replications, dtype=np.int64)
+        times = bulk.sample(seed=load.seed, replications=numbers)
+        well = ~times.fails
+        found = completions(bulk.graph, times.busy_ns[:, well])
+        rows = empty_rows(numbers, robots, engine="bulk")
+        rows.fill(well, found.chain_end_ns, found.waited_ns)
+        for place in np.flatnonzero(~well).tolist():
+            self._by_event(rows, place)
+        tally = self._segment_groups.tally(
+            numbers[well],
+            found.start_ns,
+            found.end_ns,
+            found.critical,
+            found.critical_edge,
+            found.slack_ns,
+        )
+        return BlockResult(block, rows, tally)
+
+    def by_events(self, block: Block) -> BlockResult:
+        """Execute a block with the event engine, one replication after the other."""
+        load = self.workload
+        graph = self._node_graph
+        robots = robot_names(load.tpg)
+        numbers = np.asarray(block.replications, dtype=np.int64)
+        rows = empty_rows(numbers, robots, engine="events")
+        runs = [self._by_event(rows, place) for place in range(len(numbers))]
+        done = [r for r in runs if r is not None and r.outcome == "completed"]
+        well = np.array(
+            [r is not None and r.outcome == "completed" for r in runs], dtype=np.bool_
+        )
+        start = _columns([run.start_ns for run in done], len(graph.order))
+        end = _columns([run.end_ns for run in done], len(graph.order))
+        waited, critical, critical_edge = explain(graph, start, end)
+        rows.fill(well, _chain_ends(done, len(robots)), waited)
+        tally = self._node_groups.tally(
+            numbers[well], start, end, critical, critical_edge, None
+        )
+        return BlockResult(block, rows, tally)
+
+    @cached_property
+    def bulk(self) -> BulkEngine:
+        """The engine that computes many replications side by side."""
+        load = self.workload
+        return BulkEngine(
+            load.tpg,
+            load.durations,
+            policy=load.policy,
+            disturbances=load.disturbances,
+        )
+
+    @cached_property
+    def simulator(self) -> Simulator:
+        """The event engine."""
+        load = self.workload
+        return Simulator(
+            load.tpg,
+            load.durations,
+            policy=load.policy,
+            queue_depth=load.queue_depth,
+            report_latency_s=load.report_latency_s,
+            release_latency_s=load.release_latency_s,
+            disturbances=load.disturbances,
+        )
+
+    @cached_property
+    def _segment_groups(self) -> TaskGroups:
+        return task_groups(self.bulk.contraction.tpg)
+
+    @cached_property
+    def _node_groups(self) -> TaskGroups:
+        return task_groups(self.workload.tpg)
+
+    @cached_property
+    def _node_graph(self) -> PrecedenceArrays:
+        return policy_graph(self.workload.tpg, self.workload.policy)
+
+    def _by_event(self, rows: ReplicationRows, place: int) -> Run | None:
+        """Execute one replication with the event engine; enter its outcome and end."""
+        load = self.workload
+        try:
+            number = int(rows.replication[place])
+            run = self.simulator.run(seed=load.seed, replication=number)
+        except DeadlockError as error:
+            run = error.run
+            rows.error[place] = str(error)
+        except Exception as error:
+            rows.outcome[place] = ERROR
+            rows.error[place] = f"{type(error).__name__}: {error}"
+            return None
+        rows.outcome[place] = run.outcome
+        rows.makespan_ns[place] = run.makespan_ns
+        return run
+
+
+def robot_names(tpg: TemporalPlanGraph) -> tuple[str, ...]:
+    """Return the names of the robots that have work, in the order of the chains."""
+    return tuple(chain.robot for chain in tpg.chains)
+
+
+def _columns(values: Sequence[tuple[Nanoseconds, ...]], nodes: int) -> Nanoseconds:
+    """Return per-chain arrays of several runs as one, shape (nodes, runs)."""
+    if not values:
+        return np.empty((nodes, 0), dtype=np.int64)
+    return np.stack([np.concatenate(chains) for chains in values], axis=1)
+
+
+def _chain_ends(runs: Sequence[Run], chains: int) -> Nanoseconds:
+    out = np.zeros((chains, len(runs)), dtype=np.int64)
+    for column, run in enumerate(runs):
+        for k, end in enumerate(run.end_ns):
+            out[k, column] = end[-1] if len(end) else 0
+    return out

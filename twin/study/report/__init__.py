@@ -1,0 +1,4 @@
+"""What a study found, as figures, tables and an HTML page.
+
+Imports study; commands import it.
+"""

@@ -1,0 +1,4 @@
+"""Which inputs the makespan depends on: tornado and Sobol indices.
+
+Imports replications.
+"""

@@ -1,1 +1,0 @@
-"""Synthetic durations of the LEGO manipulation skills; README.md says what they are."""

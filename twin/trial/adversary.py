@@ -1,0 +1,130 @@
+"""The worst that delays can do: a robot that never finishes a node while all others go on.
+
+Every type-2 edge makes a robot wait for a node of another one. If that node is never complete,
+the others run until nothing moves, and the cell stands still in a state that no nominal run
+passes through. The audit looks at each of these states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.audit.audit import Auditor, Violation
+from twin.audit.cell_description import scene_of
+from twin.audit.executed import ObjectRow, Recording, RobotRows
+
+
+@dataclass(frozen=True)
+class StandingState:
+    """The cell after one robot stopped and all others went as far as they may.
+
+    Attributes:
+        robot: name of the robot that stopped.
+        node: the node that it never completes.
+        at_end: True when it stands at the end of that node, False when at its start.
+        completed: per chain, how many of its nodes are complete.
+    """
+
+    robot: str
+    node: int
+    at_end: bool
+    completed: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class AdversaryReport:
+    """What the audit saw in all standing states.
+
+    Attributes:
+        states: how many were looked at.
+        min_distance_m: least distance of any two robots in them [m].
+        violations: each with the state it was seen in; empty when all is well.
+    """
+
+    states: int
+    min_distance_m: float
+    violations: tuple[tuple[StandingState, Violation], ...]
+
+
+def standing_states(tpg: TemporalPlanGraph) -> Iterator[StandingState]:
+    """Yield two states for the source of every type-2 edge: stopped at its start and its end."""
+    for chain, node in sorted({(a, u) for a, u, _, _ in tpg.edges.tolist()}):
+        completed = run_until_still(tpg, chain, node)
+        for at_end in (False, True):
+            yield StandingState(tpg.chains[chain].robot, node, at_end, completed)
+
+
+def run_until_still(tpg: TemporalPlanGraph, frozen: int, node: int) -> tuple[int, ...]:
+    """Return how many nodes of each chain get done if one node never is.
+
+    Args:
+        tpg: the graph.
+        frozen: chain of the node.
+        node: the node that is never complete.
+    """
+    sources: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for a, u, b, v in tpg.edges.tolist():
+        sources.setdefault((b, v), []).append((a, u))
+    done = [0] * len(tpg.chains)
+    moved = True
+    while moved:
+        moved = False
+        for b, chain in enumerate(tpg.chains):
+            end = node if b == frozen else len(chain)
+            while done[b] < end and all(
+                u < done[a] for a, u in sources.get((b, done[b]), ())
+            ):
+                done[b] += 1
+                moved = True
+    return tuple(done)
+
+
+def standing_recording(tpg: TemporalPlanGraph, state: StandingState) -> Recording:
+    """Return a standing state as one second in which nothing moves."""
+    robots = {}
+    chains = {chain.robot: k for k, chain in enumerate(tpg.chains)}
+    counts = list(state.completed)
+    stopped = chains[state.robot]
+    if state.at_end:
+        counts[stopped] += 1
+    for placed in tpg.cell.robots:
+        if placed.name not in chains:
+            q, nodes = placed.home, [-1, -1]
+        else:
+            count = counts[chains[placed.name]]
+            chain = tpg.chains[chains[placed.name]]
+            q = chain.start if count == 0 else chain.waypoints[chain.first[count] - 1]
+            nodes = [max(count - 1, 0), min(count, len(chain) - 1)]
+        rows = RobotRows(np.array([0.0, 1.0]), np.stack([q, q]), np.array(nodes))
+        robots[placed.name] = rows
+    objects = tuple(
+        ObjectRow(0.0, h.object, h.holder, h.pose)
+        for h in tpg.handlings
+        if h.node < counts[h.robot]
+    )
+    return Recording(robots, objects, 1.0)
+
+
+def audit_standing_states(
+    tpg: TemporalPlanGraph, progress: Callable[[int, int], None] | None = None
+) -> AdversaryReport:
+    """Stop every robot wherever another waits for it, and audit what then stands.
+
+    Args:
+        tpg: the plan.
+        progress: called with the states looked at so far and their number.
+    """
+    states = list(standing_states(tpg))
+    least, found = np.inf, []
+    with Auditor(scene_of(tpg)) as auditor:
+        for k, state in enumerate(states):
+            report = auditor.audit(standing_recording(tpg, state))
+            least = min(least, report.min_distance_m)
+            found += [(state, violation) for violation in report.violations]
+            if progress is not None:
+                progress(k + 1, len(states))
+    return AdversaryReport(len(states), float(least), tuple(found))

@@ -1,0 +1,152 @@
+"""Goes on with a run whose process was killed.
+
+Runs are deterministic: the same scenario, plan and seed give the same events. So a run is resumed
+by running it again from the start, comparing every event with the log as far as that goes, and
+writing what the log does not hold yet. The files are those of a run that was never killed.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from planning.errors import OutputError, TwinError
+from scheduling.graph.plan_files import load_plan
+from twin.host.progress import Report, report_nothing
+from twin.recorders.jsonl import event_line, hold
+from twin.recorders.memory import MemoryRecorder
+from twin.run.event_log import LogLines, parse_event, read_log
+from twin.run.events import Event
+from twin.run.folder import EVENTS, MANIFEST, SUMMARY, scenario_sha256
+from twin.scenario.sections.scenario import Scenario
+from twin.trial.trial import SIMULATION, Preparation, Trial, conclude, execute
+
+
+class ResumeError(TwinError):
+    """What happens now is not what the log says."""
+
+
+@dataclass(frozen=True)
+class Resumption:
+    """What came of resuming a run.
+
+    Attributes:
+        agreed: events of the log, all of which happened again.
+        added: events that were missing.
+        trial: the run to its end; None where it had come to its end before.
+    """
+
+    agreed: int
+    added: int
+    trial: Trial | None
+
+
+def resume_run(
+    folder: Path, *, base: Path | None = None, progress: Report = report_nothing
+) -> Resumption:
+    """Go on with a simulated run from its log.
+
+    Args:
+        folder: of the run; its process must not be alive any more.
+        base: where relative paths of the scenario start, where that has changed.
+        progress: told how far each stage has come.
+
+    Raises:
+        OutputError: the folder holds no run, or a file is damaged or cannot be written.
+        ResumeError: an event is not what the log says, as after an update of a package.
+    """
+    scenario, about = _read_manifest(folder)
+    log = read_log(folder / EVENTS) if (folder / EVENTS).exists() else _NO_LOG
+    known = _before_interrupt(log)
+    if _ended(folder) and len(known.lines) == len(log.lines):
+        return Resumption(len(log.lines), 0, None)
+    tpg = load_plan(folder)
+    progress(SIMULATION, 0, 1)
+    memory = MemoryRecorder()
+    run = execute(
+        scenario,
+        tpg,
+        base or Path(about.base),
+        scenario.execution.policy,
+        recorders=(memory,),
+    )
+    if run.outcome == "aborted":
+        raise KeyboardInterrupt
+    lines = [event_line(event) for event in memory.events]
+    _require_agreement(folder / EVENTS, known.lines, lines, memory.events)
+    _append(folder / EVENTS, known.size, lines[len(known.lines) :])
+    progress(SIMULATION, 1, 1)
+    trial = conclude(scenario, tpg, folder, run, memory.events, about, progress)
+    return Resumption(len(known.lines), len(lines) - len(known.lines), trial)
+
+
+_NO_LOG = LogLines((), 0, b"")
+
+
+def _read_manifest(folder: Path) -> tuple[Scenario, Preparation]:
+    path = folder / MANIFEST
+    try:
+        content: Any = json.loads(path.read_text(encoding="utf-8"))
+        scenario, about = content["scenario"], content["run"]
+        digest = content["scenario_sha256"]
+        preparation = Preparation(**about)
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise OutputError(f"{path}: no run to resume: {error}") from error
+    except (KeyError, TypeError) as error:
+        raise OutputError(f"{path}: does not say how to resume: {error}") from error
+    if scenario_sha256(scenario) != digest:
+        raise OutputError(f"{path}: the scenario is not the one of scenario_sha256")
+    try:
+        return Scenario.model_validate_json(json.dumps(scenario)), preparation
+    except ValidationError as error:
+        raise OutputError(f"{path}: the scenario is no longer valid: {error}") from None
+
+
+def _ended(folder: Path) -> bool:
+    """Tell whether a summary was written, which is done last."""
+    return (folder / SUMMARY).exists()
+
+
+def _before_interrupt(log: LogLines) -> LogLines:
+    """Return a log without the last rows of a run that the user broke off."""
+    lines = list(log.lines)
+    if lines and '"finished"' in lines[-1]:
+        last = parse_event(lines[-1])
+        if not last.robot and last.detail == "aborted":
+            lines.pop()
+            if lines and '"stopped"' in lines[-1] and not parse_event(lines[-1]).robot:
+                lines.pop()
+    size = sum(len(line.encode()) for line in lines)
+    return LogLines(tuple(lines), size, log.torn)
+
+
+def _require_agreement(
+    path: Path, known: tuple[str, ...], lines: list[str], events: list[Event]
+) -> None:
+    for k, line in enumerate(known):
+        if k >= len(lines):
+            raise ResumeError(
+                f"{path}:{k + 1}: the run ends after {len(lines)} events, the log goes on"
+            )
+        if line != lines[k]:
+            event = events[k]
+            raise ResumeError(
+                f"{path}:{k + 1}: the log says {line.strip()}, but now"
+                f" {event.robot or 'the run'} {event.kind} at"
+                f" {event.t_ns / 1e9:.9f} s: {lines[k].strip()}"
+            )
+
+
+def _append(path: Path, size: int, lines: list[str]) -> None:
+    """Cut a torn line off and write what is missing."""
+    try:
+        with path.open("ab") as file:
+            hold(file, path)
+            file.truncate(size)
+            file.writelines(line.encode() for line in lines)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot write the event log: {error}") from error

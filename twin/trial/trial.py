@@ -1,0 +1,250 @@
+"""One trial of a plan: execute it in the twin, keep what happened, let the audit judge it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from scheduling.graph.plan_files import save_plan
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.host.progress import Report, report_nothing
+from twin.host.silence import silenced
+from twin.recorders.jsonl import JsonlRecorder
+from twin.recorders.memory import MemoryRecorder
+from twin.recorders.motion_tables import objects_table, trajectory_table, write_table
+from twin.recorders.observers import Recorder
+from twin.run.events import Event
+from twin.run.folder import (
+    EVENTS,
+    GANTT,
+    OBJECTS,
+    RECORDING,
+    SUMMARY,
+    TRAJECTORY,
+    write_manifest,
+)
+from twin.run.gantt import draw_gantt
+from twin.run.run_record import DeadlockError, Policy, Run
+from twin.run.summary import summarise, write_summary
+from twin.run.trajectory import object_placements, robot_trajectories
+from twin.scenario.sections.scenario import Scenario, resolved
+from twin.trial.simulation import scenario_simulator
+
+SIMULATION, RECORDS, AUDIT = "simulation", "recording", "audit"
+"""Names of the stages for progress displays."""
+
+
+@dataclass(frozen=True)
+class Keep:
+    """What a trial does besides the simulation.
+
+    Attributes:
+        recording: write ``run.rrd``.
+        audit: let PyBullet check what was executed.
+    """
+
+    recording: bool = True
+    audit: bool = True
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """What is known before a run begins and wanted when it has ended, maybe after a kill.
+
+    Attributes:
+        base: folder in which relative paths of the scenario start.
+        recording: whether ``run.rrd`` is wanted.
+        audit: whether PyBullet is to check what was executed.
+        planning_s: wall-clock seconds of the planning stages.
+        makespan_sequential_s: makespan of the plan, one task after another [s].
+    """
+
+    base: str
+    recording: bool
+    audit: bool
+    planning_s: Mapping[str, float]
+    makespan_sequential_s: float | None
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What came of a trial.
+
+    Attributes:
+        folder: of the files.
+        run: the execution.
+        summary: the content of ``summary.json``.
+    """
+
+    folder: Path
+    run: Run
+    summary: Mapping[str, Any]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the run was completed and no audit found anything."""
+        audit = self.summary["audit"]
+        return self.run.outcome == "completed" and not (audit and audit["violations"])
+
+
+def try_plan(
+    scenario: Scenario,
+    tpg: TemporalPlanGraph,
+    folder: Path,
+    *,
+    base: Path = Path(),
+    planning_s: Mapping[str, float] | None = None,
+    turns: TemporalPlanGraph | None = None,
+    keep: Keep | None = None,
+    progress: Report = report_nothing,
+) -> Trial:
+    """Execute a plan once and write everything about it into a folder.
+
+    Args:
+        scenario: seed, policy, durations and disturbances are taken from it.
+        tpg: the plan.
+        folder: of the run, made by prepare_run_folder.
+        base: where relative paths of the scenario start.
+        planning_s: seconds of the planning stages, for the summary.
+        turns: what to compare with, one task after another; by default the plan itself.
+        keep: what to do besides.
+        progress: told how far each stage has come.
+
+    Raises:
+        OutputError: a file cannot be written.
+        DeadlockError: no robot could go on.
+    """
+    keep = keep or Keep()
+    about = Preparation(
+        base=str(base.resolve()),
+        recording=keep.recording,
+        audit=keep.audit,
+        planning_s=dict(planning_s or {}),
+        makespan_sequential_s=_sequential_s(scenario, turns or tpg, base),
+    )
+    content = resolved(scenario)
+    write_manifest(folder, content, tpg.cell, seed=scenario.seed, run=asdict(about))
+    save_plan(tpg, folder)
+    progress(SIMULATION, 0, 1)
+    memory = MemoryRecorder()
+    log = JsonlRecorder(folder / EVENTS)
+    run = execute(
+        scenario, tpg, base, scenario.execution.policy, recorders=(log, memory)
+    )
+    progress(SIMULATION, 1, 1)
+    return conclude(scenario, tpg, folder, run, memory.events, about, progress)
+
+
+def conclude(
+    scenario: Scenario,
+    tpg: TemporalPlanGraph,
+    folder: Path,
+    run: Run,
+    events: list[Event],
+    about: Preparation,
+    progress: Report = report_nothing,
+) -> Trial:
+    """Write everything about a run that has been simulated, besides its event log.
+
+    Args:
+        scenario: what was executed.
+        tpg: the plan.
+        folder: of the run.
+        run: how it went.
+        events: the rows of its log.
+        about: what was known before it began.
+        progress: told how far each stage has come.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    _write_records(folder, scenario, tpg, run, events, about.recording, progress)
+    completed = run.outcome == "completed"
+    ended = run.outcome != "aborted"
+    audit = _audit(folder, progress) if about.audit and ended else None
+    summary = summarise(
+        tpg,
+        run,
+        scenario=scenario.name,
+        planning_s=about.planning_s,
+        audit=audit,
+        makespan_sequential_s=about.makespan_sequential_s if completed else None,
+    )
+    write_summary(folder / SUMMARY, summary)
+    return Trial(folder, run, summary)
+
+
+def _sequential_s(
+    scenario: Scenario, tpg: TemporalPlanGraph, base: Path
+) -> float | None:
+    """Return the makespan of one task at a time [s], None where that comes to no end."""
+    try:
+        baseline = execute(scenario, tpg, base, "sequential")
+    except DeadlockError:
+        return None
+    return baseline.makespan_s if baseline.outcome == "completed" else None
+
+
+def execute(
+    scenario: Scenario,
+    tpg: TemporalPlanGraph,
+    base: Path,
+    policy: Policy,
+    *,
+    recorders: tuple[Recorder, ...] = (),
+) -> Run:
+    """Execute a plan once, with the draws that the scenario's seed names.
+
+    Args:
+        scenario: seed, durations and disturbances are taken from it.
+        tpg: the plan.
+        base: where relative paths of the scenario start.
+        policy: how nodes are released.
+        recorders: told of every event.
+
+    Raises:
+        DeadlockError: no robot could go on.
+    """
+    simulator = scenario_simulator(scenario, tpg, base, policy=policy)
+    return simulator.run(seed=scenario.seed, recorders=recorders)
+
+
+def _write_records(
+    folder: Path,
+    scenario: Scenario,
+    tpg: TemporalPlanGraph,
+    run: Run,
+    events: list[Event],
+    recording: bool,
+    progress: Report,
+) -> None:
+    total = 3 + recording
+    progress(RECORDS, 0, total)
+    motions = robot_trajectories(tpg, run)
+    write_table(folder / TRAJECTORY, trajectory_table(motions))
+    write_table(folder / OBJECTS, objects_table(object_placements(tpg, run)))
+    progress(RECORDS, 2, total)
+    draw_gantt(folder / GANTT, tpg, run, title=scenario.name)
+    progress(RECORDS, 3, total)
+    if recording:
+        from twin.recorders.rerun.recorder import write_recording
+
+        write_recording(folder / RECORDING, tpg, run, events, name=scenario.name)
+        progress(RECORDS, total, total)
+
+
+def _audit(folder: Path, progress: Report) -> dict[str, Any]:
+    with silenced():
+        import pybullet  # noqa: F401 - for its greeting
+    from twin.audit.audit import audit_run
+
+    report = audit_run(folder, lambda done, total: progress(AUDIT, done, total))
+    least = report.min_distance_m
+    return {
+        "configurations": report.configurations,
+        "min_distance_m": least if math.isfinite(least) else None,
+        "violations": [asdict(violation) for violation in report.violations],
+    }

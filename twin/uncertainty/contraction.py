@@ -1,0 +1,112 @@
+"""Runs of nodes that may be executed as one, because nothing else can tell the difference.
+
+A node that waits for no other robot and that follows a node nobody waits for starts the instant
+its predecessor is complete, whatever the queue depth, as long as messages take no time. So it
+can be simulated together with its predecessor: all starts and ends stay the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scheduling.graph.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
+from twin.durations import Nanoseconds
+from twin.uncertainty.halts import Halts
+
+
+@dataclass(frozen=True)
+class Contraction:
+    """A TPG whose nodes are segments of the nodes of another.
+
+    Attributes:
+        tpg: the contracted graph.
+        first: first node of each segment and the number of nodes, per chain, shape
+            (segments + 1,).
+    """
+
+    tpg: TemporalPlanGraph
+    first: tuple[Indices, ...]
+
+    def sums(self, values: Sequence[Nanoseconds]) -> tuple[Nanoseconds, ...]:
+        """Return the sums of per-node values over segments, per chain."""
+        return tuple(
+            np.add.reduceat(v, f[:-1]) if len(v) else v
+            for v, f in zip(values, self.first, strict=True)
+        )
+
+    def expand(
+        self,
+        start_ns: Sequence[Nanoseconds],
+        busy_ns: Sequence[Nanoseconds],
+        until_ns: int,
+        halts: Sequence[Halts] | None = None,
+    ) -> tuple[tuple[Nanoseconds, ...], tuple[Nanoseconds, ...]]:
+        """Return start and end of every node from the starts of the segments.
+
+        Args:
+            start_ns: start of each segment, -1 where it has not started, per chain [ns].
+            busy_ns: stall and duration of each node together, per chain [ns].
+            until_ns: what would start or end after this has not happened [ns].
+            halts: stops by the clock, one entry a chain.
+        """
+        starts, ends = [], []
+        for k, (segment, busy, first) in enumerate(
+            zip(start_ns, busy_ns, self.first, strict=True)
+        ):
+            count = np.diff(first)
+            passed = np.cumsum(busy)
+            before = passed - busy
+            base = np.repeat(before[first[:-1]], count)
+            origin = np.repeat(segment, count)
+            begun = origin >= 0
+            if halts is None:
+                start, end = origin + before - base, origin + passed - base
+            else:
+                start = halts[k].expand(origin, before - base)
+                end = halts[k].expand(origin, passed - base)
+            starts.append(np.where(begun & (start <= until_ns), start, -1))
+            ends.append(np.where(begun & (end <= until_ns), end, -1))
+        return tuple(starts), tuple(ends)
+
+
+def contract(tpg: TemporalPlanGraph) -> Contraction:
+    """Join every node to its predecessor where start and end times provably stay the same.
+
+    Nodes of different tasks are never joined, so a segment belongs to one task.
+    """
+    chains, firsts, segment_of = [], [], []
+    for k, chain in enumerate(tpg.chains):
+        opens = np.zeros(len(chain) + 1, dtype=bool)
+        opens[0] = True
+        opens[tpg.edges[tpg.edges[:, 2] == k, 3]] = True
+        opens[tpg.edges[tpg.edges[:, 0] == k, 1] + 1] = True
+        opens[1:-1] |= np.diff(chain.task) != 0
+        first = np.flatnonzero(opens[:-1])
+        chains.append(_contract_chain(chain, first))
+        segment_of.append(np.cumsum(opens[:-1]) - 1)
+        firsts.append(np.append(first, len(chain)))
+    edges = tpg.edges.copy()
+    for k in range(len(chains)):
+        for column in (0, 2):
+            own = edges[:, column] == k
+            edges[own, column + 1] = segment_of[k][edges[own, column + 1]]
+    return Contraction(
+        replace(tpg, chains=tuple(chains), edges=edges, handlings=()), tuple(firsts)
+    )
+
+
+def _contract_chain(chain: NodeChain, first: Indices) -> NodeChain:
+    """Keep one node a segment; geometry is left as it is, for only times are asked of it."""
+    return replace(
+        chain,
+        first=np.append(chain.first[first], chain.first[-1]),
+        task=chain.task[first],
+        skill=chain.skill[first],
+        duration=np.asarray(np.add.reduceat(chain.duration, first), dtype=float)
+        if len(first)
+        else np.zeros(0),
+        planned_start=chain.planned_start[first],
+    )
