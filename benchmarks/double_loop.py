@@ -15,6 +15,7 @@ from numba import njit
 
 from planning.geometry.hull_table import HullTable
 from planning.geometry.stretches import Stretch, make_stretch
+from planning.transforms import Indices
 from scheduling.conflicts.allowed_contacts import ContactTable
 from scheduling.conflicts.block_pairs import close_blocks, touching_bodies, wide_gap
 from scheduling.conflicts.close_bodies import (
@@ -32,7 +33,6 @@ from scheduling.conflicts.swept_sequence import (
     room_for_capsules,
 )
 from scheduling.graph.reduction import NodeOrder
-from scheduling.graph.temporal_plan_graph import Indices
 from scheduling.graph.total_order import nodes_before
 
 

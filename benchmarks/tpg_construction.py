@@ -27,6 +27,7 @@ import numpy as np
 from benchmarks.double_loop import find_edges_double_loop, segment_capsules
 from benchmarks.machine import date_line, load_line, machine_line
 from planning.motion.motion_plan import MotionPlan
+from planning.transforms import Indices
 from scheduling.build_tpg import (
     build_nodes,
     build_tpg,
@@ -38,7 +39,7 @@ from scheduling.conflicts.conflict_search import CapsuleChecker, find_motion_edg
 from scheduling.conflicts.object_spans import trace_objects
 from scheduling.conflicts.occupancy import Occupancy, chain_occupancy
 from scheduling.graph.reduction import order_and_reduce
-from scheduling.graph.temporal_plan_graph import Indices, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.total_order import planned_ranks
 from twin.planning.pipeline import plan_in_turns
 from twin.planning.stage_watch import StageWatch

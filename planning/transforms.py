@@ -12,6 +12,8 @@ Transform = npt.NDArray[np.float64]
 
 Array = npt.NDArray[np.float64]
 
+Indices = npt.NDArray[np.int64]
+
 
 def identity() -> Transform:
     """Return the identity transform."""

@@ -10,7 +10,7 @@ import numpy as np
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.tasks.task_graph import TRANSIT, Task
-from planning.transforms import Array, readonly
+from planning.transforms import Array, Indices, readonly
 from scheduling.conflicts.allowed_contacts import EntityNumbers, contact_table
 from scheduling.conflicts.conflict_search import (
     ConflictChecker,
@@ -26,7 +26,6 @@ from scheduling.graph.reduction import order_and_reduce
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
-    Indices,
     NodeChain,
     NodeHandling,
     TemporalPlanGraph,

@@ -17,6 +17,7 @@ import numpy as np
 
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
+from planning.transforms import Indices
 from scheduling.conflicts.allowed_contacts import (
     ContactTable,
     EntityNumbers,
@@ -33,7 +34,7 @@ from scheduling.conflicts.occupancy import (
 )
 from scheduling.conflicts.side_by_side import side_by_side
 from scheduling.graph.reduction import NodeOrder, order_and_reduce
-from scheduling.graph.temporal_plan_graph import Indices, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.total_order import planned_ranks
 
 

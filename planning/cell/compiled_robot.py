@@ -11,7 +11,7 @@ import numpy.typing as npt
 from planning.cell.body import ConvexBody
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import PlacedRobot
-from planning.transforms import Array, Transform
+from planning.transforms import Array, Indices, Transform
 
 
 class RobotKernel(NamedTuple):
@@ -31,11 +31,11 @@ class RobotKernel(NamedTuple):
     axis: Array
     prismatic: npt.NDArray[np.bool_]
     base: Array
-    joint: npt.NDArray[np.int64]
+    joint: Indices
     start: Array
     end: Array
     radius: Array
-    body: npt.NDArray[np.int64]
+    body: Indices
 
 
 _BARE: dict[int, tuple[RobotModel, RobotKernel]] = {}
@@ -82,11 +82,11 @@ def _collect(
 ) -> RobotKernel:
     """Return the arrays of the robot's parts, if wanted, and of what it holds."""
     model = robot.model
-    joint: list[npt.NDArray[np.int64]] = []
+    joint: list[Indices] = []
     start: list[Array] = []
     end: list[Array] = []
     radius: list[Array] = []
-    body: list[npt.NDArray[np.int64]] = []
+    body: list[Indices] = []
 
     def add(which: int, carrier: int, capsules_of: ConvexBody, pose: Transform) -> None:
         capsules = capsules_of.capsules

@@ -11,7 +11,7 @@ from numba import njit
 from planning.cell.compiled_robot import RobotKernel
 from planning.geometry.exact import TOLERANCE
 from planning.geometry.hull_table import HullTable
-from planning.geometry.proposals import BOX, SELF, Integers, Scene, propose
+from planning.geometry.proposals import BOX, SELF, Scene, propose
 from planning.geometry.separation import (
     APART,
     CONFLICT,
@@ -19,7 +19,7 @@ from planning.geometry.separation import (
     judge_hulls,
     pose_segments,
 )
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 _ROOM = 512
 
@@ -84,11 +84,11 @@ def _keep_unproved(
     moving: HullTable,
     boxes: HullTable,
     others: HullTable,
-    corners: Integers,
+    corners: Indices,
     q_a: Array,
     q_b: Array,
     when: Array,
-    what: Integers,
+    what: Indices,
     count: int,
     stop: bool,
 ) -> int:
@@ -148,14 +148,14 @@ def find_undecided(
     moving: HullTable,
     boxes: HullTable,
     others: HullTable,
-    corners: Integers,
+    corners: Indices,
     q_a: Array,
     q_b: Array,
     probes: Array,
     begin: int,
     stop: bool,
     resolution: float,
-) -> tuple[int, Array, Integers]:
+) -> tuple[int, Array, Indices]:
     """Look at some configurations of a motion, then at all of it, until something is undecided.
 
     Args:

@@ -13,9 +13,7 @@ from planning.cell.body import ConvexBody
 from planning.cell.compiled_robot import RobotKernel
 from planning.geometry.exact import Solid
 from planning.kinematics.chain import joint_poses
-from planning.transforms import Array, Transform
-
-Indices = npt.NDArray[np.int64]
+from planning.transforms import Array, Indices, Transform
 
 AT_REST = -2
 """Stands for the joint of a body that rests in the world."""

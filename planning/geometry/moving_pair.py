@@ -10,7 +10,6 @@ is too coarse for that is halved.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from planning.cell.compiled_robot import RobotKernel, robot_kernel
@@ -26,9 +25,7 @@ from planning.geometry.separation import (
     pose_segments,
 )
 from planning.geometry.swept import place_capsules
-from planning.transforms import Array
-
-Integers = npt.NDArray[np.int64]
+from planning.transforms import Array, Indices
 
 _SKIP = -1.0
 _HALVINGS = 5
@@ -117,7 +114,7 @@ class _Bodies:
         n = kernel.placement.shape[0]
         which = np.arange(len(solids), dtype=np.int32)[None]
         self.kernel = kernel
-        self.first: Integers = np.searchsorted(
+        self.first: Indices = np.searchsorted(
             kernel.body, np.arange(len(solids) + 1)
         ).astype(np.int64)
         self.hulls = hull_table(
@@ -160,7 +157,7 @@ def _bodies(
 @njit(cache=True, nogil=True)
 def _bound(
     kernel: RobotKernel,
-    first: Integers,
+    first: Indices,
     start: Array,
     end: Array,
     moved: Array,
@@ -183,13 +180,13 @@ def _bound(
 @njit(cache=True, nogil=True)
 def _near(
     a: RobotKernel,
-    a_first: Integers,
+    a_first: Indices,
     a_start: Array,
     a_end: Array,
     a_moved: Array,
     i: int,
     b: RobotKernel,
-    b_first: Integers,
+    b_first: Indices,
     b_start: Array,
     b_end: Array,
     b_moved: Array,
@@ -210,10 +207,10 @@ def _near(
 @njit(cache=True, nogil=True)
 def _split(
     a: RobotKernel,
-    a_first: Integers,
+    a_first: Indices,
     a_hulls: HullTable,
     b: RobotKernel,
-    b_first: Integers,
+    b_first: Indices,
     b_hulls: HullTable,
     limits: Array,
     a_from: Array,

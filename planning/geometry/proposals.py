@@ -5,20 +5,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from planning.cell.compiled_robot import RobotKernel
 from planning.geometry.distance import segment_box, segment_segment
 from planning.geometry.swept import place_capsules
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 SKIP = -1.0
 """In a table of limits: this pair is never checked."""
 
 BOX, SOLID, SELF = 0, 1, 2
-
-Integers = npt.NDArray[np.int64]
 
 
 class Scene(NamedTuple):
@@ -44,17 +41,17 @@ class Scene(NamedTuple):
     start: Array
     end: Array
     radius: Array
-    first: Integers
+    first: Indices
     solid_bounds: Array
     solid_limit: Array
     self_limit: Array
-    own_first: Integers
+    own_first: Indices
 
 
 @njit(cache=True, nogil=True)
 def _bound_bodies(
     kernel: RobotKernel,
-    own_first: Integers,
+    own_first: Indices,
     start: Array,
     end: Array,
     moved: Array,
@@ -95,7 +92,7 @@ def _hits(
     moved: Array,
     bounds: Array,
     resolution: float,
-    out: Integers,
+    out: Indices,
 ) -> int:
     """Write (kind, own body, other) of every close pair; -1 asks for a shorter stretch first."""
     count = 0
@@ -151,7 +148,7 @@ def _hits(
 
 
 @njit(cache=True, inline="always")
-def _note(out: Integers, count: int, kind: int, body: int, other: int) -> int:
+def _note(out: Indices, count: int, kind: int, body: int, other: int) -> int:
     if count < out.shape[0]:
         out[count, 0], out[count, 1], out[count, 2] = kind, body, other
     return count + 1
@@ -165,7 +162,7 @@ def propose(
     q_b: Array,
     resolution: float,
     room: int,
-) -> tuple[Array, Integers, int]:
+) -> tuple[Array, Indices, int]:
     """Return the pairs of bodies that may touch on a straight motion, and where on it.
 
     The motion is halved until every stretch either clears all capsules or moves none of those

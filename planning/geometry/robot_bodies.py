@@ -12,9 +12,9 @@ from planning.cell.compiled_robot import RobotKernel, robot_kernel
 from planning.cell.workcell import Attachment, CellObject, PlacedRobot
 from planning.geometry.exact import Solid, carried_solid
 from planning.geometry.hull_table import HullTable, hull_table
-from planning.geometry.proposals import SKIP, Integers
+from planning.geometry.proposals import SKIP
 from planning.kinematics.chain import joint_poses
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 Held = tuple[CellObject, Attachment]
 
@@ -38,7 +38,7 @@ class RobotBodies:
     kernel: RobotKernel
     solids: tuple[Solid, ...]
     entities: tuple[str, ...]
-    first: Integers
+    first: Indices
     hulls: HullTable
     self_limits: Array
     parts: int
@@ -178,7 +178,7 @@ def _append(
     )
 
 
-def first_of_bodies(bodies: Integers, count: int) -> Integers:
+def first_of_bodies(bodies: Indices, count: int) -> Indices:
     """Return where each body's capsules start in a sorted list of body indices."""
     return np.searchsorted(bodies, np.arange(count + 1)).astype(np.int64)
 

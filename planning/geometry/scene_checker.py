@@ -19,7 +19,7 @@ from planning.geometry.exact import (
     come_close_together,
     distance_at,
 )
-from planning.geometry.proposals import BOX, SELF, SKIP, Integers, Scene
+from planning.geometry.proposals import BOX, SELF, SKIP, Scene
 from planning.geometry.robot_bodies import (
     Held,
     entity,
@@ -30,7 +30,7 @@ from planning.geometry.robot_bodies import (
     robot_solids,
 )
 from planning.geometry.standing import StandingBoxes, stand_boxes, stand_robots
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 __all__ = [
     "Contact",
@@ -295,7 +295,7 @@ class SceneChecker:
 
     def _undecided(
         self, q_a: Array, q_b: Array, probes: Array, begin: int, *, stop: bool
-    ) -> tuple[int, Array, Integers]:
+    ) -> tuple[int, Array, Indices]:
         return find_undecided(
             self.kernel,
             self._scene,

@@ -12,13 +12,12 @@ from planning.geometry.gjk import BETWEEN, CLOSE, FAR, TOO_CLOSE, gap_class
 from planning.geometry.hull_table import (
     AT_REST,
     HullTable,
-    Indices,
     move_corners,
     place_corners,
     pose_joints,
     stray,
 )
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 APART, UNDECIDED, CONFLICT = 1, 0, -1
 """Answers of ``judge_hulls``."""

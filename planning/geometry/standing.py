@@ -19,10 +19,9 @@ from planning.cell.compiled_robot import RobotKernel
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.geometry.exact import Solid, resting_solid
 from planning.geometry.hull_table import AT_REST, HullTable, hull_table
-from planning.geometry.proposals import Integers
 from planning.geometry.robot_bodies import joint_poses_of, robot_bodies
 from planning.geometry.swept import sweep_segments
-from planning.transforms import Array, Transform
+from planning.transforms import Array, Indices, Transform
 
 _MOST_PLACES = 50_000
 _MOST_STANDS = 2_000
@@ -106,7 +105,7 @@ class StandingBoxes:
     """
 
     names: tuple[str, ...]
-    rows: Integers
+    rows: Indices
     fixtures: int
     places: _Places
 
@@ -210,7 +209,7 @@ class StandingRobots(NamedTuple):
     start: Array
     end: Array
     radius: Array
-    first: Integers
+    first: Indices
     bounds: Array
     hulls: HullTable
 

@@ -16,13 +16,12 @@ from planning.geometry.gjk import BETWEEN, FAR, gap_class
 from planning.geometry.hull_table import (
     AT_REST,
     HullTable,
-    Indices,
     move_corners,
     pose_joints,
     stray,
     stray_of_capsules,
 )
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 MIXED = -2
 """Stands for the solid of a body that is not the same on all of a stretch."""

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.cell.workcell import Workcell, start_state
 from planning.geometry.scene_checker import SceneChecker
@@ -21,7 +20,7 @@ from planning.tasks.assignment_problem import (
 from planning.tasks.plan import TaskPlan
 from planning.tasks.steps import StepTasks
 from planning.tasks.work import AssemblyWork
-from planning.transforms import Array, Transform
+from planning.transforms import Array, Indices, Transform
 
 _MOST = 12
 """Configurations tried for one pose of a tool."""
@@ -105,7 +104,7 @@ def _nothing(step: int) -> str:
     return f"goal {step}"
 
 
-def _link(steps: Sequence[StepTasks]) -> npt.NDArray[np.int64]:
+def _link(steps: Sequence[StepTasks]) -> Indices:
     """Return no dependencies: what must be kept in order follows from collisions."""
     return np.empty((0, 2), dtype=np.int64)
 

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
 from planning.cell.workcell import Workcell
 from planning.tasks.task_graph import AllowedContact, Task
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -41,5 +38,5 @@ class MotionPlan:
     cell: Workcell
     tasks: tuple[Task, ...]
     motions: tuple[TaskMotion, ...]
-    dependencies: npt.NDArray[np.int64]
+    dependencies: Indices
     allowed: tuple[AllowedContact, ...]

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.cell.workcell import WorldState, start_state
 from planning.errors import TransitError
@@ -24,7 +23,7 @@ from planning.motion.speed import path_duration
 from planning.motion.transit import RrtConnect
 from planning.tasks.task_graph import TRANSIT, Task
 from planning.tasks.world_progress import apply_handlings, move_robot
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 _SHORTEST = 1e-3
 """A slot in which nobody moves takes this long, so that slots do not start at once [s]."""
@@ -71,7 +70,7 @@ class SynchronousPlan:
     """
 
     motion_plan: MotionPlan
-    slot_of_task: npt.NDArray[np.int64]
+    slot_of_task: Indices
     jointly_planned: tuple[tuple[int, ...], ...] = ()
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.parts.candidates import (
     PickPlaceCandidates,
@@ -17,6 +16,7 @@ from planning.skills.step_builder import StepBuilder
 from planning.tasks.plan import TaskPlan
 from planning.tasks.steps import StepTasks
 from planning.tasks.task_graph import Task
+from planning.transforms import Indices
 
 
 def expand_step(
@@ -54,9 +54,7 @@ def expand_step(
     return build.build()
 
 
-def link_steps(
-    candidates: PickPlaceCandidates, steps: Sequence[StepTasks]
-) -> npt.NDArray[np.int64]:
+def link_steps(candidates: PickPlaceCandidates, steps: Sequence[StepTasks]) -> Indices:
     """Return all dependencies of a plan.
 
     A part is placed after those that it touches in its place, and picked after those that it

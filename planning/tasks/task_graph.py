@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import networkx as nx
-import numpy as np
-import numpy.typing as npt
 
 from planning.errors import PlanInvariantError
-from planning.transforms import Array, Transform
+from planning.transforms import Array, Indices, Transform
 
 TRANSIT = "transit"
 SKILLS = (
@@ -100,7 +98,7 @@ def object_node(name: str, occurrence: int) -> tuple[str, str, int]:
 
 def build_task_graph(
     tasks: Sequence[Task],
-    dependencies: Iterable[tuple[int, int]] | npt.NDArray[np.int64],
+    dependencies: Iterable[tuple[int, int]] | Indices,
     *,
     later: Collection[str] = (),
 ) -> nx.DiGraph[Any]:

@@ -6,12 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
-import numpy as np
-import numpy.typing as npt
-
 from planning.tasks.assignment_problem import AssignmentProblem
 from planning.tasks.plan import TaskPlan, alternatives
 from planning.tasks.steps import StepTasks
+from planning.transforms import Indices
 
 
 @dataclass(frozen=True)
@@ -28,7 +26,7 @@ class AssemblyWork:
 
     problem: AssignmentProblem
     expand: Callable[[TaskPlan, int, int], StepTasks]
-    link: Callable[[Sequence[StepTasks]], npt.NDArray[np.int64]]
+    link: Callable[[Sequence[StepTasks]], Indices]
 
 
 @dataclass

@@ -11,8 +11,7 @@ from numba import njit
 
 from planning.cell.workcell import Clearances
 from planning.tasks.task_graph import AllowedContact
-from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import Indices
+from planning.transforms import Array, Indices
 
 GROUPS = ("arm", "tool")
 

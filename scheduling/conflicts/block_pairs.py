@@ -7,10 +7,9 @@ from numba import njit
 
 from planning.geometry.distance import segment_distance
 from planning.geometry.exact import TOLERANCE
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 from scheduling.conflicts.allowed_contacts import ContactTable, may_touch
 from scheduling.conflicts.swept_sequence import SweptSequence
-from scheduling.graph.temporal_plan_graph import Indices
 
 
 @njit(cache=True, nogil=True)

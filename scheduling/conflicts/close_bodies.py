@@ -30,10 +30,9 @@ from planning.geometry.stretches import (
     pose_stretch,
     stretches_stay_apart,
 )
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 from scheduling.conflicts.allowed_contacts import ContactTable, may_touch
 from scheduling.conflicts.swept_sequence import LEAF, SweptSequence
-from scheduling.graph.temporal_plan_graph import Indices
 
 BLOCKS = -1
 """Marks a row of the stack as a pair of blocks."""

@@ -14,17 +14,15 @@ from itertools import count
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.geometry.exact import come_close, distance_at
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 from scheduling.conflicts.allowed_contacts import ContactTable
 from scheduling.conflicts.close_bodies import start_descent
 from scheduling.conflicts.occupancy import Occupancy
 from scheduling.conflicts.side_by_side import side_by_side
 from scheduling.conflicts.staircase import next_proposal, raise_floor
 from scheduling.graph.reduction import NodeOrder
-from scheduling.graph.temporal_plan_graph import Indices
 from scheduling.graph.total_order import nodes_before
 
 _MOST_HITS = 32768
@@ -39,7 +37,7 @@ class ConflictChecker(Protocol):
         s: int,
         b: Occupancy,
         t: int,
-        pairs: npt.NDArray[np.int64],
+        pairs: Indices,
         where: Array,
     ) -> bool:
         """Tell whether two segments conflict.
@@ -75,7 +73,7 @@ class HullChecker:
         s: int,
         b: Occupancy,
         t: int,
-        pairs: npt.NDArray[np.int64],
+        pairs: Indices,
         where: Array,
     ) -> bool:
         """Tell whether two segments conflict; see ConflictChecker."""
@@ -110,7 +108,7 @@ class CapsuleChecker:
         s: int,
         b: Occupancy,
         t: int,
-        pairs: npt.NDArray[np.int64],
+        pairs: Indices,
         where: Array,
     ) -> bool:
         """Tell whether two segments conflict; see ConflictChecker."""

@@ -14,10 +14,9 @@ import numpy as np
 
 from planning.errors import PlanInvariantError
 from planning.geometry.scene_checker import flange_pose
-from planning.transforms import Transform
+from planning.transforms import Indices, Transform
 from scheduling.graph.reduction import NodeOrder
 from scheduling.graph.temporal_plan_graph import (
-    Indices,
     NodeChain,
     NodeHandling,
     TemporalPlanGraph,

@@ -23,11 +23,11 @@ from planning.geometry.hull_table import HullTable, hull_table, placed_capsules
 from planning.geometry.scene_checker import entity as robot_entity
 from planning.geometry.scene_checker import robot_solids
 from planning.geometry.swept import bound_travel
-from planning.transforms import Array, Transform
+from planning.transforms import Array, Indices, Transform
 from scheduling.conflicts.allowed_contacts import ALWAYS, EntityNumbers
 from scheduling.conflicts.object_spans import ObjectSpan, Rest
 from scheduling.conflicts.swept_sequence import LEAF, SweptSequence, swept_sequence
-from scheduling.graph.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 
 MOTION = 0.02
 """Bound of the motion of any point within one segment [m]."""

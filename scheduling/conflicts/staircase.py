@@ -13,11 +13,11 @@ import numpy as np
 from numba import njit
 
 from planning.geometry.hull_table import HullTable
+from planning.transforms import Indices
 from scheduling.conflicts.allowed_contacts import ContactTable
 from scheduling.conflicts.block_pairs import close_blocks, touching_bodies, wide_gap
 from scheduling.conflicts.close_bodies import BLOCKS, PROVED, Descent, keep_close_bodies
 from scheduling.conflicts.swept_sequence import SweptSequence
-from scheduling.graph.temporal_plan_graph import Indices
 
 
 @njit(cache=True, nogil=True)

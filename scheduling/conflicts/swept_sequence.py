@@ -25,8 +25,7 @@ from planning.geometry.stretches import (
     sweep_all_capsules,
     sweep_capsules,
 )
-from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import Indices
+from planning.transforms import Array, Indices
 
 LEAF = 4
 """Segments in a block that is not split any further."""

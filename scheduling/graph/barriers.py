@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from planning.errors import PlanInvariantError
+from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
-    Indices,
     TemporalPlanGraph,
 )
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from numba import njit
 
 from planning.errors import PlanInvariantError
-from scheduling.graph.temporal_plan_graph import Indices
+from planning.transforms import Indices
 
 
 @dataclass(frozen=True)

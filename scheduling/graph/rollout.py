@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import Indices, TemporalPlanGraph
+from planning.transforms import Array, Indices
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.total_order import planned_ranks
 
 NANOSECONDS = 1_000_000_000
@@ -97,7 +97,7 @@ def earliest_times(
     Args:
         tpg: the graph.
         durations: one array of shape (nodes,) a chain, floats [s] or integers [ns]; the
-            nominal durations by default. Integers stay integers.
+            nominal durations by default. Indices stay integers.
         ranks: place of every node in the total order, where that is known already.
     """
     chosen = [

@@ -14,9 +14,7 @@ import numpy.typing as npt
 
 from planning.cell.workcell import Workcell
 from planning.tasks.task_graph import AllowedContact, Task
-from planning.transforms import Array, Transform
-
-Indices = npt.NDArray[np.int64]
+from planning.transforms import Array, Indices, Transform
 
 TASK_DEPENDENCY = 0
 MOTION_CONFLICT = 1

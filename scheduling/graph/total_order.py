@@ -12,7 +12,8 @@ from itertools import pairwise
 import numpy as np
 
 from planning.errors import PlanInvariantError
-from scheduling.graph.temporal_plan_graph import Indices, NodeChain
+from planning.transforms import Indices
+from scheduling.graph.temporal_plan_graph import NodeChain
 
 
 def planned_ranks(chains: Sequence[NodeChain]) -> tuple[Indices, ...]:

@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from planning.transforms import Indices
 from scheduling.build_tpg import dependency_edges
 from scheduling.conflicts.allowed_contacts import EntityNumbers, contact_table
 from scheduling.conflicts.conflict_search import HullChecker, search_conflicts
 from scheduling.conflicts.kept_occupancies import cut_chain, occupancy_of
 from scheduling.conflicts.object_spans import Node, Rest, trace_objects
 from scheduling.conflicts.occupancy import Occupancy, hold_occupancy, rest_occupancy
-from scheduling.graph.temporal_plan_graph import Indices, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 Stair = tuple[Indices, Indices]
 """Nodes of the later task, counted from its first one, and for each the node of the earlier

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from planning.motion.speed import SpeedModel, sample_path
-from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import Indices, NodeChain
+from planning.transforms import Array, Indices
+from scheduling.graph.temporal_plan_graph import NodeChain
 
 LINE, CORNER, JOINT = "line", "corner", "joint"
 

@@ -13,13 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planning.transforms import Indices
 from scheduling.conflicts.allowed_contacts import ContactTable, EntityNumbers
 from scheduling.conflicts.conflict_search import HullChecker, search_conflicts
 from scheduling.conflicts.kept_occupancies import Pieces
 from scheduling.conflicts.object_spans import ObjectSpan, Rest, while_at_rest
 from scheduling.conflicts.occupancy import Occupancy, hold_occupancy, rest_occupancy
 from scheduling.graph.reduction import NodeOrder
-from scheduling.graph.temporal_plan_graph import Indices, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, Indices
+from planning.transforms import Indices
+from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT
 
 Causes = npt.NDArray[np.uint8]
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from planning.errors import PlanInvariantError
 from planning.motion.speed import SpeedModel, path_duration
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 from scheduling.conflicts.allowed_contacts import EntityNumbers, contact_table
 from scheduling.conflicts.kept_occupancies import Pieces, occupancy_of
 from scheduling.conflicts.object_spans import (
@@ -29,7 +29,6 @@ from scheduling.graph.reduction import NodeOrder, order_and_reduce
 from scheduling.graph.rollout import Rollout, earliest_times, latest_ends
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
-    Indices,
     NodeChain,
     TemporalPlanGraph,
 )

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scheduling.graph.temporal_plan_graph import Indices, TemporalPlanGraph
+from planning.transforms import Indices
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 _BLOCK = 4096
 

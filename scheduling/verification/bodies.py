@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.cell.workcell import PlacedRobot, Workcell
-from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import Indices, NodeChain
+from planning.transforms import Array, Indices
+from scheduling.graph.temporal_plan_graph import NodeChain
 from scheduling.verification.object_places import Carried
 from scheduling.verification.reference import Part, ReferenceRobot
 

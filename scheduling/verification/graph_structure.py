@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import (
-    Indices,
     NodeHandling,
     TemporalPlanGraph,
 )

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import Indices
+from planning.transforms import Array, Indices
 from scheduling.verification.ancestors import Precedence
 from scheduling.verification.bodies import Body, Pieces, RobotBodies
 from scheduling.verification.object_places import Resting

@@ -14,8 +14,8 @@ import numpy as np
 from planning.cell.workcell import PlacedRobot
 from planning.robots.registry import ROBOTS
 from planning.tasks.task_graph import AllowedContact
-from planning.transforms import Array, Transform
-from scheduling.graph.temporal_plan_graph import Indices, TemporalPlanGraph
+from planning.transforms import Array, Indices, Transform
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 
 @dataclass(frozen=True)

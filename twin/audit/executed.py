@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from planning.errors import OutputError
-from planning.transforms import Array, Transform, from_quat_wxyz
-from scheduling.graph.temporal_plan_graph import Indices
+from planning.transforms import Array, Indices, Transform, from_quat_wxyz
 from twin.audit.cell_description import AuditScene
 
 WORLD = "world"

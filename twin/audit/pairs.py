@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import Indices
+from planning.transforms import Array, Indices
 from twin.audit.bullet_world import AuditWorld, Shape, homogeneous, travel
 from twin.audit.sampling import Stretch, load_frames
 

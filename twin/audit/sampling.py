@@ -9,8 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from planning.errors import OutputError
-from planning.transforms import Array, Transform
-from scheduling.graph.temporal_plan_graph import Indices
+from planning.transforms import Array, Indices, Transform
 from twin.audit.bullet_world import AuditWorld, carried_poses, travel
 from twin.audit.executed import ObjectRow, Recording
 

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from planning.motion.speed import SpeedModel
-from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
+from planning.transforms import Array, Indices
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.run.run_record import Run
 

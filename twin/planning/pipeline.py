@@ -18,8 +18,9 @@ from planning.motion.transit import RrtConnect
 from planning.tasks.highs_solver import HighsAssignmentSolver
 from planning.tasks.plan import TaskPlan
 from planning.tasks.work import StepExpansions
+from planning.transforms import Indices
 from scheduling.build_tpg import build_nodes, build_tpg
-from scheduling.graph.temporal_plan_graph import Indices, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.ordering.reordering import reorder_tasks
 from scheduling.ordering.task_conflicts import SweptTaskConflicts
 from scheduling.shortcuts.shortcutting import shorten_tpg

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planning.transforms import Array, Transform
-from scheduling.graph.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
+from planning.transforms import Array, Indices, Transform
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations import Nanoseconds
 from twin.run.run_record import Run, waypoint_offsets_ns
 from twin.uncertainty.pace import Pace

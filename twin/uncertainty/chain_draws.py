@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
+from planning.transforms import Array, Indices
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations import (
     NANOSECONDS,
     DurationModel,

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scheduling.graph.temporal_plan_graph import Indices, NodeChain, TemporalPlanGraph
+from planning.transforms import Indices
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations import Nanoseconds
 from twin.uncertainty.halts import Halts
 

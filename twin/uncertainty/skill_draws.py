@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import Indices, TemporalPlanGraph
+from planning.transforms import Array, Indices
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import DurationModel
 from twin.durations.nanoseconds import Nanoseconds, to_nanoseconds
 from twin.uncertainty.draws import uniforms_bulk

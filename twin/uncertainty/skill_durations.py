@@ -9,7 +9,8 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from scheduling.graph.temporal_plan_graph import Indices, TemporalPlanGraph
+from planning.transforms import Indices
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import DurationModel
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.uncertainty.skill_draws import SkillDraws, bind_draws

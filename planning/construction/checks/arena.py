@@ -21,9 +21,7 @@ from numba import njit, types
 from numba.extending import intrinsic
 from numba.np.numpy_support import carray
 
-from planning.transforms import Array
-
-Integers = npt.NDArray[np.int64]
+from planning.transforms import Array, Indices
 
 
 class Arena(NamedTuple):
@@ -57,10 +55,10 @@ class Memory:
     """
 
     floats: Array
-    integers: Integers
+    integers: Indices
     truths: npt.NDArray[np.bool_]
     counting: npt.NDArray[np.int32]
-    shape: Integers
+    shape: Indices
 
     @property
     def arena(self) -> Arena:
@@ -79,7 +77,7 @@ class Memory:
 def pack(
     keys: int,
     tables: Mapping[int, Array],
-    rows: Mapping[int, Integers],
+    rows: Mapping[int, Indices],
     truths: npt.NDArray[np.bool_],
     counts: int,
 ) -> Memory:
@@ -101,7 +99,7 @@ def pack(
         shape[key] = at, flat.size // max(columns, 1), columns
         floats.append(flat.ravel())
         at += flat.size
-    integers: list[Integers] = [np.empty(0, dtype=np.int64)]
+    integers: list[Indices] = [np.empty(0, dtype=np.int64)]
     at = 0
     for key, whole in rows.items():
         line = np.ascontiguousarray(whole, dtype=np.int64).ravel()
@@ -155,7 +153,7 @@ def column(arena: Arena, key: int) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def row(arena: Arena, key: int) -> Integers:
+def row(arena: Arena, key: int) -> Indices:
     """Return a view of a row of integers, shape (k,)."""
     at, count, _ = carray(_integers(arena.shape, 3 * key), 3)
     return carray(_integers(arena.integers, at), count)

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
-from planning.construction.checks.obstacles import SKIP, Limits
+from planning.construction.checks.obstacles import Limits
 from planning.construction.world.fleet import Carrier
+from planning.geometry.proposals import SKIP
 from planning.geometry.robot_bodies import entity, joint_poses_of
 from planning.transforms import Array, Transform
 

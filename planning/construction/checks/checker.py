@@ -19,7 +19,7 @@ from planning.construction.checks.motion_checks import (
 from planning.construction.checks.obstacles import StillBoxes, lay_out
 from planning.construction.world.entities import entity_numbers
 from planning.construction.world.fixed_world import FixedWorld
-from planning.construction.world.fleet import Carrier, Integers, build_fleet
+from planning.construction.world.fleet import Carrier, build_fleet
 from planning.construction.world.hands import hand_changes
 from planning.construction.world.motion_pieces import cut_timeline
 from planning.construction.world.rests import Rest, rests_of
@@ -29,7 +29,7 @@ from planning.geometry.exact import resting_solid
 from planning.geometry.hull_table import hull_table
 from planning.motion.sequential import MARGIN
 from planning.robots.mobile import is_mobile
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 STEP = 0.1
 """Length of the cells of time, and of pose nodes [s]."""
@@ -159,7 +159,7 @@ class SpaceTimeChecker:
         """Return the time that the slowest joint needs from ``q0`` to ``q1`` [s]."""
         return float(np.max(np.abs(_c(q1) - _c(q0)) / self.velocity))
 
-    def _carriers(self) -> tuple[list[Carrier], list[SweptTrack], list[Integers]]:
+    def _carriers(self) -> tuple[list[Carrier], list[SweptTrack], list[Indices]]:
         """Return movers and other carriers, tracks of the others and which carrier each piece is."""
         world, cell = self.world, self.world.cell
         carriers: list[Carrier] = []
@@ -171,7 +171,7 @@ class SpaceTimeChecker:
             )
             carriers.append((cell.robot(name), hand))
         tracks: list[SweptTrack] = []
-        which: list[Integers] = []
+        which: list[Indices] = []
         until = dict(zip(self.robots, self.begin.tolist(), strict=True))
         for robot in cell.robots:
             last = until.get(robot.name, np.inf)

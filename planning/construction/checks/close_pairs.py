@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from planning.construction.checks.arena import Arena, Integers, column, row
+from planning.construction.checks.arena import Arena, column, row
 from planning.construction.checks.obstacles import (
     BODY_FIRST,
     JOINT_FIRST,
@@ -18,7 +18,7 @@ from planning.construction.checks.obstacles import (
 from planning.geometry.distance import segment_segment
 from planning.geometry.hull_table import HullTable
 from planning.geometry.separation import hulls_stay_apart, pose_segments
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 
 @njit(cache=True, nogil=True)
@@ -63,7 +63,7 @@ def pairs_apart(
     count: int,
     limits: Array,
     other: HullTable,
-    columns: Integers,
+    columns: Indices,
 ) -> bool:
     """Tell whether the first pairs of PAIRS are proved to keep their distances.
 

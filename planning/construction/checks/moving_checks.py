@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from planning.construction.checks.arena import Arena, Integers, column, row, table
+from planning.construction.checks.arena import Arena, column, row, table
 from planning.construction.checks.movers import own_at, sweep_between, sweep_own
 from planning.construction.checks.obstacles import (
     AROUND,
@@ -33,7 +33,7 @@ from planning.construction.checks.obstacles import (
 from planning.construction.checks.own_checks import movers_clear
 from planning.construction.checks.piece_checks import clear_of_pieces
 from planning.construction.world.tracks import near_stretch, pieces_at
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 _PROBE = 0.4
 """Places on motions longer than this are looked at first [s, rad or m]."""
@@ -128,7 +128,7 @@ def _near_pieces(
     start: Array,
     end: Array,
     tree: Array,
-    firsts: Integers,
+    firsts: Indices,
     track: int,
     begin: float,
     finish: float,

@@ -11,7 +11,6 @@ from numba import njit
 from planning.cell.compiled_robot import RobotKernel
 from planning.construction.checks.arena import (
     Arena,
-    Integers,
     Memory,
     column,
     counting,
@@ -24,10 +23,7 @@ from planning.construction.world.fleet import Fleet
 from planning.construction.world.tracks import Tracks
 from planning.geometry.hull_table import HullTable
 from planning.geometry.separation import Scratch
-from planning.transforms import Array
-
-SKIP = -1.0
-"""In a table of limits: this pair is never checked."""
+from planning.transforms import Array, Indices
 
 _KEYS = count()
 
@@ -186,7 +182,7 @@ def lay_out(
         HULL_JOINTS: np.zeros((10, most)),
         HULL_DIRECTION: np.zeros(3),
     }
-    rows: dict[int, Integers] = {
+    rows: dict[int, Indices] = {
         JOINT_FIRST: fleet.joint_first,
         BODY_FIRST: fleet.body_first,
         BODY_JOINT: fleet.joint,

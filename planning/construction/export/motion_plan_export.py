@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.cell.workcell import Workcell
 from planning.construction.checks.checker import HALVINGS, STEP, no_boxes
@@ -31,7 +30,7 @@ from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.tasks.task_graph import TRANSIT, AllowedContact, Task
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 _FINER = 3
 """How much more often than in planning a cell may be halved."""
@@ -106,7 +105,7 @@ class _Cut:
 
     def __init__(self) -> None:
         self.pieces: dict[str, Pieces] = {}
-        self.tasks: dict[str, npt.NDArray[np.int64]] = {}
+        self.tasks: dict[str, Indices] = {}
 
 
 def _cut(cell: Workcell, tasks: Sequence[PlannedTask], step: float) -> _Cut:
@@ -121,7 +120,7 @@ def _cut(cell: Workcell, tasks: Sequence[PlannedTask], step: float) -> _Cut:
         cut = _Cut()
         carriers: list[Carrier] = [(cell.robots[0], ())]
         swept: list[SweptTrack] = []
-        which: list[npt.NDArray[np.int64]] = []
+        which: list[Indices] = []
         for robot in cell.robots:
             own = [k for k, task in enumerate(tasks) if task.robot == robot.name]
             changes = hand_changes(world.objects, robot.name)
@@ -169,7 +168,7 @@ def _cut(cell: Workcell, tasks: Sequence[PlannedTask], step: float) -> _Cut:
 
 def _halve(
     cut: _Cut,
-    first: npt.NDArray[np.int64],
+    first: Indices,
     i: int,
     j: int,
     step: float,
@@ -207,7 +206,7 @@ def _halve(
 
 def _tasks_of(
     pieces: Pieces, tasks: Sequence[PlannedTask], own: Sequence[int]
-) -> npt.NDArray[np.int64]:
+) -> Indices:
     """Return the tasks that pieces belong to, for a stand those before and after it."""
     if not own:
         return np.full((len(pieces.start), 2), -1, dtype=np.int64)

@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from planning.construction.checks.arena import Arena, Integers, column, row, table
+from planning.construction.checks.arena import Arena, column, row, table
 from planning.construction.checks.close_pairs import capsules_meet, proved_apart
 from planning.construction.checks.obstacles import (
     BODY_ENTITY,
@@ -35,11 +34,12 @@ from planning.construction.checks.obstacles import (
     TRACK_FIRST,
     apart,
 )
+from planning.transforms import Indices
 
 
 def contact_keys(
     touching: Sequence[frozenset[frozenset[str]]], number: dict[str, int]
-) -> Integers:
+) -> Indices:
     """Return a sorted key for every pair of entities that may touch in a task.
 
     Args:
@@ -56,8 +56,8 @@ def contact_keys(
 
 def conflicting_pieces(
     scene: Arena,
-    tasks: npt.NDArray[np.int64],
-    keys: Integers,
+    tasks: Indices,
+    keys: Indices,
     entities: int,
     robots: int,
     limits: tuple[float, float],
@@ -85,13 +85,13 @@ def conflicting_pieces(
 @njit(cache=True, nogil=True)
 def _find(
     scene: Arena,
-    tasks: npt.NDArray[np.int64],
-    keys: Integers,
+    tasks: Indices,
+    keys: Indices,
     entities: int,
     robots: int,
     between: float,
     to_objects: float,
-    out: npt.NDArray[np.int64],
+    out: Indices,
 ) -> int:
     first = row(scene, TRACK_FIRST)
     start, end = column(scene, PIECE_START), column(scene, PIECE_END)
@@ -133,8 +133,8 @@ def _pair_clear(
     scene: Arena,
     i: int,
     j: int,
-    tasks: npt.NDArray[np.int64],
-    keys: Integers,
+    tasks: Indices,
+    keys: Indices,
     entities: int,
     robots: int,
     between: float,
@@ -198,9 +198,7 @@ def _pair_clear(
 
 
 @njit(cache=True, nogil=True)
-def _allowed(
-    keys: Integers, tasks: npt.NDArray[np.int64], entities: int, x: int, y: int
-) -> bool:
+def _allowed(keys: Indices, tasks: Indices, entities: int, x: int, y: int) -> bool:
     low, high = min(x, y), max(x, y)
     for task in tasks:
         key = (task * entities + low) * entities + high

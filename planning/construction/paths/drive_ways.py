@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planning.construction.checks.arena import Arena, Integers
+from planning.construction.checks.arena import Arena
 from planning.construction.checks.still_checks import still_clear_until
 from planning.construction.paths.query import Query
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 SPACING = 0.25
 """Distance of places on the lattice [m]."""
@@ -181,7 +181,7 @@ def _between(lattice: Lattice, a: int, b: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _back(parent: Integers, last: int) -> Integers:
+def _back(parent: Indices, last: int) -> Indices:
     """Return the places that lead to one, in order."""
     count, at = 1, last
     while parent[at] >= 0:

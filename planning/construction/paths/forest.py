@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planning.construction.checks.arena import Arena, Integers
+from planning.construction.checks.arena import Arena
 from planning.construction.checks.motion_checks import motion_clear
 from planning.construction.paths.query import Query
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 _TINY = 1e-9
 
@@ -33,9 +33,9 @@ class Forest(NamedTuple):
 
     q: Array
     t: Array
-    parent: Integers
-    root: Integers
-    goal: Integers
+    parent: Indices
+    root: Indices
+    goal: Indices
 
 
 @njit(cache=True, nogil=True)

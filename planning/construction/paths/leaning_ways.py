@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from planning.construction.checks.arena import Arena, Integers
+from planning.construction.checks.arena import Arena
 from planning.construction.checks.motion_checks import clear_until
 from planning.construction.checks.still_checks import still_clear_until
 from planning.construction.paths.query import Query, next_arrival
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 _PLACES = 8
 """Waypoints of a way, at most."""
@@ -28,7 +28,7 @@ _TINY = 1e-9
 @njit(cache=True, nogil=True)
 def leaning_ways(
     scene: Arena, query: Query, latest: float, most: int
-) -> tuple[Array, Array, Integers, Integers, bool]:
+) -> tuple[Array, Array, Indices, Indices, bool]:
     """Look for ways that are clear of all that lies still, the earliest arrivals first.
 
     Args:

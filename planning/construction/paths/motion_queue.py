@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planning.construction.checks.arena import Integers
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 MOST = 40_000
 """Motions that may wait."""
@@ -25,10 +24,10 @@ class Motions(NamedTuple):
             (MOST, 3).
     """
 
-    size: Integers
+    size: Indices
     key: Array
     depart: Array
-    edge: Integers
+    edge: Indices
 
 
 @njit(cache=True, nogil=True)

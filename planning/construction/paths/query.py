@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from planning.construction.checks.arena import Integers
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 _TINY = 1e-9
 
@@ -35,7 +34,7 @@ class Query(NamedTuple):
     upper: Array
     velocity: Array
     goals: Array
-    window_first: Integers
+    window_first: Indices
     windows: Array
     rest: Array
     leans: npt.NDArray[np.bool_]

@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from planning.construction.checks.arena import Arena, Integers
+from planning.construction.checks.arena import Arena
 from planning.construction.checks.free_cells import spans_of, strike_out
 from planning.construction.checks.motion_checks import motion_clear
 from planning.construction.paths.query import Query, arrive, next_arrival
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 _TINY = 1e-9
 _SPANS = 16
@@ -142,7 +142,7 @@ def latest_along(
 @njit(cache=True, nogil=True)
 def _stands_along(
     scene: Arena, path: Array, start: float, step: float, end: float
-) -> tuple[Array, Integers]:
+) -> tuple[Array, Indices]:
     """Return when one may stand at each place of a path, who is at the first from ``start`` on.
 
     Args:

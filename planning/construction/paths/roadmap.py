@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from planning.construction.checks.arena import Arena, Integers
+from planning.construction.checks.arena import Arena
 from planning.construction.checks.free_cells import spans_of, strike_out
 from planning.construction.checks.still_checks import still_clear_until
 from planning.construction.paths.query import Query, least_time
@@ -17,7 +17,7 @@ from planning.construction.paths.random_numbers import (
     random_share,
     sample_between,
 )
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 SPANS = 12
 """Spans kept at one vertex."""
@@ -41,11 +41,11 @@ class Roadmap(NamedTuple):
     """
 
     q: Array
-    number: Integers
+    number: Indices
     spans: Array
     come: Array
     left: Array
-    parent: Integers
+    parent: Indices
     rest: Array
     blocked: npt.NDArray[np.bool_]
     still: Array

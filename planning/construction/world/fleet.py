@@ -14,9 +14,7 @@ from planning.cell.compiled_robot import RobotKernel
 from planning.cell.workcell import CellObject, PlacedRobot
 from planning.geometry.hull_table import placed_capsules
 from planning.geometry.robot_bodies import entity
-from planning.transforms import Array, Transform
-
-Integers = npt.NDArray[np.int64]
+from planning.transforms import Array, Indices, Transform
 
 
 class Fleet(NamedTuple):
@@ -38,21 +36,21 @@ class Fleet(NamedTuple):
         corners: in the frame of their joint, shape (corners, 3) [m].
     """
 
-    joint_first: Integers
+    joint_first: Indices
     placement: Array
     axis: Array
     prismatic: npt.NDArray[np.bool_]
     base: Array
-    body_first: Integers
-    joint: Integers
-    entity: Integers
-    capsule_first: Integers
-    capsule_joint: Integers
+    body_first: Indices
+    joint: Indices
+    entity: Indices
+    capsule_first: Indices
+    capsule_joint: Indices
     start: Array
     end: Array
     ends: Array
     radius: Array
-    corner_first: Integers
+    corner_first: Indices
     corners: Array
 
 
@@ -133,7 +131,7 @@ def _placed(
     return placed_capsules(body, pose), corners
 
 
-def _firsts(counts: Sequence[int]) -> Integers:
+def _firsts(counts: Sequence[int]) -> Indices:
     return np.cumsum([0, *counts]).astype(np.int64)
 
 

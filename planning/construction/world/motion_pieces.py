@@ -18,8 +18,6 @@ import numpy.typing as npt
 from planning.construction.world.timeline import SAME, RobotTimeline
 from planning.transforms import Array
 
-Integers = npt.NDArray[np.int64]
-
 
 class Pieces(NamedTuple):
     """The motion of one robot from some time on, in order.

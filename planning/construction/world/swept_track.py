@@ -12,14 +12,13 @@ from planning.cell.workcell import CellObject, PlacedRobot
 from planning.construction.world.fleet import (
     Carrier,
     Fleet,
-    Integers,
     build_fleet,
     carrier_kernel,
 )
 from planning.construction.world.hands import Hand, HandChange, pose_of
 from planning.construction.world.motion_pieces import Pieces
 from planning.geometry.swept import place_capsules
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 
 class SweptTrack(NamedTuple):
@@ -38,11 +37,11 @@ class SweptTrack(NamedTuple):
 
     pieces: Pieces
     hands: tuple[Hand, ...]
-    hand: Integers
+    hand: Indices
     box: Array
-    body_first: Integers
+    body_first: Indices
     body_box: Array
-    capsule_first: Integers
+    capsule_first: Indices
     capsule_a: Array
     capsule_b: Array
     radius: Array
@@ -136,11 +135,11 @@ def _sweep(
     fleet: Fleet,
     q_a: Array,
     q_b: Array,
-    hand: Integers,
+    hand: Indices,
     box: Array,
-    body_first: Integers,
+    body_first: Indices,
     body_box: Array,
-    capsule_first: Integers,
+    capsule_first: Indices,
     capsule_a: Array,
     capsule_b: Array,
     radius: Array,

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from planning.construction.world.fleet import Integers
 from planning.construction.world.swept_track import SweptTrack
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 
 class Tracks(NamedTuple):
@@ -32,24 +31,24 @@ class Tracks(NamedTuple):
             of its track; it begins at ``2 * first[r]``, shape (2 p, 6).
     """
 
-    first: Integers
+    first: Indices
     start: Array
     end: Array
     q_a: Array
     q_b: Array
     whole: npt.NDArray[np.bool_]
-    carrier: Integers
+    carrier: Indices
     box: Array
-    body_first: Integers
+    body_first: Indices
     body_box: Array
-    capsule_first: Integers
+    capsule_first: Indices
     capsule_a: Array
     capsule_b: Array
     radius: Array
     tree: Array
 
 
-def build_tracks(swept: Sequence[SweptTrack], carrier: Sequence[Integers]) -> Tracks:
+def build_tracks(swept: Sequence[SweptTrack], carrier: Sequence[Indices]) -> Tracks:
     """Put what robots sweep one after another, and grow a tree over each.
 
     Args:
@@ -90,14 +89,14 @@ def build_tracks(swept: Sequence[SweptTrack], carrier: Sequence[Integers]) -> Tr
     )
 
 
-def _joined(firsts: Sequence[Integers]) -> Integers:
+def _joined(firsts: Sequence[Indices]) -> Indices:
     """Return where each piece's rows begin when those of all robots follow one another."""
     counts = [np.diff(first) for first in firsts]
     return np.cumsum(np.concatenate([[0], *counts])).astype(np.int64)
 
 
 @njit(cache=True, nogil=True)
-def _grow_trees(firsts: Integers, box: Array, tree: Array) -> None:
+def _grow_trees(firsts: Indices, box: Array, tree: Array) -> None:
     """Fill in the tree of each track."""
     for t in range(len(firsts) - 1):
         first, base = firsts[t], 2 * firsts[t]

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.cell.workcell import CellObject
 from planning.kinematics.kinematics import frame_pose
@@ -27,7 +26,7 @@ from planning.skills.step_builder import StepBuilder
 from planning.tasks.plan import StepChoice, TaskPlan
 from planning.tasks.steps import StepTasks
 from planning.tasks.task_graph import Task
-from planning.transforms import Array, Transform, inverse
+from planning.transforms import Array, Indices, Transform, inverse
 
 PLACES = ("place-down", "place-up")
 SUPPORTS = ("support-bottom", "support-top")
@@ -65,9 +64,7 @@ def expand_plan(candidates: LegoCandidates, plan: TaskPlan) -> list[StepTasks]:
     return out
 
 
-def link_steps(
-    candidates: LegoCandidates, steps: Sequence[StepTasks]
-) -> npt.NDArray[np.int64]:
+def link_steps(candidates: LegoCandidates, steps: Sequence[StepTasks]) -> Indices:
     """Return all dependencies of a plan: those within the steps, and those between them.
 
     Between steps, a place waits for the place before it, and so does a support; a brick of the

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import Indices, TemporalPlanGraph
+from planning.transforms import Array, Indices
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds, to_nanoseconds
 from twin.engine.bulk.flat_graph import PrecedenceArrays
 from twin.engine.bulk.max_plus import Completions, completions, makespans

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from scheduling.graph.temporal_plan_graph import Indices, TemporalPlanGraph
+from planning.transforms import Indices
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.total_order import planned_ranks
 from twin.durations import Nanoseconds
 

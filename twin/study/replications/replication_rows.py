@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
-    Indices,
 )
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.engine.bulk.critical_paths import OTHER
