@@ -21,9 +21,6 @@ from planning.transforms import Array, Indices
 SPACING = 0.25
 """Distance of places on the lattice [m]."""
 
-STEPS = 800
-"""Steps that are looked at, at most."""
-
 _BEYOND = 3.0
 """The lattice reaches so far beyond start and goal [m]."""
 
@@ -48,7 +45,7 @@ class Lattice(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def drive_way(scene: Arena, query: Query, goal: int) -> Array:
+def drive_way(scene: Arena, query: Query, goal: int, most: int) -> Array:
     """Return corners of a way to a goal, clear of what lies still.
 
     Args:
@@ -56,13 +53,14 @@ def drive_way(scene: Arena, query: Query, goal: int) -> Array:
             y and a turn.
         query: what is asked for.
         goal: which goal is driven to.
+        most: steps on the lattice that are looked at, at most.
 
     Returns:
         Configurations, shape (w, n), none where no way is known. The first is the start, the last
         the goal but for the arm, which is at HOME: both are free to touch something.
     """
     lattice = lay_lattice(query, goal, SPACING)
-    way, times = lattice_way(scene, query, goal, lattice, STEPS)
+    way, times = lattice_way(scene, query, goal, lattice, most)
     return _corners(scene, way, times)
 
 

@@ -19,15 +19,12 @@ from planning.transforms import Array, Indices
 _PLACES = 8
 """Waypoints of a way, at most."""
 
-_SHARES = 3
-"""Shares of the arm's time for which a robot stands: none, half, all of it."""
-
 _TINY = 1e-9
 
 
 @njit(cache=True, nogil=True)
 def leaning_ways(
-    scene: Arena, query: Query, latest: float, most: int
+    scene: Arena, query: Query, latest: float, most: int, shares: int
 ) -> tuple[Array, Array, Indices, Indices, bool]:
     """Look for ways that are clear of all that lies still, the earliest arrivals first.
 
@@ -36,17 +33,19 @@ def leaning_ways(
         query: what is asked for.
         latest: no later arrival is looked at [s].
         most: ways wanted; the first that is clear of everything is the last one.
+        shares: of the arm's time for which a robot may stand, from none to all of it; 0 for
+            straight ways only.
 
     Returns:
         Times and waypoints, shapes (k, w) and (k, w, n); how many waypoints each has; its
         goal; and whether the last one is clear of everything.
     """
     n, goals = len(query.start), len(query.goals)
-    kinds = 1 + _SHARES * _SHARES
+    kinds = 1 + shares * shares
     soon = np.empty(goals * kinds)
     for g in range(goals):
         for k in range(kinds):
-            soon[g * kinds + k] = next_arrival(query, g, _soonest(query, g, k))
+            soon[g * kinds + k] = next_arrival(query, g, _soonest(query, g, k, shares))
     times, ways = np.empty((most, _PLACES)), np.empty((most, _PLACES, n))
     counts = np.zeros(most, dtype=np.int64)
     which = np.zeros(most, dtype=np.int64)
@@ -56,7 +55,9 @@ def leaning_ways(
         g, k = order[c] // kinds, order[c] % kinds
         if found == most or soon[order[c]] > latest:
             break
-        counts[found] = _lay(query, g, k, soon[order[c]], times[found], ways[found])
+        counts[found] = _lay(
+            query, g, k, shares, soon[order[c]], times[found], ways[found]
+        )
         if not _still_clear(scene, times[found], ways[found], counts[found]):
             continue
         which[found] = g
@@ -67,7 +68,9 @@ def leaning_ways(
 
 
 @njit(cache=True, nogil=True)
-def _stands(query: Query, goal: int, kind: int) -> tuple[float, float, float, float]:
+def _stands(
+    query: Query, goal: int, kind: int, shares: int
+) -> tuple[float, float, float, float]:
     """Return for how long joints lean and come back, and for how long the others stand [s]."""
     if kind == 0:
         return 0.0, 0.0, 0.0, 0.0
@@ -77,14 +80,14 @@ def _stands(query: Query, goal: int, kind: int) -> tuple[float, float, float, fl
             v, rest = query.velocity[j], query.rest[j]
             lean = max(lean, abs(rest - query.start[j]) / v)
             back = max(back, abs(rest - query.goals[goal, j]) / v)
-    a, b = (kind - 1) // _SHARES, (kind - 1) % _SHARES
-    return lean, back, lean * a / (_SHARES - 1), back * b / (_SHARES - 1)
+    a, b = (kind - 1) // shares, (kind - 1) % shares
+    return lean, back, lean * a / max(shares - 1, 1), back * b / max(shares - 1, 1)
 
 
 @njit(cache=True, nogil=True)
-def _soonest(query: Query, goal: int, kind: int) -> float:
+def _soonest(query: Query, goal: int, kind: int, shares: int) -> float:
     """Return how soon a way can arrive [s]."""
-    _, _, before, after = _stands(query, goal, kind)
+    _, _, before, after = _stands(query, goal, kind, shares)
     start = np.min(query.begin)
     out = start
     for j in range(len(query.start)):
@@ -98,10 +101,16 @@ def _soonest(query: Query, goal: int, kind: int) -> float:
 
 @njit(cache=True, nogil=True)
 def _lay(
-    query: Query, goal: int, kind: int, arrival: float, times: Array, way: Array
+    query: Query,
+    goal: int,
+    kind: int,
+    shares: int,
+    arrival: float,
+    times: Array,
+    way: Array,
 ) -> int:
     """Write a way that arrives at a time; return how many waypoints it has."""
-    lean, back, before, after = _stands(query, goal, kind)
+    lean, back, before, after = _stands(query, goal, kind, shares)
     start = np.min(query.begin)
     span = arrival - start
     if lean + back > span > 0.0:

@@ -43,6 +43,9 @@ class RrtSettings:
         bearable: an arrival this much after the earliest over a roadmap is not searched on
             for [s].
         direct: ways that need no search tried first, at most.
+        stands: shares of the arm's time for which a robot may stand on such a way, see
+            ``leaning_ways``; 0 for straight ways only.
+        drives: steps on the lattice that are looked at, see ``drive_way``; 0 for none.
         rounds: how often a path is searched for, each time with the bound of the one before.
         vertices: of the roadmap that is searched for an earlier arrival.
         neighbours: of each of its vertices.
@@ -60,6 +63,8 @@ class RrtSettings:
     good_enough: float = 0.2
     bearable: float = 0.0
     direct: int = 3
+    stands: int = 3
+    drives: int = 800
     rounds: int = 2
     vertices: int = 200
     neighbours: int = 8
@@ -168,7 +173,7 @@ def _search(
     best = _without_search(checker, query, horizon, earliest, settings)
     if best is not None and best.arrival <= earliest + settings.good_enough:
         return best
-    hints = np.concatenate([hints, *_drive_ways(checker, query)])
+    hints = np.concatenate([hints, *_drive_ways(checker, query, settings.drives)])
     samples = 0
     for turn in range(settings.rounds):
         at = seed + turn
@@ -202,11 +207,11 @@ def _search(
     return None if best is None else replace(best, samples=samples)
 
 
-def _drive_ways(checker: SpaceTimeChecker, query: Query) -> list[Array]:
+def _drive_ways(checker: SpaceTimeChecker, query: Query, most: int) -> list[Array]:
     """Return ways for the base of a robot that moves alone to drive to each goal."""
-    if len(checker.robots) > 1 or not is_mobile(checker.models[0]):
+    if most == 0 or len(checker.robots) > 1 or not is_mobile(checker.models[0]):
         return []
-    return [drive_way(checker.scene, query, k) for k in range(len(query.goals))]
+    return [drive_way(checker.scene, query, k, most) for k in range(len(query.goals))]
 
 
 def _least(query: Query) -> float:
@@ -228,7 +233,7 @@ def _without_search(
         return None
     best: SpaceTimePath | None = None
     times, ways, counts, goals, clear = leaning_ways(
-        checker.scene, query, horizon, settings.direct
+        checker.scene, query, horizon, settings.direct, settings.stands
     )
     for k, count in reversed(list(enumerate(counts.tolist()))):
         way = SpaceTimePath(times[k, :count], ways[k, :count], int(goals[k]), earliest)

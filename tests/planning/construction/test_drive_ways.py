@@ -124,7 +124,7 @@ def test_ends_of_a_way_are_start_and_goal_with_the_arm_at_home() -> None:
         lattice = lay_lattice(query, 0, SPACING)
         last = np.array(divmod(lattice.last, lattice.columns)) * SPACING
         assert np.all(np.abs(lattice.origin + last - goal[:2]) <= SPACING)
-        corners = drive_way(checker.scene, query, 0)
+        corners = drive_way(checker.scene, query, 0, 800)
         assert np.array_equal(corners[0], [*START[:3], *HOME[3:]])
         if lattice.last != lattice.first:
             assert np.array_equal(corners[-1], [*goal[:3], *HOME[3:]])
@@ -144,7 +144,7 @@ def test_corners_of_a_way_can_be_driven_straight() -> None:
     query = query_of(checker, goal)
     lattice = lay_lattice(query, 0, SPACING)
     way, _ = lattice_way(checker.scene, query, 0, lattice, PLENTY)
-    corners = drive_way(checker.scene, query, 0)
+    corners = drive_way(checker.scene, query, 0, 800)
     assert 4 <= len(corners) < len(way) / 2
     assert np.array_equal(corners[0], way[0])
     assert np.array_equal(corners[-1], way[-1])
@@ -161,7 +161,7 @@ def test_too_much_to_look_at_and_no_way_at_all() -> None:
     lattice = lay_lattice(query, 0, SPACING)
     assert len(lattice_way(checker.scene, query, 0, lattice, 20)[0]) == 0
     shut = checker_of(*maze(), fixture("all", (0.1, 8.6, 0.3), (0.1, 0.0, 0.15)))
-    assert len(drive_way(shut.scene, query, 0)) == 0
+    assert len(drive_way(shut.scene, query, 0, 800)) == 0
 
 
 def test_a_maze_is_found_through_by_few_vertices() -> None:
