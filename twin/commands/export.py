@@ -45,22 +45,19 @@ def export(
     run: Run, formats: Names = None, out: Out = None, nodes: Nodes = False
 ) -> None:
     """Write a run as tables, timeline, trajectories or graph for other programs."""
-    from twin.exports.exporter import ExportOptions
+    from twin.exports.formats import FORMATS, export_run
     from twin.exports.recorded_run import open_run
-    from twin.exports.registry import FORMATS, export_run
 
     names = list(dict.fromkeys(formats or []))
     unknown = [name for name in names if name not in FORMATS]
     if unknown or not names:
         what = f"unknown format {unknown[0]!r}" if unknown else "--format is missing"
-        raise OutputError(
-            f"--format: {what}" if unknown else what, choices=tuple(FORMATS)
-        )
+        raise OutputError(f"--format: {what}" if unknown else what, choices=FORMATS)
     if out is not None and len(names) > 1:
         if out.is_file():
             raise OutputError(f"{out}: several formats need a folder, this is a file")
         out.mkdir(parents=True, exist_ok=True)
     found = open_run(run)
     for name in names:
-        for path in export_run(found, name, out, ExportOptions(nodes=nodes)):
+        for path in export_run(found, name, out, nodes=nodes):
             typer.echo(path)

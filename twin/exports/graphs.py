@@ -15,7 +15,6 @@ import networkx as nx
 
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS
-from twin.exports.exporter import ExportOptions
 from twin.exports.recorded_run import RecordedRun
 from twin.run.lanes import LANE_COLOURS, OTHER_COLOUR
 
@@ -28,23 +27,16 @@ SAME_ROBOT, DEPENDENCY, CONFLICT = "same robot", "task dependency", "motion conf
 _STYLES = {SAME_ROBOT: "bold", DEPENDENCY: "solid", CONFLICT: "dashed"}
 
 
-class GraphmlExporter:
-    """Writes ``tpg.graphml``."""
-
-    def export(self, run: RecordedRun, options: ExportOptions) -> Mapping[str, bytes]:
-        """Return the file."""
-        buffer = BytesIO()
-        nx.write_graphml(run_graph(run, nodes=options.nodes), buffer)
-        return {"tpg.graphml": buffer.getvalue() + b"\n"}
+def graphml_files(run: RecordedRun, *, nodes: bool) -> Mapping[str, bytes]:
+    """Return ``tpg.graphml``."""
+    buffer = BytesIO()
+    nx.write_graphml(run_graph(run, nodes=nodes), buffer)
+    return {"tpg.graphml": buffer.getvalue() + b"\n"}
 
 
-class DotExporter:
-    """Writes ``tpg.dot``."""
-
-    def export(self, run: RecordedRun, options: ExportOptions) -> Mapping[str, bytes]:
-        """Return the file: a cluster a robot, tasks in the colours of the Gantt chart."""
-        graph = run_graph(run, nodes=options.nodes)
-        return {"tpg.dot": _dot(graph, run.scenario).encode()}
+def dot_files(run: RecordedRun, *, nodes: bool) -> Mapping[str, bytes]:
+    """Return ``tpg.dot``: a cluster a robot, tasks in the colours of the Gantt chart."""
+    return {"tpg.dot": _dot(run_graph(run, nodes=nodes), run.scenario).encode()}
 
 
 def run_graph(run: RecordedRun, *, nodes: bool) -> Graph:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections import defaultdict
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 from scheduling.graph.temporal_plan_graph import (
@@ -19,7 +20,6 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
-from twin.exports.exporter import ExportOptions
 from twin.exports.recorded_run import RecordedRun
 from twin.run.run_record import waypoint_offsets_ns
 from twin.uncertainty.contraction import Contraction, contract
@@ -28,34 +28,27 @@ FORMAT = "assembly-twin joint trajectories"
 VERSION = 1
 
 
-class JointTrajectoryExporter:
-    """Writes ``joint_trajectories.json``."""
-
-    def export(self, run: RecordedRun, options: ExportOptions) -> Mapping[str, bytes]:
-        """Return the file."""
-        del options
-        tpg = run.tpg
-        found = contract(tpg)
-        after = _after(found)
-        segments: list[dict[str, Any]] = []
-        for k, chain in enumerate(tpg.chains):
-            durations = to_nanoseconds(chain.duration)
-            offsets = waypoint_offsets_ns(chain, durations)
-            for index in range(len(found.first[k]) - 1):
-                nodes = range(
-                    int(found.first[k][index]), int(found.first[k][index + 1])
-                )
-                segments.append(
-                    _segment(run, k, index, nodes, after[k, index], durations, offsets)
-                )
-        document = {
-            "format": FORMAT,
-            "version": VERSION,
-            "scenario": run.scenario,
-            "segments": segments,
-        }
-        text = json.dumps(document, ensure_ascii=False, allow_nan=False)
-        return {"joint_trajectories.json": text.encode() + b"\n"}
+def joint_trajectory_files(run: RecordedRun) -> Mapping[str, bytes]:
+    """Return ``joint_trajectories.json``."""
+    found = contract(run.tpg)
+    after = _after(found)
+    segments: list[dict[str, Any]] = []
+    for k, chain in enumerate(run.tpg.chains):
+        durations = to_nanoseconds(chain.duration)
+        offsets = waypoint_offsets_ns(chain, durations)
+        for index, (first, end) in enumerate(pairwise(found.first[k].tolist())):
+            nodes = range(first, end)
+            segments.append(
+                _segment(run, k, index, nodes, after[k, index], durations, offsets)
+            )
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "scenario": run.scenario,
+        "segments": segments,
+    }
+    text = json.dumps(document, ensure_ascii=False, allow_nan=False)
+    return {"joint_trajectories.json": text.encode() + b"\n"}
 
 
 def segment_id(robot: str, index: int) -> str:

@@ -13,7 +13,6 @@ from datetime import datetime, timedelta
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.exports.activities import STANDING, Activity, robot_activities
-from twin.exports.exporter import ExportOptions
 from twin.exports.recorded_run import RecordedRun
 from twin.run.lanes import WAITING
 
@@ -30,27 +29,23 @@ _KEYWORDS = re.compile(
 )
 
 
-class MermaidExporter:
-    """Writes ``gantt.mmd``."""
-
-    def export(self, run: RecordedRun, options: ExportOptions) -> Mapping[str, bytes]:
-        """Return the file."""
-        del options
-        lines = [
-            "gantt",
-            f"    title {_plain(_title(run))}",
-            "    dateFormat YYYY-MM-DDTHH:mm:ss.SSS",
-            "    axisFormat %H:%M:%S",
+def mermaid_files(run: RecordedRun) -> Mapping[str, bytes]:
+    """Return ``gantt.mmd``."""
+    lines = [
+        "gantt",
+        f"    title {_plain(_title(run))}",
+        "    dateFormat YYYY-MM-DDTHH:mm:ss.SSS",
+        "    axisFormat %H:%M:%S",
+    ]
+    least_ns = int(_SHARE * run.makespan_ns)
+    for robot, activities in robot_activities(run.tpg, run.events).items():
+        lines.append(f"    section {_plain(robot)}")
+        lines += [
+            f"    {_bar(run.tpg, item)}"
+            for item in _visible(activities, least_ns)
+            if item.end_ns // _MILLISECOND > item.start_ns // _MILLISECOND
         ]
-        least_ns = int(_SHARE * run.makespan_ns)
-        for robot, activities in robot_activities(run.tpg, run.events).items():
-            lines.append(f"    section {_plain(robot)}")
-            lines += [
-                f"    {_bar(run.tpg, item)}"
-                for item in _visible(activities, least_ns)
-                if item.end_ns // _MILLISECOND > item.start_ns // _MILLISECOND
-            ]
-        return {"gantt.mmd": ("\n".join(lines) + "\n").encode()}
+    return {"gantt.mmd": ("\n".join(lines) + "\n").encode()}
 
 
 def _title(run: RecordedRun) -> str:

@@ -13,7 +13,6 @@ from typing import Any
 
 from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
 from twin.exports.activities import STANDING, Activity, robot_activities
-from twin.exports.exporter import ExportOptions
 from twin.exports.recorded_run import RecordedRun
 
 PROCESS = 1
@@ -21,26 +20,23 @@ PROCESS = 1
 _INSTANTS = frozenset({"attached", "detached", "failed"})
 
 
-class PerfettoExporter:
-    """Writes ``trace.json``."""
-
-    def export(self, run: RecordedRun, options: ExportOptions) -> Mapping[str, bytes]:
-        """Return the file; with ``options.nodes`` a slice is a node, otherwise (part of) a task."""
-        lanes = robot_activities(run.tpg, run.events, nodes=options.nodes)
-        threads = {robot: k for k, robot in enumerate(lanes, start=1)}
-        events = [*_names(run, threads)]
-        for robot, activities in lanes.items():
-            events += [_slice(run.tpg, threads[robot], item) for item in activities]
-        # Viewers tie an arrow to the slice around its end: slices first, arrows by time after.
-        events += _arrows(run)
-        events += _instants(run, threads)
-        document = {
-            "traceEvents": events,
-            "displayTimeUnit": "ms",
-            "otherData": {"scenario": run.scenario, **_about(run)},
-        }
-        text = json.dumps(document, ensure_ascii=False, allow_nan=False, indent=None)
-        return {"trace.json": text.encode() + b"\n"}
+def perfetto_files(run: RecordedRun, *, nodes: bool) -> Mapping[str, bytes]:
+    """Return ``trace.json``; with ``nodes`` a slice is a node, otherwise (part of) a task."""
+    lanes = robot_activities(run.tpg, run.events, nodes=nodes)
+    threads = {robot: k for k, robot in enumerate(lanes, start=1)}
+    events = [*_names(run, threads)]
+    for robot, activities in lanes.items():
+        events += [_slice(run.tpg, threads[robot], item) for item in activities]
+    # Viewers tie an arrow to the slice around its end: slices first, arrows by time after.
+    events += _arrows(run)
+    events += _instants(run, threads)
+    document = {
+        "traceEvents": events,
+        "displayTimeUnit": "ms",
+        "otherData": {"scenario": run.scenario, **_about(run)},
+    }
+    text = json.dumps(document, ensure_ascii=False, allow_nan=False)
+    return {"trace.json": text.encode() + b"\n"}
 
 
 def _about(run: RecordedRun) -> dict[str, Any]:

@@ -1,16 +1,47 @@
-"""The tables of a run: what happened, where robots were, where objects were."""
+"""The tables of a run as CSV and Parquet: what happened, where robots were, where objects were.
+
+CSV is that of RFC 4180: a header line, SI units, empty fields where there is nothing.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from io import BytesIO
 
 import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
 
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.exports.recorded_run import RecordedRun
 
+_PARTS = {"xyz": ("x", "y", "z"), "quat_wxyz": ("qw", "qx", "qy", "qz")}
 
-def run_tables(run: RecordedRun) -> Mapping[str, pa.Table]:
+
+def csv_files(run: RecordedRun) -> Mapping[str, bytes]:
+    """Return ``events.csv``, ``trajectory.csv`` and ``objects.csv``, a column a component."""
+    return {f"{name}.csv": _csv(table) for name, table in _tables(run).items()}
+
+
+def parquet_files(run: RecordedRun) -> Mapping[str, bytes]:
+    """Return the same tables as Parquet, zstd compressed.
+
+    Each says in its metadata which run it is of.
+    """
+    about = {"scenario": run.scenario}
+    about |= {k: str(run.summary[k]) for k in ("seed", "policy") if k in run.summary}
+    out = {}
+    for name, table in _tables(run).items():
+        buffer = BytesIO()
+        kept = table.schema.metadata or {}
+        pq.write_table(
+            table.replace_schema_metadata({**kept, **about}), buffer, compression="zstd"
+        )
+        out[f"{name}.parquet"] = buffer.getvalue()
+    return out
+
+
+def _tables(run: RecordedRun) -> Mapping[str, pa.Table]:
     """Return the tables ``events``, ``trajectory`` and ``objects``.
 
     The columns of the first are the keys of ``events.jsonl``, the others are as in the folder.
@@ -29,3 +60,21 @@ def run_tables(run: RecordedRun) -> Mapping[str, pa.Table]:
         }
     )
     return {"events": events, "trajectory": run.trajectory, "objects": run.objects}
+
+
+def _csv(table: pa.Table) -> bytes:
+    columns = {}
+    for name in table.column_names:
+        column = table.column(name).combine_chunks()
+        if name in _PARTS:
+            size = len(_PARTS[name])
+            values = column.flatten()
+            for k, part in enumerate(_PARTS[name]):
+                columns[part] = values.take(pa.array(range(k, len(values), size)))
+        elif pa.types.is_dictionary(column.type):
+            columns[name] = column.cast(pa.string())
+        else:
+            columns[name] = column
+    buffer = BytesIO()
+    pa.csv.write_csv(pa.table(columns), buffer)
+    return buffer.getvalue()

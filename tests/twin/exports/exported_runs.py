@@ -9,9 +9,8 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Fixed, packaged_timings
 from twin.engine.engine import simulate
-from twin.exports.exporter import ExportOptions
+from twin.exports.formats import exported_files
 from twin.exports.recorded_run import RecordedRun
-from twin.exports.registry import exporter
 from twin.recorders.jsonl import JsonlRecorder
 from twin.recorders.motion_tables import objects_table, trajectory_table, write_table
 from twin.run.run_record import Run
@@ -64,4 +63,4 @@ def toy_run(
 
 def exported(run: RecordedRun, name: str, *, nodes: bool = False) -> dict[str, bytes]:
     """Return the files of a run in a format."""
-    return dict(exporter(name).export(run, ExportOptions(nodes=nodes)))
+    return dict(exported_files(run, name, nodes=nodes))

@@ -1,0 +1,103 @@
+"""The formats that a run can be written in; each is imported when it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from planning.errors import OutputError
+from twin.exports.recorded_run import RecordedRun
+from twin.host.atomic import replacing
+
+FORMATS = (
+    "csv",
+    "parquet",
+    "perfetto",
+    "joint-trajectory",
+    "graphml",
+    "dot",
+    "mermaid",
+)
+
+FOLDER = "exports"
+"""Where exports of a run go by default, in its folder."""
+
+
+def exported_files(
+    run: RecordedRun, name: str, *, nodes: bool = False
+) -> Mapping[str, bytes]:
+    """Return the content of each file of a format by its name.
+
+    Args:
+        run: the run.
+        name: of the format.
+        nodes: every node of the temporal plan graph, not one entry a task, where the format
+            knows the difference.
+
+    Raises:
+        OutputError: there is no such format, or the run lacks a file that it is made of.
+    """
+    match name:
+        case "csv":
+            from twin.exports.tables import csv_files
+
+            return csv_files(run)
+        case "parquet":
+            from twin.exports.tables import parquet_files
+
+            return parquet_files(run)
+        case "perfetto":
+            from twin.exports.perfetto import perfetto_files
+
+            return perfetto_files(run, nodes=nodes)
+        case "joint-trajectory":
+            from twin.exports.joint_trajectory import joint_trajectory_files
+
+            return joint_trajectory_files(run)
+        case "graphml":
+            from twin.exports.graphs import graphml_files
+
+            return graphml_files(run, nodes=nodes)
+        case "dot":
+            from twin.exports.graphs import dot_files
+
+            return dot_files(run, nodes=nodes)
+        case "mermaid":
+            from twin.exports.mermaid import mermaid_files
+
+            return mermaid_files(run)
+    raise OutputError(f"unknown format {name!r}", choices=FORMATS)
+
+
+def export_run(
+    run: RecordedRun, name: str, out: Path | None = None, *, nodes: bool = False
+) -> list[Path]:
+    """Write a run in a format.
+
+    Args:
+        run: the run.
+        name: of the format.
+        out: a file for a format of one file, unless it is a folder that exists; a folder for one
+            of several. By default the folder ``exports`` of the run.
+        nodes: see exported_files.
+
+    Returns:
+        The files written.
+
+    Raises:
+        OutputError: as exported_files, or the files cannot be written.
+    """
+    content = exported_files(run, name, nodes=nodes)
+    target = run.folder / FOLDER if out is None else out
+    single = out is not None and len(content) == 1 and not target.is_dir()
+    written = []
+    for file, data in content.items():
+        path = target if single else target / file
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {error}") from error
+        with replacing(path) as temporary:
+            temporary.write_bytes(data)
+        written.append(path)
+    return written
