@@ -1,0 +1,367 @@
+"""Draw the rooms of the code, what they import, and the way of a scenario through them.
+
+From the top of the repository: ``python docs/house.py`` writes ``docs/images/house.svg``; another
+file, such as ``house.png``, may be named. Everything but the stages of the way is read from the
+code.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import networkx as nx
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch
+from matplotlib.path import Path as Curve
+
+ROOT = Path(__file__).resolve().parents[1]
+PICTURE = ROOT / "docs" / "images" / "house.svg"
+FLOORS = ("twin", "scheduling", "planning")
+"""Packages from top to bottom: each imports those below."""
+
+WAY = {
+    "load_scenario": "read and check the file",
+    "plan_scenario": "go on, stage by stage, to a graph",
+    "build_workcell": "make the cell",
+    "assembly_kind": "find who could do which step, and how",
+    "HighsAssignmentSolver": "choose who does what",
+    "plan_sequential": "plan how everyone moves",
+    "build_tpg": "find what must wait for what",
+    "reorder_tasks": "put the tasks into a better order",
+    "shorten_tpg": "take shortcuts past HOME",
+    "try_plan": "execute the plan once",
+    "Simulator": "let robots run, stall and wait",
+    "JsonlRecorder": "write each event as it happens",
+    "Auditor": "replay it in PyBullet",
+    "summarise": "say what came of it",
+}
+"""Stages of ``twin run``, by the function or class that stands for each."""
+
+WIDTH, HEIGHT, ROW, GAP = 2.1, 0.52, 0.92, 0.8
+"""Width and height of boxes, and heights from level to level and between floors [inches]."""
+LEFT, MIDDLE, RIGHT = 0.4, 5.9, 11.4
+"""Limits of the boxes from left to right [inches]."""
+COLOURS = {"twin": "#dbe7f5", "scheduling": "#fbe6cf", "planning": "#dcefdc"}
+
+
+Point = tuple[float, float]
+
+
+def modules() -> dict[str, ast.Module]:
+    """Return every module of the packages by its dotted name."""
+    return {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts): ast.parse(
+            path.read_text(encoding="utf-8")
+        )
+        for package in FLOORS
+        for path in sorted((ROOT / package).rglob("*.py"))
+    }
+
+
+def room_of(module: str) -> str:
+    """Return the folder of a module, such as ``planning/cell``."""
+    return module.rpartition(".")[0].replace(".", "/")
+
+
+def imports(code: Mapping[str, ast.Module]) -> nx.DiGraph[str]:
+    """Return the rooms and an arrow to each room from those that import a module of it."""
+    graph: nx.DiGraph[str] = nx.DiGraph()
+    for name, tree in code.items():
+        if not name.endswith("__init__") or tree.body[1:]:
+            graph.add_node(room_of(name))
+        for target in _targets(tree, code):
+            if room_of(target) != room_of(name):
+                graph.add_edge(room_of(name), room_of(target))
+    return graph
+
+
+def _targets(tree: ast.Module, code: Mapping[str, ast.Module]) -> Iterable[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            for alias in node.names:
+                for name in (
+                    f"{node.module}.{alias.name}",
+                    node.module,
+                    f"{node.module}.__init__",
+                ):
+                    if name in code:
+                        yield name
+                        break
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in code)
+
+
+def floor_arrows(graph: nx.DiGraph[str]) -> list[tuple[str, str]]:
+    """Return the arrows within floors without those that follow from others."""
+    out = []
+    for floor in FLOORS:
+        own = graph.subgraph(n for n in graph if n.split("/")[0] == floor)
+        out += list(nx.transitive_reduction(own).edges)
+    return sorted(out)
+
+
+def way(code: Mapping[str, ast.Module]) -> list[tuple[str, str]]:
+    """Return room and words of each stage of a scenario's way.
+
+    Raises:
+        LookupError: what stands for a stage is not in one place of the code.
+    """
+    places: dict[str, list[str]] = {}
+    for name, tree in code.items():
+        for node in tree.body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                places.setdefault(node.name, []).append(room_of(name))
+    for stage in WAY:
+        if len(places.get(stage, [])) != 1:
+            raise LookupError(f"{stage} is in {places.get(stage, 'no file')}")
+    return [(places[stage][0], words) for stage, words in WAY.items()]
+
+
+def _layout(
+    graph: nx.DiGraph[str], arrows: list[tuple[str, str]]
+) -> tuple[dict[str, Point], dict[tuple[str, str], list[Point]], dict[str, Point]]:
+    """Return the middle of each room, the way of each arrow, bottom and top of each floor.
+
+    A room is one level above the highest that it imports. Arrows go round rooms of the levels
+    between by bends, which are laid out like rooms.
+    """
+    places: dict[str, Point] = {}
+    routes: dict[tuple[str, str], list[Point]] = {}
+    bands: dict[str, Point] = {}
+    bottom = 0.2
+    for floor in reversed(FLOORS):
+        own = [(a, b) for a, b in arrows if a.split("/")[0] == floor]
+        rooms = graph.subgraph(n for n in graph if n.split("/")[0] == floor)
+        levels = [
+            sorted(level)
+            for level in nx.topological_generations(rooms.reverse(copy=False))
+        ]
+        level_of = {room: k for k, level in enumerate(levels) for room in level}
+        chains = {}
+        for one, other in own:
+            bends = [
+                f"{one}>{other}>{k}"
+                for k in range(level_of[one] - 1, level_of[other], -1)
+            ]
+            for k, bend in enumerate(bends, start=1):
+                levels[level_of[one] - k].append(bend)
+            chains[one, other] = [one, *bends, other]
+        across = _spread(levels, chains.values())
+        for k, level in enumerate(levels):
+            y = bottom + 0.45 + k * ROW
+            places |= {name: (across[name], y) for name in level}
+        routes |= {
+            edge: [places[name] for name in chain] for edge, chain in chains.items()
+        }
+        bands[floor] = (bottom, bottom + 0.9 + (len(levels) - 1) * ROW)
+        bottom = bands[floor][1] + GAP
+    return {room: places[room] for room in graph}, routes, bands
+
+
+def _spread(levels: list[list[str]], chains: Iterable[list[str]]) -> dict[str, float]:
+    """Return where each room and bend is from left to right, near what it is joined to."""
+    near: dict[str, list[str]] = {name: [] for level in levels for name in level}
+    for chain in chains:
+        for one, other in pairwise(chain):
+            near[one].append(other)
+            near[other].append(one)
+    room = {name: 0.25 if ">" in name else WIDTH + 0.2 for name in near}
+    across = {
+        name: MIDDLE + 2.0 * (k - len(level) / 2)
+        for level in levels
+        for k, name in enumerate(level)
+    }
+    for turn in range(60):
+        for level in levels if turn % 2 else reversed(levels):
+            wish = {
+                name: float(np.mean([across[n] for n in near[name]] or [MIDDLE]))
+                for name in level
+            }
+            level.sort(key=wish.__getitem__)
+            x = np.array([wish[name] for name in level])
+            apart = [(room[a] + room[b]) / 2 for a, b in pairwise(level)]
+            for _ in range(200):
+                for k, least in enumerate(apart):
+                    lack = max(0.0, least - (x[k + 1] - x[k])) / 2
+                    x[k], x[k + 1] = x[k] - lack, x[k + 1] + lack
+                low = LEFT + room[level[0]] / 2
+                high = RIGHT - room[level[-1]] / 2
+                x = np.clip(x, low, high)
+            across |= dict(zip(level, x.tolist(), strict=True))
+    left = min(x - room[name] / 2 for name, x in across.items())
+    right = max(x + room[name] / 2 for name, x in across.items())
+    shift = MIDDLE - (left + right) / 2
+    return {name: x + shift for name, x in across.items()}
+
+
+def _draw_floors(
+    axes: Axes, bands: Mapping[str, Point], lines: Mapping[str, int]
+) -> None:
+    for floor, (bottom, top) in bands.items():
+        total = sum(n for room, n in lines.items() if room.split("/")[0] == floor)
+        box = FancyBboxPatch(
+            (0.15, bottom),
+            RIGHT + 0.1 - 0.15,
+            top - bottom,
+            "round,pad=0,rounding_size=0.15",
+            facecolor=COLOURS[floor],
+            edgecolor="none",
+            alpha=0.45,
+        )
+        axes.add_patch(box)
+        axes.text(0.3, top - 0.12, floor, size=17, weight="bold", va="top")
+        axes.text(
+            0.3, top - 0.45, f"{total:,} lines", size=10, va="top", color="#555555"
+        )
+    for upper, lower in pairwise(FLOORS):
+        start, end = bands[upper][0], bands[lower][1]
+        axes.add_patch(
+            FancyArrowPatch(
+                (MIDDLE, start),
+                (MIDDLE, end),
+                arrowstyle="simple,head_width=18,head_length=12,tail_width=7",
+                color="#9aa5b1",
+                shrinkA=2,
+                shrinkB=2,
+            )
+        )
+        axes.text(
+            MIDDLE + 0.3,
+            (start + end) / 2,
+            "imports",
+            size=11,
+            va="center",
+            color="#555555",
+        )
+
+
+def _draw_arrow(axes: Axes, edge: tuple[str, str], points: list[Point]) -> None:
+    (x0, y0), (x1, y1) = points[0], points[-1]
+    points = [(x0, y0 - HEIGHT / 2), *points[1:-1], (x1, y1 + HEIGHT / 2)]
+    vertices, codes = [points[0]], [Curve.MOVETO]
+    for (xa, ya), (xb, yb) in pairwise(points):
+        half = (ya + yb) / 2
+        vertices += [(xa, half), (xb, half), (xb, yb)]
+        codes += [Curve.CURVE4] * 3
+    arrow = FancyArrowPatch(
+        path=Curve(vertices, codes),
+        arrowstyle="-|>,head_width=2.5,head_length=5",
+        color="#5b6b7b",
+        linewidth=1.0,
+        shrinkA=0,
+        shrinkB=0,
+        zorder=1,
+    )
+    arrow.set_gid(">".join(edge))
+    axes.add_patch(arrow)
+
+
+def _draw_room(
+    axes: Axes, room: str, place: Point, lines: int, numbers: list[int]
+) -> None:
+    floor, _, name = room.partition("/")
+    x, y = place
+    box = FancyBboxPatch(
+        (x - WIDTH / 2, y - HEIGHT / 2),
+        WIDTH,
+        HEIGHT,
+        "round,pad=0,rounding_size=0.08",
+        facecolor="white",
+        edgecolor="#5b6b7b",
+        linewidth=1.2,
+        zorder=2,
+    )
+    box.set_gid(room)
+    axes.add_patch(box)
+    words = name or f"{floor}/*.py"
+    axes.text(
+        x, y + 0.08, words, size=10.5, ha="center", va="center", weight="bold", zorder=3
+    )
+    axes.text(
+        x,
+        y - 0.14,
+        f"{lines:,} lines",
+        size=8,
+        ha="center",
+        va="center",
+        color="#555555",
+        zorder=3,
+    )
+    for k, number in enumerate(numbers):
+        _draw_number(axes, number, x - WIDTH / 2 + 0.3 * k, y + HEIGHT / 2)
+
+
+def _draw_number(axes: Axes, number: int, x: float, y: float) -> None:
+    axes.add_patch(
+        Circle((x, y), 0.14, facecolor="#b3261e", edgecolor="white", zorder=4)
+    )
+    axes.text(
+        x,
+        y - 0.01,
+        str(number),
+        size=8.5,
+        color="white",
+        weight="bold",
+        ha="center",
+        va="center",
+        zorder=5,
+    )
+
+
+def _draw_way(axes: Axes, stages: list[tuple[str, str]], top: float) -> None:
+    x = RIGHT + 0.35
+    axes.text(x, top - 0.45, "The way of a scenario", size=13, weight="bold")
+    for k, (room, words) in enumerate(stages, start=1):
+        y = top - 0.5 - 0.5 * k
+        _draw_number(axes, k, x + 0.12, y)
+        axes.text(x + 0.35, y + 0.09, words, size=9.5, va="center")
+        axes.text(x + 0.35, y - 0.1, room, size=8.5, va="center", color="#555555")
+    notes = (
+        "A box is a room, which is a folder.",
+        "An arrow goes to a room that is imported;",
+        "those that follow from others are left out.",
+    )
+    for k, note in enumerate(notes):
+        axes.text(x, top - 1.4 - 0.5 * len(stages) - 0.22 * k, note, size=9.5)
+
+
+def main(picture: Path) -> None:
+    """Draw the house into a file."""
+    code = modules()
+    graph = imports(code)
+    lines: Counter[str] = Counter()
+    for name in code:
+        path = ROOT / (name.replace(".", "/") + ".py")
+        lines[room_of(name)] += len(path.read_text(encoding="utf-8").splitlines())
+    mpl.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "house"})
+    mpl.rcParams["font.family"] = "sans-serif"
+    arrows = floor_arrows(graph)
+    places, routes, bands = _layout(graph, arrows)
+    height = max(top for _, top in bands.values()) + 0.2
+    figure = Figure(figsize=(RIGHT + 4.2, height))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set(xlim=(0.0, RIGHT + 4.2), ylim=(0.0, height))
+    axes.axis("off")
+    _draw_floors(axes, bands, lines)
+    for edge in arrows:
+        _draw_arrow(axes, edge, routes[edge])
+    stages = way(code)
+    for room in graph:
+        numbers = [k for k, (where, _) in enumerate(stages, 1) if where == room]
+        _draw_room(axes, room, places[room], lines[room], numbers)
+    _draw_way(axes, stages, height)
+    metadata: dict[str, Any] = {"Date": None} if picture.suffix == ".svg" else {}
+    figure.savefig(picture, metadata=metadata, dpi=70)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else PICTURE)

@@ -1,0 +1,114 @@
+"""The layout of the code: which way imports point, how large rooms and files are, its picture."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import re
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import networkx as nx
+import pytest
+
+ROOT = Path(__file__).parents[1]
+MOST_FILES, MOST_LINES, MOST_DOCSTRING_LINES = 15, 400, 5
+
+
+def load_house() -> Any:
+    """Import docs/house.py, which is a script and in no package."""
+    spec = importlib.util.spec_from_file_location("house", ROOT / "docs" / "house.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+HOUSE = load_house()
+FLOORS: tuple[str, ...] = HOUSE.FLOORS
+FOLDERS = sorted(
+    {path.parent for floor in FLOORS for path in (ROOT / floor).rglob("*.py")}
+)
+
+
+@pytest.fixture(scope="module")
+def code() -> dict[str, ast.Module]:
+    modules: dict[str, ast.Module] = HOUSE.modules()
+    return modules
+
+
+@pytest.fixture(scope="module")
+def rooms(code: dict[str, ast.Module]) -> nx.DiGraph[str]:
+    graph: nx.DiGraph[str] = HOUSE.imports(code)
+    return graph
+
+
+def files(folder: Path) -> list[Path]:
+    return [path for path in folder.glob("*.py") if path.name != "__init__.py"]
+
+
+def test_imports_point_from_twin_over_scheduling_to_planning(
+    rooms: nx.DiGraph[str],
+) -> None:
+    height = {floor: k for k, floor in enumerate(FLOORS)}
+    for one, other in rooms.edges:
+        assert height[one.split("/")[0]] <= height[other.split("/")[0]], (one, other)
+
+
+def test_no_room_imports_itself_by_way_of_others(
+    code: dict[str, ast.Module], rooms: nx.DiGraph[str]
+) -> None:
+    try:
+        circle = [one for one, _ in nx.find_cycle(rooms)]
+    except nx.NetworkXNoCycle:
+        return
+    pytest.fail(f"rooms import each other: {' -> '.join([*circle, circle[0]])}")
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda f: str(f.relative_to(ROOT)))
+def test_a_room_is_small_and_says_what_it_is(folder: Path) -> None:
+    assert len(files(folder)) <= MOST_FILES
+    init = folder / "__init__.py"
+    assert init.exists(), "a room needs an __init__.py that says what is in it"
+    words = ast.get_docstring(ast.parse(init.read_text(encoding="utf-8")))
+    assert words, f"{init} has no docstring"
+    assert len(words.splitlines()) <= MOST_DOCSTRING_LINES
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda f: str(f.relative_to(ROOT)))
+def test_a_file_is_short(folder: Path) -> None:
+    for path in folder.glob("*.py"):
+        lines = len(path.read_text(encoding="utf-8").splitlines())
+        assert lines <= MOST_LINES, f"{path.relative_to(ROOT)} has {lines} lines"
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda f: str(f.relative_to(ROOT)))
+def test_names_of_files_repeat_no_word_that_should_be_a_room(folder: Path) -> None:
+    first = Counter(
+        path.stem.split("_")[0] for path in files(folder) if "_" in path.stem
+    )
+    shared = {word: n for word, n in first.items() if n >= 3}
+    assert not shared, f"{folder.relative_to(ROOT)}: {shared}"
+
+
+def test_the_picture_shows_the_rooms_and_their_imports(
+    code: dict[str, ast.Module], rooms: nx.DiGraph[str]
+) -> None:
+    drawn = set(re.findall(r'id="([^"]+)"', HOUSE.PICTURE.read_text(encoding="utf-8")))
+    drawn = {name.replace("&gt;", ">") for name in drawn}
+    again = "the house has changed: python docs/house.py"
+    assert {name for name in drawn if ">" in name} == {
+        f"{one}>{other}" for one, other in HOUSE.floor_arrows(rooms)
+    }, again
+    assert set(rooms) == {
+        name for name in drawn if name.split("/")[0] in FLOORS and ">" not in name
+    }, again
+
+
+def test_the_picture_shows_the_way_of_a_scenario(code: dict[str, ast.Module]) -> None:
+    picture = HOUSE.PICTURE.read_text(encoding="utf-8")
+    for room, words in HOUSE.way(code):
+        assert f">{words}</text>" in picture
+        assert f">{room}</text>" in picture
