@@ -22,6 +22,8 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
+from twin.planning.space_time import construction_problem
+
 from benchmarks.construction_case import (
     FOLDER,
     OutOfTimeError,
@@ -31,7 +33,6 @@ from benchmarks.construction_case import (
 from benchmarks.machine import date_line, machine_line
 from planning.construction.planner import PlannerSettings, plan_construction
 from planning.errors import ConstructionError
-from twin.planning.space_time import construction_problem
 from twin.scenario.build_workcell import build_workcell
 
 ROOT = Path(__file__).parents[1]

@@ -20,11 +20,13 @@ from planning.construction.problem.problem import ConstructionProblem
 from planning.errors import TwinError
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.rollout import earliest_times
+from twin.assemblies.construction import ConstructionKind
 from twin.host.progress import Report
-from twin.planning.space_time import construction_problem
+from twin.planning.pipeline import motion_settings
 from twin.scenario.build_workcell import build_workcell
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.cell import choose_robots
+from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.scenario import Scenario
 
 FOLDER = Path(__file__).parents[1] / "scenarios" / "construction"
@@ -145,7 +147,10 @@ def warm_up() -> None:
 
 def _problem(scenario: Scenario) -> ConstructionProblem:
     cell = build_workcell(scenario, FOLDER)
-    return construction_problem(scenario, cell, FOLDER)
+    section = scenario.assembly
+    assert isinstance(section, ConstructionSection)
+    settings = motion_settings(scenario, cell, FOLDER)
+    return ConstructionKind(section).problem(cell, settings)
 
 
 def _about(problem: ConstructionProblem) -> Row:

@@ -24,8 +24,8 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
 from twin.host.progress import StageDisplay
+from twin.host.stage_watch import StageWatch
 from twin.planning.pipeline import order_motions, plan_in_turns
-from twin.planning.stage_watch import StageWatch
 from twin.scenario.duration_models import skill_durations
 from twin.scenario.file import load_scenario
 from twin.study.replications.timing_graph import (

@@ -16,8 +16,8 @@ from pathlib import Path
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import Report, StageDisplay, report_nothing
+from twin.host.stage_watch import StageWatch
 from twin.planning.pipeline import order_motions, plan_in_turns
-from twin.planning.stage_watch import StageWatch
 from twin.scenario.file import load_scenario
 from twin.study.replications.timing_graph import save_timing_graph, timing_graph
 

@@ -41,8 +41,8 @@ from scheduling.conflicts.occupancy import Occupancy, chain_occupancy
 from scheduling.graph.reduction import order_and_reduce
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.total_order import planned_ranks
+from twin.host.stage_watch import StageWatch
 from twin.planning.pipeline import plan_in_turns
-from twin.planning.stage_watch import StageWatch
 from twin.scenario.file import load_scenario
 
 RESULTS = Path(__file__).parent / "results"

@@ -1,4 +1,4 @@
-"""Kinds of assemblies, each behind the same few functions.
+"""Kinds of assemblies: each answers plan(cell, settings, watch) with its motions.
 
-Imports scenario.sections, scenario.document and planning; scenario and twin.planning import it.
+Imports scenario.sections, scenario.document, host and planning; scenario and twin.planning import it.
 """

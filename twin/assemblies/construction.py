@@ -12,9 +12,9 @@ import numpy as np
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import ScenarioError
 from planning.transforms import Array, Transform, readonly
-from twin.assemblies.kind import Prepared, Stages
-from twin.scenario.document.problems import Problem
-from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.assemblies.kind import AssemblyKind, PlannedMotions
+from twin.host.stage_watch import StageWatch
+from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.construction import (
     ConstructionPartSection,
     ConstructionSection,
@@ -30,12 +30,16 @@ from twin.scenario.sections.poses import build_transform
 
 if TYPE_CHECKING:
     from planning.construction.problem.models import ModelPart
-    from planning.construction.problem.problem import ConstructionProblem, SkillSeconds
+    from planning.construction.problem.problem import ConstructionProblem
     from planning.construction.problem.supply import SupplyLayout
+    from planning.motion.sequential import MotionSettings
+
+CHECKS, PARTS = "what can be built", "parts"
+"""Names of the stages for progress displays."""
 
 
 @dataclass(frozen=True)
-class ConstructionKind:
+class ConstructionKind(AssemblyKind):
     """A construction of a scenario.
 
     Attributes:
@@ -43,6 +47,11 @@ class ConstructionKind:
     """
 
     section: ConstructionSection
+
+    @property
+    def at_once(self) -> bool:
+        """Whether it is planned in space and time: it is."""
+        return True
 
     def steps(self) -> int:
         """Return how many parts are placed."""
@@ -61,19 +70,11 @@ class ConstructionKind:
         for i, own in enumerate(self.section.parts):
             yield ("assembly", "parts", i, "name"), own.name
 
-    def object_kinds(self) -> tuple[str, ...]:
-        """Return the sizes of the parts: what their kinds are called."""
-        return tuple(dict.fromkeys(item.kind for item in self.objects()))
-
     def reserved(self, name: str) -> str | None:
         """Return whether a name is that of the floor."""
         from planning.construction.problem.site import GROUND
 
         return "the floor" if name == GROUND else None
-
-    def problems(self, document: YamlDocument) -> list[Problem]:
-        """Return nothing: what can be wrong takes geometry to see, and is seen when planning."""
-        return []
 
     def fixtures(self) -> tuple[Fixture, ...]:
         """Return the floor."""
@@ -93,11 +94,23 @@ class ConstructionKind:
         supply = self.section.supply
         return part_objects(self.parts, supply_layout(supply), starts, near=supply.near)
 
-    def prepare(self, cell: Workcell, stages: Stages) -> Prepared:
-        """Refuse: there are no candidates to choose from before robots and times are known."""
-        raise ScenarioError(
-            "a construction is planned in space and time at once, not one task after another"
-        )
+    def plan(
+        self, cell: Workcell, settings: MotionSettings, watch: StageWatch
+    ) -> PlannedMotions:
+        """Plan in space and time; the stages are checks, keyframes, path and search."""
+        from planning.construction.export.timed_tasks import motion_plan
+        from planning.construction.planner import plan_construction
+        from planning.tasks.plan import TaskPlan
+
+        with watch.stage("checks", CHECKS):
+            problem = self.problem(cell, settings)
+        watch.report(PARTS, 0, len(problem.parts))
+        with watch.stage("search"):
+            plan = plan_construction(problem, progress=watch.reporter(PARTS))
+            motions = motion_plan(problem, plan.building)
+        watch.seconds |= plan.seconds
+        watch.seconds["search"] -= sum(plan.seconds.values())
+        return PlannedMotions(cell, plan, TaskPlan(()), motions, settings)
 
     @cached_property
     def parts(self) -> tuple[ModelPart, ...]:
@@ -106,22 +119,29 @@ class ConstructionKind:
             return model_parts(self.section.model)
         return tuple(_own_part(part) for part in self.section.parts)
 
-    def problem(
-        self, cell: Workcell, seconds: SkillSeconds, seed: int
-    ) -> ConstructionProblem:
+    def problem(self, cell: Workcell, settings: MotionSettings) -> ConstructionProblem:
         """Return what is to be built, checked as far as lower bounds go.
 
         Args:
             cell: built of the same scenario.
-            seconds: nominal durations of the skills.
-            seed: of everything that is drawn.
+            settings: nominal durations of the skills, and the seed of everything that is drawn.
 
         Raises:
             ConstructionError: it cannot be built as it is, or not by these robots.
+            ScenarioError: a skill has no duration but that of its reference path.
         """
         from planning.construction.problem.feasibility import require_buildable
+        from planning.construction.problem.problem import SkillSeconds
         from planning.construction.problem.site import build_problem
 
+        seconds = settings.skill_seconds
+        for skill in ("pick", "place-down", "handover"):
+            if skill not in seconds:
+                raise ScenarioError(
+                    f"execution.skills.{skill}: a construction is planned with the mean duration"
+                    " of its skills, touching a part has no path of its own: give a distribution"
+                    " in place of kind: reference"
+                )
         insertions: dict[str, Array] = {
             part.name: np.array(part.insertion) / np.linalg.norm(part.insertion)
             for part in self.section.parts
@@ -133,11 +153,13 @@ class ConstructionKind:
             frame=self.section.grips.frame,
             offsets=self.section.grips.offsets_m,
             insertions=insertions,
-            seconds=seconds,
+            seconds=SkillSeconds(
+                seconds["pick"], seconds["place-down"], seconds["handover"]
+            ),
             approach=self.section.approach_m,
             touch=self.section.touch_m,
             carried=self.section.carried,
-            seed=seed,
+            seed=settings.seed,
         )
         require_buildable(problem)
         return problem

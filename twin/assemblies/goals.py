@@ -5,23 +5,28 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from planning.cell.workcell import CellObject, Fixture, Workcell
+from planning.cell.workcell import Workcell
 from planning.errors import ScenarioError
 from planning.goals.robot_goals import RobotGoal
 from planning.transforms import readonly
-from twin.assemblies.kind import ASSIGNMENT, Prepared, Stages
+from twin.assemblies.kind import AssemblyKind, PlannedMotions
+from twin.host.stage_watch import StageWatch
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.goals import GoalsSection, MoveSection
 from twin.scenario.sections.poses import build_transform
 
+if TYPE_CHECKING:
+    from planning.motion.sequential import MotionSettings
+
 
 @dataclass(frozen=True)
-class GoalsKind:
+class GoalsKind(AssemblyKind):
     """Goals of a scenario.
 
     Attributes:
@@ -38,39 +43,23 @@ class GoalsKind:
         """Return that nothing is built."""
         return "no parts"
 
-    def names(self) -> Iterator[tuple[KeyPath, str]]:
-        """Return no names: there are no objects."""
-        return iter(())
-
-    def object_kinds(self) -> tuple[str, ...]:
-        """Return nothing: nobody handles anything."""
-        return ()
-
-    def reserved(self, name: str) -> str | None:
-        """Return nothing: any name will do."""
-        return None
-
     def problems(self, document: YamlDocument) -> list[Problem]:
         """Return the moves of robots that the file does not have."""
         return mark_problems(document, self._check_robots(document))
 
-    def fixtures(self) -> tuple[Fixture, ...]:
-        """Return no fixtures: they are all in the cell."""
-        return ()
-
-    def objects(self) -> tuple[CellObject, ...]:
-        """Return no objects."""
-        return ()
-
-    def prepare(self, cell: Workcell, stages: Stages) -> Prepared:
-        """Find the configurations of all goals."""
+    def plan(
+        self, cell: Workcell, settings: MotionSettings, watch: StageWatch
+    ) -> PlannedMotions:
+        """Find the configurations of all goals, then the ways to them."""
         from planning.goals.robot_goals import prepare_goals
+        from twin.assemblies.in_turns import ASSIGNMENT, plan_in_turns
 
         goals = tuple(
             _goal(cell, move, k) for k, move in enumerate(self.section.moves, start=1)
         )
-        with stages.stage("assignment", ASSIGNMENT):
-            return Prepared(goals, prepare_goals(cell, goals))
+        with watch.stage("assignment", ASSIGNMENT):
+            work = prepare_goals(cell, goals)
+        return plan_in_turns(cell, goals, work, settings, watch)
 
     def _check_robots(self, document: YamlDocument) -> Iterator[tuple[KeyPath, str]]:
         cell = CellSection.model_validate_json(json.dumps(document.data["cell"]))

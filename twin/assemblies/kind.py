@@ -3,49 +3,53 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
-from planning.tasks.work import AssemblyWork
+from twin.host.stage_watch import StageWatch
 from twin.scenario.document.problems import Problem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 
-ASSIGNMENT = "who does what"
-"""Name of the stage that finds the candidates and chooses, for progress displays."""
+if TYPE_CHECKING:
+    from planning.motion.motion_plan import MotionPlan
+    from planning.motion.sequential import MotionSettings
+    from planning.tasks.plan import TaskPlan
 
 
 @dataclass(frozen=True)
-class Prepared:
-    """An assembly that can be assigned and planned.
+class PlannedMotions:
+    """An assembly with its motions: what every coordination starts from.
 
     Attributes:
-        assembly: the data of its kind, such as a ``LegoAssembly``.
-        work: what the planner needs of it.
+        cell: the workcell.
+        assembly: what is built, such as a ``LegoAssembly``; the plan of a construction.
+        task_plan: who does what; empty where that is decided along with the motions.
+        motion_plan: how everyone moves.
+        settings: how tasks were turned into motions.
     """
 
+    cell: Workcell
     assembly: Any
-    work: AssemblyWork
-
-
-class Stages(Protocol):
-    """Measures and reports the stages of planning."""
-
-    def stage(
-        self, key: str, label: str | None = None
-    ) -> AbstractContextManager[object]:
-        """Return a context that adds its time to a stage.
-
-        Args:
-            key: of the stage in the summary.
-            label: for the progress display, None where it is shown already.
-        """
-        ...
+    task_plan: TaskPlan
+    motion_plan: MotionPlan
+    settings: MotionSettings
 
 
 class AssemblyKind(Protocol):
-    """The section of an assembly in a scenario, and how it becomes work."""
+    """The section of an assembly in a scenario, and how it is planned.
+
+    Defaults are those of a kind that brings neither objects nor fixtures of its own.
+    """
+
+    @property
+    def at_once(self) -> bool:
+        """Whether it is planned in space and time: robots move at once, on shortened paths.
+
+        Its robots then move at the speeds of their joints, and its plan cannot be turned into
+        one in slots.
+        """
+        return False
 
     def steps(self) -> int:
         """Return the number of steps."""
@@ -57,36 +61,39 @@ class AssemblyKind(Protocol):
 
     def names(self) -> Iterable[tuple[KeyPath, str]]:
         """Return the names of the objects it brings, each with its key in the file."""
-        ...
+        return ()
 
     def object_kinds(self) -> Iterable[str]:
         """Return the types of the objects it brings, each once."""
-        ...
+        return dict.fromkeys(item.kind for item in self.objects())
 
     def reserved(self, name: str) -> str | None:
         """Return what of its own has a name that nothing else may have, None if nothing."""
-        ...
+        return None
 
     def problems(self, document: YamlDocument) -> list[Problem]:
         """Return what cannot be as it is written."""
-        ...
+        return []
 
     def fixtures(self) -> tuple[Fixture, ...]:
         """Return the fixtures it brings."""
-        ...
+        return ()
 
     def objects(self) -> tuple[CellObject, ...]:
         """Return the objects it brings."""
-        ...
+        return ()
 
-    def prepare(self, cell: Workcell, stages: Stages) -> Prepared:
-        """Find every way to do every step.
+    def plan(
+        self, cell: Workcell, settings: MotionSettings, watch: StageWatch
+    ) -> PlannedMotions:
+        """Plan who does what, and how everyone moves.
 
         Args:
             cell: built of the same scenario.
-            stages: told how long what takes.
+            settings: how tasks are turned into motions.
+            watch: measures and reports the stages.
 
         Raises:
-            TwinError: the assembly cannot be built as it is.
+            TwinError: the assembly cannot be built as it is, or no plan was found.
         """
         ...

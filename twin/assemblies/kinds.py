@@ -1,32 +1,23 @@
-"""The one place that knows which kinds of assemblies there are."""
+"""The kinds of assemblies, found without importing any of them."""
 
 from __future__ import annotations
 
+from importlib import import_module
+
 from twin.assemblies.kind import AssemblyKind
-from twin.scenario.sections.construction import ConstructionSection
-from twin.scenario.sections.goals import GoalsSection
-from twin.scenario.sections.lego import LegoSection
-from twin.scenario.sections.pick_place import PickPlaceSection
+from twin.scenario.sections.scenario import AssemblySection
+
+_KINDS = {
+    "lego": ("twin.assemblies.lego", "LegoKind"),
+    "pick-and-place": ("twin.assemblies.pick_place", "PickPlaceKind"),
+    "goals": ("twin.assemblies.goals", "GoalsKind"),
+    "construction": ("twin.assemblies.construction", "ConstructionKind"),
+}
+"""Module and class by the ``kind`` of a section."""
 
 
-def assembly_kind(
-    section: LegoSection | PickPlaceSection | GoalsSection | ConstructionSection,
-) -> AssemblyKind:
+def assembly_kind(section: AssemblySection) -> AssemblyKind:
     """Return what the twin needs of the assembly that a section describes."""
-    match section:
-        case LegoSection():
-            from twin.assemblies.lego import LegoKind
-
-            return LegoKind(section)
-        case PickPlaceSection():
-            from twin.assemblies.pick_place import PickPlaceKind
-
-            return PickPlaceKind(section)
-        case GoalsSection():
-            from twin.assemblies.goals import GoalsKind
-
-            return GoalsKind(section)
-        case ConstructionSection():
-            from twin.assemblies.construction import ConstructionKind
-
-            return ConstructionKind(section)
+    module, name = _KINDS[section.kind]
+    found: AssemblyKind = getattr(import_module(module), name)(section)
+    return found

@@ -21,7 +21,8 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.contacts import PlacedBrick
 from twin.assemblies.brick_types import brick_types
-from twin.assemblies.kind import ASSIGNMENT, Prepared, Stages
+from twin.assemblies.kind import AssemblyKind, PlannedMotions
+from twin.host.stage_watch import StageWatch
 from twin.scenario.document.problems import Problem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.drawn_structure import read_structure
@@ -37,13 +38,14 @@ from twin.scenario.sections.poses import build_transform
 
 if TYPE_CHECKING:
     from planning.lego.sequencing.sequencing import SequencedStructure, SequencingRules
+    from planning.motion.sequential import MotionSettings
 
 SEQUENCE = "which brick when"
 """Name of a stage for progress displays."""
 
 
 @dataclass(frozen=True)
-class LegoKind:
+class LegoKind(AssemblyKind):
     """A LEGO assembly of a scenario.
 
     Attributes:
@@ -106,27 +108,32 @@ class LegoKind:
 
         return stock_objects(build_lego(self.section))
 
-    def prepare(self, cell: Workcell, stages: Stages) -> Prepared:
-        """Find the sequence where the file gives a structure, then the candidates.
+    def plan(
+        self, cell: Workcell, settings: MotionSettings, watch: StageWatch
+    ) -> PlannedMotions:
+        """Find the sequence where the file gives a structure, then plan one task after another.
 
-        Given steps are checked: the structure must stand, and bear every press.
+        Given steps are checked: the structure must stand, and bear every press. The stages are
+        sequence (where there is a structure), assignment and motion.
         """
         from planning.lego.sequencing.borne_steps import borne_steps
         from planning.lego.sequencing.reachability import check_reach
         from planning.lego.skills.work import prepare_lego
+        from twin.assemblies.in_turns import ASSIGNMENT, plan_in_turns
 
         robots = len(cell.robots)
         if self.section.structure is not None:
-            with stages.stage("sequence", SEQUENCE):
+            with watch.stage("sequence", SEQUENCE):
                 assembly, _ = find_sequence(self.section, robots=robots)
         else:
             assembly = build_lego(self.section)
-        with stages.stage("assignment", ASSIGNMENT):
+        with watch.stage("assignment", ASSIGNMENT):
             if self.section.structure is None and self.section.rules.check_steps:
                 rules = sequencing_rules(self.section, robots=robots)
                 assembly = borne_steps(assembly, rules)
             check_reach(cell, assembly)
-            return Prepared(assembly, prepare_lego(cell, assembly))
+            work = prepare_lego(cell, assembly)
+        return plan_in_turns(cell, assembly, work, settings, watch)
 
 
 def build_lego(lego: LegoSection) -> LegoAssembly:

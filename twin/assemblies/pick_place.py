@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from planning.cell.workcell import CellObject, Fixture, Workcell
+from planning.cell.workcell import CellObject, Workcell
 from planning.parts.assembly import GripRules, PickPlaceAssembly
 from planning.transforms import readonly
-from twin.assemblies.kind import ASSIGNMENT, Prepared, Stages
+from twin.assemblies.kind import AssemblyKind, PlannedMotions
+from twin.host.stage_watch import StageWatch
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.pick_place import GripSection, PartSection, PickPlaceSection
 from twin.scenario.sections.poses import build_transform
 
+if TYPE_CHECKING:
+    from planning.motion.sequential import MotionSettings
+
 
 @dataclass(frozen=True)
-class PickPlaceKind:
+class PickPlaceKind(AssemblyKind):
     """A pick-and-place assembly of a scenario.
 
     Attributes:
@@ -40,33 +45,25 @@ class PickPlaceKind:
         for i, part in enumerate(self.section.parts):
             yield ("assembly", "parts", i, "name"), part.name
 
-    def object_kinds(self) -> Iterator[str]:
-        """Yield the sizes of the parts."""
-        yield from dict.fromkeys(_kind(part) for part in self.section.parts)
-
-    def reserved(self, name: str) -> str | None:
-        """Return nothing: this kind brings nothing but its parts."""
-        return None
-
     def problems(self, document: YamlDocument) -> list[Problem]:
         """Return what cannot be as it is written: each step moves a part of its own."""
         return mark_problems(document, self._check_steps())
-
-    def fixtures(self) -> tuple[Fixture, ...]:
-        """Return no fixtures: they are all in the cell."""
-        return ()
 
     def objects(self) -> tuple[CellObject, ...]:
         """Return the parts where they are at the start."""
         return tuple(_part(part, self.section.steps) for part in self.section.parts)
 
-    def prepare(self, cell: Workcell, stages: Stages) -> Prepared:
-        """Find the candidates."""
+    def plan(
+        self, cell: Workcell, settings: MotionSettings, watch: StageWatch
+    ) -> PlannedMotions:
+        """Find the candidates, choose, and plan one task after another."""
         from planning.parts.work import prepare_pick_place
+        from twin.assemblies.in_turns import ASSIGNMENT, plan_in_turns
 
         assembly = build_pick_place(self.section)
-        with stages.stage("assignment", ASSIGNMENT):
-            return Prepared(assembly, prepare_pick_place(cell, assembly))
+        with watch.stage("assignment", ASSIGNMENT):
+            work = prepare_pick_place(cell, assembly)
+        return plan_in_turns(cell, assembly, work, settings, watch)
 
     def _check_steps(self) -> Iterator[tuple[KeyPath, str]]:
         parts = {part.name: part for part in self.section.parts}
@@ -112,11 +109,6 @@ def _grips(section: GripSection) -> GripRules:
     )
 
 
-def _kind(part: PartSection) -> str:
-    """Return the type of a part, such as ``"0.04 x 0.04 x 0.3"``."""
-    return " x ".join(f"{edge:g}" for edge in part.size_m)
-
-
 def _part(part: PartSection, steps: tuple[str, ...]) -> CellObject:
     from planning.cell.cover import box_body
 
@@ -124,7 +116,7 @@ def _part(part: PartSection, steps: tuple[str, ...]) -> CellObject:
     red, green, blue = part.colour
     return CellObject(
         name=part.name,
-        kind=_kind(part),
+        kind=" x ".join(f"{edge:g}" for edge in part.size_m),
         size=size,
         start=readonly(build_transform(part.start)),
         body=box_body(part.name, size),

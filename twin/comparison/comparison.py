@@ -12,11 +12,12 @@ from pathlib import Path
 
 from scheduling.build_tpg import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.assemblies.kind import PlannedMotions
 from twin.comparison.bounds import straight_line_ratio, straight_line_s
 from twin.durations import NANOSECONDS
 from twin.host.progress import Report, report_nothing
+from twin.host.stage_watch import StageWatch
 from twin.planning.pipeline import (
-    PlannedInTurns,
     default_shortcuts,
     order_motions,
     plan_in_slots,
@@ -24,7 +25,6 @@ from twin.planning.pipeline import (
     planned_shortcuts,
     shorten,
 )
-from twin.planning.stage_watch import StageWatch
 from twin.run.run_record import Policy, Run
 from twin.run.summary import lower_bound_s
 from twin.scenario.sections.scenario import Scenario
@@ -210,7 +210,7 @@ class _Bench:
 
     scenario: Scenario
     base: Path
-    turns: PlannedInTurns
+    turns: PlannedMotions
     candidates: int
     progress: Report
 

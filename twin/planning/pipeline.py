@@ -5,33 +5,31 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from planning.cell.workcell import Workcell
+from planning.errors import ScenarioError
 from planning.motion.motion_plan import MotionPlan
-from planning.motion.sequential import MotionSettings, plan_sequential
+from planning.motion.sequential import MotionSettings
 from planning.motion.speed import JointSpeed, L1Speed, SpeedModel
 from planning.motion.synchronous import SynchronousPlan, plan_synchronous
 from planning.motion.transit import RrtConnect
-from planning.tasks.highs_solver import HighsAssignmentSolver
-from planning.tasks.plan import TaskPlan
-from planning.tasks.work import StepExpansions
 from planning.transforms import Indices
 from scheduling.build_tpg import build_nodes, build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.ordering.reordering import reorder_tasks
 from scheduling.ordering.task_conflicts import SweptTaskConflicts
 from scheduling.shortcuts.shortcutting import shorten_tpg
+from twin.assemblies.kind import PlannedMotions
 from twin.assemblies.kinds import assembly_kind
 from twin.host.progress import Report, report_nothing
-from twin.planning.stage_watch import StageWatch
+from twin.host.stage_watch import StageWatch
 from twin.scenario.build_workcell import build_workcell
 from twin.scenario.duration_models import skill_models
 from twin.scenario.sections.scenario import Scenario
 
-MOTION, SLOTS, ORDER = "motions", "who moves at once", "what waits for what"
+SLOTS, ORDER = "who moves at once", "what waits for what"
 SHORTCUTS = "shortcuts"
 """Names of the stages for progress displays."""
 
@@ -40,14 +38,11 @@ CANDIDATES_PER_STEP, FEWEST_CANDIDATES = 150, 5000
 
 
 @dataclass(frozen=True)
-class Planned:
+class Planned(PlannedMotions):
     """A planned scenario, with what each stage made.
 
     Attributes:
-        cell: the workcell.
-        assembly: what is built, such as a ``LegoAssembly``.
-        task_plan: who does what.
-        motion_plan: how everyone moves, one task after another or in slots.
+        motion_plan: how everyone moves, one task after another, in slots, or at once.
         tpg: what must wait for what.
         planning_s: wall-clock seconds a stage: sequence (where the scenario gives a structure),
             assignment, motion, synchronous (where the plan is made in slots), tpg; of a
@@ -56,33 +51,9 @@ class Planned:
             None where ``tpg`` has the same nodes.
     """
 
-    cell: Workcell
-    assembly: Any
-    task_plan: TaskPlan
-    motion_plan: MotionPlan
     tpg: TemporalPlanGraph
     planning_s: Mapping[str, float]
     turns: TemporalPlanGraph | None = None
-
-
-@dataclass(frozen=True)
-class PlannedInTurns:
-    """A scenario with its motions: what every coordination starts from.
-
-    Attributes:
-        cell: the workcell.
-        assembly: what is built, such as a ``LegoAssembly``; the plan of a construction.
-        task_plan: who does what.
-        motion_plan: how everyone moves while all others stand, but for constructions, in which
-            all move at once.
-        settings: how tasks were turned into motions.
-    """
-
-    cell: Workcell
-    assembly: Any
-    task_plan: TaskPlan
-    motion_plan: MotionPlan
-    settings: MotionSettings
 
 
 def plan_scenario(
@@ -126,54 +97,45 @@ def plan_scenario(
         first.assembly,
         first.task_plan,
         motion_plan,
+        first.settings,
         tpg,
         watch.seconds,
         turns,
     )
 
 
-def plan_motions(scenario: Scenario, folder: Path, watch: StageWatch) -> PlannedInTurns:
-    """Plan how everyone moves: one task after another, or a construction in space and time.
+def plan_motions(scenario: Scenario, folder: Path, watch: StageWatch) -> PlannedMotions:
+    """Plan who does what and how everyone moves, before robots are let move at once.
 
-    See plan_in_turns and plan_in_space_time for the stages, plan_scenario for the errors.
+    See the kinds of assemblies for the stages, plan_scenario for the errors.
     """
-    if scenario.assembly.kind != "construction":
-        return plan_in_turns(scenario, folder, watch)
-    from twin.planning.space_time import plan_in_space_time
-
+    kind = assembly_kind(scenario.assembly)
+    if kind.at_once and scenario.planning.coordination != "sequential":
+        raise ScenarioError(
+            f"a {scenario.assembly.kind} is planned in space and time at once, not in slots:"
+            " leave out the planning's coordination"
+        )
     cell = build_workcell(scenario, folder)
-    plan, task_plan, motion_plan = plan_in_space_time(scenario, cell, folder, watch)
-    settings = motion_settings(scenario, cell, folder)
-    return PlannedInTurns(cell, plan, task_plan, motion_plan, settings)
+    return kind.plan(cell, motion_settings(scenario, cell, folder), watch)
 
 
 def plan_in_turns(
     scenario: Scenario, folder: Path, watch: StageWatch
-) -> PlannedInTurns:
-    """Choose who does what, and plan how everyone moves, one task after another.
+) -> PlannedMotions:
+    """Plan as plan_motions does, but only what can be planned one task after another.
 
-    The stages are sequence (where the scenario gives a structure), assignment and motion; see
-    plan_scenario for the errors.
+    Raises:
+        ScenarioError: the scenario is planned in space and time.
     """
-    cell = build_workcell(scenario, folder)
-    ready = assembly_kind(scenario.assembly).prepare(cell, watch)
-    with watch.stage("assignment"):
-        task_plan = HighsAssignmentSolver().assign(ready.work.problem)
-    settings = motion_settings(scenario, cell, folder)
-    with watch.stage("motion"):
-        steps = StepExpansions(ready.work, task_plan)
-        watch.report(MOTION, 0, len(task_plan.choices))
-        motion_plan = plan_sequential(
-            cell,
-            steps.callables(),
-            ready.work.link,
-            settings,
-            watch.reporter(MOTION),
+    if assembly_kind(scenario.assembly).at_once:
+        raise ScenarioError(
+            f"a {scenario.assembly.kind} is planned in space and time at once, not one task"
+            " after another"
         )
-    return PlannedInTurns(cell, ready.assembly, steps.plan, motion_plan, settings)
+    return plan_motions(scenario, folder, watch)
 
 
-def plan_in_slots(turns: PlannedInTurns, watch: StageWatch) -> SynchronousPlan:
+def plan_in_slots(turns: PlannedMotions, watch: StageWatch) -> SynchronousPlan:
     """Let robots move at once, in slots; the stage is synchronous."""
     with watch.stage("synchronous"):
         return plan_synchronous(
@@ -248,10 +210,10 @@ def planned_shortcuts(scenario: Scenario) -> int:
 
 def default_shortcuts(scenario: Scenario) -> int:
     """Return how many shortcuts suit the size of an assembly."""
-    if scenario.assembly.kind == "construction":
+    kind = assembly_kind(scenario.assembly)
+    if kind.at_once:
         return 0  # its planner has shortened the paths already
-    steps = assembly_kind(scenario.assembly).steps()
-    return max(CANDIDATES_PER_STEP * steps, FEWEST_CANDIDATES)
+    return max(CANDIDATES_PER_STEP * kind.steps(), FEWEST_CANDIDATES)
 
 
 def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionSettings:
@@ -275,7 +237,7 @@ def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionS
 
 def _speeds(scenario: Scenario, cell: Workcell) -> dict[str, SpeedModel]:
     section = scenario.planning
-    # A construction is planned at the speeds of its joints, whatever else is asked for.
-    if section.speed_model == "joint" or scenario.assembly.kind == "construction":
+    at_once = assembly_kind(scenario.assembly).at_once
+    if section.speed_model == "joint" or at_once:
         return {robot.name: JointSpeed(robot.model.velocity) for robot in cell.robots}
     return {robot.name: L1Speed(section.speed_rad_s) for robot in cell.robots}

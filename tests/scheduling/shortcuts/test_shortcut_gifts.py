@@ -15,8 +15,8 @@ from scheduling.graph.total_order import planned_ranks
 from scheduling.invariant import check_invariant
 from scheduling.shortcuts import replacement_check as shortcut_check
 from scheduling.shortcuts.shortcutting import _Board
+from twin.host.stage_watch import StageWatch
 from twin.planning.pipeline import order_motions, plan_in_turns
-from twin.planning.stage_watch import StageWatch
 from twin.scenario.file import load_scenario
 
 CLIFF = Path(__file__).parents[3] / "scenarios" / "lego" / "cliff.yaml"

@@ -13,10 +13,8 @@ from planning.errors import ScenarioError
 from planning.tasks.task_graph import TRANSIT
 from scheduling.build_tpg import build_nodes
 from twin.cli import app
-from twin.planning.pipeline import plan_in_turns
-from twin.planning.space_time import construction_problem
-from twin.planning.stage_watch import StageWatch
-from twin.scenario.build_workcell import build_workcell
+from twin.host.stage_watch import StageWatch
+from twin.planning.pipeline import plan_in_turns, plan_motions
 from twin.scenario.duration_models import (
     follow_references,
     skill_durations,
@@ -88,9 +86,7 @@ def test_what_a_reference_cannot_be(tmp_path: Path, written: str, says: str) -> 
 def test_a_construction_needs_durations_to_plan_with() -> None:
     scenario = follow_references(load_scenario(TOWER))
     with pytest.raises(ScenarioError, match="pick: a construction"):
-        construction_problem(
-            scenario, build_workcell(scenario, TOWER.parent), TOWER.parent
-        )
+        plan_motions(scenario, TOWER.parent, StageWatch())
 
 
 def test_the_comparison_takes_them_in_place_of_the_durations(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from planning.construction.problem.problem import ConstructionProblem, SkillSeconds
 from planning.errors import ConstructionError, RobotModelError, ScenarioError
+from planning.motion.sequential import MotionSettings
 from twin.assemblies.construction import ConstructionKind
 from twin.assemblies.kinds import assembly_kind
 from twin.cli import app
@@ -48,7 +49,9 @@ def problem_of(path: Path) -> ConstructionProblem:
     scenario = load_scenario(path)
     kind = assembly_kind(scenario.assembly)
     assert isinstance(kind, ConstructionKind)
-    return kind.problem(build_workcell(scenario), SkillSeconds(1.0, 2.0, 3.0), 7)
+    seconds = {"pick": 1.0, "place-down": 2.0, "handover": 3.0}
+    settings = MotionSettings({}, {}, 0.05, seconds, seed=7)
+    return kind.problem(build_workcell(scenario), settings)
 
 
 def written(folder: Path, text: str) -> Path:
