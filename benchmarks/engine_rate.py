@@ -31,17 +31,17 @@ from twin.uncertainty.disturbances import (
     Disturbances,
     EmergencyStop,
     SkillFailure,
-    StallRate,
+    Stalls,
 )
 from twin.uncertainty.skill_durations import SkillDurations
 
 RESULTS = Path(__file__).parent / "results"
 DISTURBED = Disturbances(
-    jitter=Uniform(0.0, 0.01),
-    stall_rate=StallRate(60.0, Uniform(1.0, 20.0)),
-    breakdowns=Breakdowns(600.0, 30.0),
-    failures={"pick": SkillFailure(0.1, 5)},
-    emergency_stops=(EmergencyStop(None, 60.0, 15.0),),
+    jitter=Uniform(low_s=0.0, high_s=0.01),
+    stalls=Stalls(rate_per_h=60.0, duration=Uniform(low_s=1.0, high_s=20.0)),
+    breakdowns=Breakdowns(mtbf_s=600.0, mttr_s=30.0),
+    failures={"pick": SkillFailure(probability=0.1, retries=5)},
+    emergency_stops=(EmergencyStop(robot=None, at_s=60.0, duration_s=15.0),),
 )
 
 

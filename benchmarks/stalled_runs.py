@@ -39,9 +39,9 @@ from twin.recorders.motion_tables import objects_table, trajectory_table, write_
 from twin.run.folder import OBJECTS, TRAJECTORY
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.scenario.file import load_scenario
-from twin.scenario.sections.disturbances import StallsSection
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.trial import execute
+from twin.uncertainty.disturbances import Stalls
 
 ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results"
@@ -123,7 +123,7 @@ def audited_runs(
         folder = Path(scratch)
         for seed, stalls in wanted:
             start = time.process_time()
-            section = StallsSection(count_per_robot=stalls, duration_s=(1.0, 20.0))
+            section = Stalls(count_per_robot=stalls, duration_s=(1.0, 20.0))
             execution = scenario.execution.model_copy(update={"stalls": section})
             chosen = scenario.model_copy(update={"seed": seed, "execution": execution})
             run = execute(chosen, tpg, base, "asynchronous")

@@ -10,9 +10,8 @@ from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,
     EmergencyStop,
-    RandomStalls,
     SkillFailure,
-    StallRate,
+    Stalls,
 )
 from twin.uncertainty.skill_durations import SkillDurations
 
@@ -28,20 +27,28 @@ TPGS = st.builds(
 STOPS = st.lists(
     st.builds(
         EmergencyStop,
-        st.sampled_from([None, "robot_0", "robot_1"]),
-        st.floats(0.0, 40.0),
-        st.floats(0.001, 15.0),
+        robot=st.sampled_from([None, "robot_0", "robot_1"]),
+        at_s=st.floats(0.0, 40.0),
+        duration_s=st.floats(0.001, 15.0),
     ),
     max_size=4,
 )
 ANYTHING = st.builds(
     Disturbances,
-    jitter=st.sampled_from([None, Uniform(0.0, 0.1)]),
-    stalls=st.sampled_from([None, RandomStalls(1)]),
-    stall_rate=st.sampled_from([None, StallRate(200.0, Fixed(1.0))]),
-    breakdowns=st.sampled_from(
-        [None, Breakdowns(30.0, 5.0), Breakdowns(20.0, 5.0, "run")]
+    jitter=st.sampled_from([None, Uniform(low_s=0.0, high_s=0.1)]),
+    stalls=st.builds(
+        Stalls,
+        count_per_robot=st.sampled_from([0, 1]),
+        rate_per_h=st.sampled_from([0.0, 200.0]),
+        duration=st.sampled_from([None, Fixed(value_s=1.0)]),
     ),
-    failures=st.sampled_from([{}, {"pick": SkillFailure(0.5, 1)}]),
+    breakdowns=st.sampled_from(
+        [
+            None,
+            Breakdowns(mtbf_s=30.0, mttr_s=5.0),
+            Breakdowns(mtbf_s=20.0, mttr_s=5.0, clock="run"),
+        ]
+    ),
+    failures=st.sampled_from([{}, {"pick": SkillFailure(probability=0.5, retries=1)}]),
     emergency_stops=STOPS.map(tuple),
 )

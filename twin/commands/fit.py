@@ -109,7 +109,7 @@ def _content(fit: Fit) -> dict[str, Any]:
 
 def _figures(candidate: Candidate) -> dict[str, Any]:
     return {
-        "distribution": candidate.family.name,
+        "distribution": candidate.family.title,
         "section": dict(candidate.section),
         "aicc": candidate.aicc,
         "anderson_darling": candidate.anderson_darling,
@@ -139,7 +139,7 @@ def _print(fit: Fit) -> None:
     table.add_column("parameters", overflow="fold")
     for candidate in fit.candidates:
         table.add_row(
-            candidate.family.name,
+            candidate.family.title,
             f"{candidate.aicc:.1f}",
             f"{candidate.anderson_darling:.2f}",
             f"{candidate.p_value:.3f}",

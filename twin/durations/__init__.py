@@ -1,35 +1,42 @@
-"""Duration models: distributions of how long skills take.
+"""Distributions of how long skills take: one class each, with its section, quantiles and fit.
 
-Imports planning.errors only; scenario, uncertainty and fit import it.
+Imports planning and the base of scenario sections; scenario, uncertainty and fit import it.
 """
 
-from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
-from twin.durations.composed import Scaled, Shifted
-from twin.durations.empirical import Empirical, packaged_timing, packaged_timings
-from twin.durations.model import DurationModel
+from twin.durations.composed import AnyDuration, Distribution, Retries, Shifted
+from twin.durations.exponential import Exponential
+from twin.durations.fixed import Fixed
+from twin.durations.gamma import Gamma
+from twin.durations.lognormal import Lognormal
+from twin.durations.measured import Empirical, Measured, Packaged, packaged_timings
+from twin.durations.model import DurationModel, Skill
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.durations.normal import TruncatedNormal
-from twin.durations.retries import Retries
-from twin.durations.skewed import Exponential, Gamma, Lognormal, Weibull
+from twin.durations.peaked import Pert, Triangular
+from twin.durations.uniform import Uniform
+from twin.durations.weibull import Weibull
 
 __all__ = [
     "NANOSECONDS",
+    "AnyDuration",
+    "Distribution",
     "DurationModel",
     "Empirical",
     "Exponential",
     "Fixed",
     "Gamma",
     "Lognormal",
+    "Measured",
     "Nanoseconds",
+    "Packaged",
     "Pert",
     "Retries",
-    "Scaled",
     "Shifted",
+    "Skill",
     "Triangular",
     "TruncatedNormal",
     "Uniform",
     "Weibull",
-    "packaged_timing",
     "packaged_timings",
     "to_nanoseconds",
 ]

@@ -1,85 +1,158 @@
-"""Durations made of other durations: later by an offset, or longer by a factor."""
+"""Durations made of other durations, and the union of all that a scenario file can name."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
-from planning.transforms import Array
-from twin.durations.model import DurationModel, require
+from planning.errors import ScenarioError
+from planning.transforms import Array, readonly
+from twin.durations.exponential import Exponential
+from twin.durations.fixed import Fixed
+from twin.durations.gamma import Gamma
+from twin.durations.lognormal import Lognormal
+from twin.durations.measured import Empirical, Packaged
+from twin.durations.model import DurationModel
+from twin.durations.normal import TruncatedNormal
+from twin.durations.peaked import Pert, Triangular
+from twin.durations.uniform import Uniform
+from twin.durations.weibull import Weibull
+
+_SEQUENCES_LOG2 = 14
 
 
-@dataclass(frozen=True)
-class Shifted:
-    """Another duration and a time that never varies.
+class Shifted(DurationModel):
+    """Another distribution and a time that never varies.
 
     Attributes:
         model: the part that varies.
         offset_s: added to it; negative where the shortest duration leaves room for it [s].
     """
 
-    model: DurationModel
-    offset_s: float
+    kind: Literal["shifted"] = "shifted"
+    model: AnyDuration
+    offset_s: Annotated[float, Field(ge=-1e6, le=1e6)]
 
-    def __post_init__(self) -> None:
-        require(np.isfinite(self.offset_s), f"shifted: offset_s {self.offset_s}")
-        require(
-            self.minimum >= 0,
-            f"shifted: offset_s {self.offset_s} makes durations negative: the shortest "
-            f"of the model is {self.model.minimum:g} s",
-        )
+    def located(self, folder: Path) -> Shifted:
+        """Return the model with its files read; ScenarioError if durations are negative."""
+        model = self.model.located(folder)
+        if model.minimum + self.offset_s < 0:
+            raise ScenarioError(
+                f"shifted: offset_s {self.offset_s} makes durations negative: the shortest "
+                f"of the model is {model.minimum:g} s"
+            )
+        return self.model_copy(update={"model": model})
 
-    def ppf(self, u: Array) -> Array:
-        """Return the quantiles [s] of probabilities ``u``."""
+    def _ppf(self, u: Array) -> Array:
         return np.maximum(self.model.ppf(u) + self.offset_s, 0.0)
 
-    @property
-    def mean(self) -> float:
-        """Expected duration [s]."""
-        return self.model.mean + self.offset_s
+    def _moments(self) -> tuple[float, float]:
+        return self.model.mean + self.offset_s, self.model.sd
 
-    @property
-    def sd(self) -> float:
-        """Standard deviation [s]."""
-        return self.model.sd
-
-    @property
-    def minimum(self) -> float:
-        """Greatest lower bound [s]."""
+    def _minimum(self) -> float:
         return self.model.minimum + self.offset_s
 
 
-@dataclass(frozen=True)
-class Scaled:
-    """Another duration, longer or shorter by a factor.
+class Retries(DurationModel):
+    """An attempt and, as long as attempts fail, retries; all added up.
+
+    Every attempt fails with the same probability, and all take times of their own. After the
+    last retry allowed the work counts as done: this is a duration, not an outcome.
+
+    The sum has no closed quantile function. ``ppf`` is that of a table: 2**14 quasi-random
+    sequences of attempts (Sobol points, the same every time) for each number of retries, weighted
+    by its exact probability. So one uniform makes one duration here too, and a greater uniform
+    a longer one.
 
     Attributes:
-        model: the other duration.
-        factor: greater than 0.
+        attempt: duration of the first attempt.
+        probability: that an attempt fails.
+        retries: most attempts after the first.
+        retry: duration of a retry; that of the attempt when not given.
     """
 
-    model: DurationModel
-    factor: float
-
-    def __post_init__(self) -> None:
-        require(0 < self.factor < np.inf, f"scale must be above 0, not {self.factor}")
-
-    def ppf(self, u: Array) -> Array:
-        """Return the quantiles [s] of probabilities ``u``."""
-        return self.factor * self.model.ppf(u)
+    kind: Literal["retries"] = "retries"
+    attempt: AnyDuration
+    probability: Annotated[float, Field(ge=0, lt=1)]
+    retries: Annotated[int, Field(ge=0, le=20)] = 2
+    retry: AnyDuration | None = None
 
     @property
-    def mean(self) -> float:
-        """Expected duration [s]."""
-        return self.factor * self.model.mean
+    def again(self) -> DurationModel:
+        """Duration of a retry."""
+        return self.attempt if self.retry is None else self.retry
 
     @property
-    def sd(self) -> float:
-        """Standard deviation [s]."""
-        return self.factor * self.model.sd
+    def weights(self) -> Array:
+        """Probability of each number of retries, shape (retries + 1,)."""
+        p, k = self.probability, np.arange(self.retries + 1)
+        out = p**k * (1 - p)
+        out[-1] = p**self.retries
+        return np.asarray(out)
 
-    @property
-    def minimum(self) -> float:
-        """Greatest lower bound [s]."""
-        return self.factor * self.model.minimum
+    def located(self, folder: Path) -> Retries:
+        """Return the model with its files read."""
+        retry = None if self.retry is None else self.retry.located(folder)
+        update = {"attempt": self.attempt.located(folder), "retry": retry}
+        return self.model_copy(update=update)
+
+    def _ppf(self, u: Array) -> Array:
+        values, cumulative = _table(self)
+        at = np.searchsorted(cumulative, np.asarray(u), side="left")
+        return values[np.minimum(at, len(values) - 1)]
+
+    def _moments(self) -> tuple[float, float]:
+        """Return mean and sd, exact: Wald's equations for random sums."""
+        k = np.arange(self.retries + 1)
+        count = float(self.weights @ k)
+        spread = float(self.weights @ (k - count) ** 2)
+        again = self.again
+        mean = self.attempt.mean + count * again.mean
+        variance = self.attempt.sd**2 + count * again.sd**2 + spread * again.mean**2
+        return mean, float(np.sqrt(variance))
+
+    def _minimum(self) -> float:
+        return self.attempt.minimum
+
+
+@lru_cache(maxsize=32)
+def _table(model: Retries) -> tuple[Array, Array]:
+    """Return durations in rising order and the probability of not being longer."""
+    from scipy.stats.qmc import Sobol
+
+    points = Sobol(model.retries + 1, scramble=False).random_base2(_SEQUENCES_LOG2)
+    # The first point is 0: put all at the middle of their cells.
+    u = points.T + 0.5 / len(points)
+    attempts = np.vstack([model.attempt.ppf(u[:1]), model.again.ppf(u[1:])])
+    sums = np.cumsum(attempts, axis=0)
+    weights = np.repeat(model.weights / len(points), len(points))
+    order = np.argsort(sums, axis=None, kind="stable")
+    cumulative = np.cumsum(weights[order])
+    return readonly(sums.ravel()[order]), readonly(cumulative / cumulative[-1])
+
+
+Distribution = (
+    Fixed
+    | Uniform
+    | Triangular
+    | Pert
+    | TruncatedNormal
+    | Lognormal
+    | Exponential
+    | Gamma
+    | Weibull
+    | Empirical
+    | Packaged
+    | Shifted
+    | Retries
+)
+
+AnyDuration = Annotated[Distribution, Field(discriminator="kind")]
+"""Any distribution of durations; ``kind`` says which."""
+
+Shifted.model_rebuild()
+Retries.model_rebuild()

@@ -1,41 +1,104 @@
-"""What a duration model is."""
+"""What every distribution of durations has: a section in a scenario file, quantiles, moments."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
-from planning.errors import ScenarioError
+from pydantic import ConfigDict, Field
+
 from planning.transforms import Array
+from twin.scenario.document.section import Section
+
+Skill = Literal[
+    "pick",
+    "place-down",
+    "place-up",
+    "handover",
+    "support-bottom",
+    "support-top",
+]
+
+Seconds = Annotated[float, Field(ge=0, le=1e6)]
+PositiveSeconds = Annotated[float, Field(gt=0, le=1e6)]
+Factor = Annotated[float, Field(ge=0.001, le=1000)]
+Shape = Annotated[float, Field(ge=0.1, le=1e6)]
 
 
-class DurationModel(Protocol):
+def _require_kind(schema: dict[str, Any]) -> None:
+    """Let a scenario file name the ``kind``, which goes without saying in Python."""
+    if "kind" in schema["properties"]:
+        del schema["properties"]["kind"]["default"]
+        schema["required"] = ["kind", *schema.get("required", [])]
+
+
+class DurationModel(Section, ABC):
     """A distribution of durations, given by its quantile function.
 
     One uniform makes one duration, and a greater uniform never a shorter one. So common random
-    numbers and antithetic pairs (u and 1 - u) do what they should with every model.
+    numbers and antithetic pairs (u and 1 - u) do what they should with every model. Subclasses
+    say what holds before durations are multiplied by ``scale``.
+
+    Attributes:
+        scale: every duration is multiplied with it.
     """
+
+    model_config = ConfigDict(json_schema_extra=_require_kind)
+
+    scale: Factor = 1.0
 
     def ppf(self, u: Array) -> Array:
         """Return the quantiles [s] of probabilities ``u`` in (0, 1), same shape."""
-        ...
+        return self.scale * self._ppf(u)
 
     @property
     def mean(self) -> float:
         """Expected duration [s]."""
-        ...
+        return self.scale * self._moments()[0]
 
     @property
     def sd(self) -> float:
         """Standard deviation [s]."""
-        ...
+        return self.scale * self._moments()[1]
 
     @property
     def minimum(self) -> float:
         """Greatest lower bound of the durations [s], at least 0."""
-        ...
+        return self.scale * self._minimum()
+
+    def scaled(self, factor: float) -> DurationModel:
+        """Return the same distribution with durations multiplied by a factor above 0."""
+        return self.model_copy(update={"scale": self.scale * factor})
+
+    def located(self, folder: Path) -> DurationModel:
+        """Return the model with its files read and checked, so that it can be drawn from.
+
+        Args:
+            folder: where relative paths start.
+
+        Raises:
+            ScenarioError: a file cannot be read, or its durations do not fit the rest.
+        """
+        return self
+
+    @abstractmethod
+    def _ppf(self, u: Array) -> Array: ...
+
+    @abstractmethod
+    def _moments(self) -> tuple[float, float]:
+        """Return mean and standard deviation [s]."""
+
+    @abstractmethod
+    def _minimum(self) -> float: ...
 
 
-def require(holds: bool, message: str) -> None:
-    """Raise a ScenarioError unless a condition on parameters holds."""
-    if not holds:
-        raise ScenarioError(message)
+def require_pair(
+    model: DurationModel, first: tuple[str, str], second: tuple[str, str]
+) -> None:
+    """Require one of two pairs of fields, whole and alone; else raise a ValueError."""
+    given = {key for key in (*first, *second) if getattr(model, key) is not None}
+    if given not in ({*first}, {*second}):
+        raise ValueError(
+            f"give {first[0]} and {first[1]}, or {second[0]} and {second[1]}"
+        )

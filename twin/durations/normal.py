@@ -2,96 +2,157 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from pydantic import Field, model_validator
 
 from planning.transforms import Array
-from twin.durations.model import require
+from twin.durations.fittable import LOG_ROOT_2PI, FittableModel
+from twin.durations.model import PositiveSeconds, Seconds
 
 _LEAST_KEPT = 0.01
+_CUT_MOST = 2.3
+"""A normal distribution loses at most about 99 % below 0: the bound [sd from the mean]."""
 
 
-@dataclass(frozen=True)
-class TruncatedNormal:
-    """A normal distribution between bounds: what is outside is as if it never happened.
+class TruncatedNormal(FittableModel):
+    """Normal, cut off at 0 or at bounds of its own: what is outside is as if it never happened.
 
     Cutting off moves the mean, so ``mean`` differs from ``mean_s`` where a bound is near. At
     least 1 % of the normal distribution must be left.
 
     Attributes:
-        mean_s: mean before it is cut off [s].
-        sd_s: standard deviation before it is cut off [s].
-        low_s: shortest duration, at least 0 [s].
-        high_s: longest duration, infinite for none [s].
+        mean_s, sd_s: before it is cut off [s].
+        low_s, high_s: shortest and longest duration; no longest one when not given [s].
     """
 
-    mean_s: float
-    sd_s: float
-    low_s: float = 0.0
-    high_s: float = np.inf
+    title: ClassVar = "normal"
+    parameters: ClassVar = ("mean_s", "sd_s")
 
-    def __post_init__(self) -> None:
-        require(
-            np.isfinite(self.mean_s) and 0 < self.sd_s < np.inf,
-            f"normal: need a finite mean_s and sd_s > 0, "
-            f"not {self.mean_s} and {self.sd_s}",
-        )
-        require(
-            abs(self.mean_s) / 1e9 <= self.sd_s,
-            f"normal: mean_s {self.mean_s} is more than 1e9 times sd_s {self.sd_s}",
-        )
-        require(
-            0 <= self.low_s < self.high_s,
-            f"normal: need 0 <= low_s < high_s, not {self.low_s} and {self.high_s}",
-        )
-        a, b = self._bounds()
-        require(
-            float(ndtr(b) - ndtr(a)) >= _LEAST_KEPT,
-            f"normal: less than 1 % of mean {self.mean_s} and sd {self.sd_s} is "
-            f"between {self.low_s} and {self.high_s}",
-        )
+    kind: Literal["normal"] = "normal"
+    mean_s: Annotated[float, Field(ge=-1e6, le=1e6)]
+    sd_s: PositiveSeconds
+    low_s: Seconds = 0.0
+    high_s: PositiveSeconds | None = None
+
+    @model_validator(mode="after")
+    def _exists(self) -> TruncatedNormal:
+        if abs(self.mean_s) / 1e9 > self.sd_s:
+            raise ValueError(
+                f"normal: mean_s {self.mean_s} is more than 1e9 times sd_s {self.sd_s}"
+            )
+        if self.low_s >= self._high_s:
+            raise ValueError(
+                f"normal: need 0 <= low_s < high_s, not {self.low_s} and {self.high_s}"
+            )
+        below, above = self._cut()
+        if above - below < _LEAST_KEPT:
+            raise ValueError(
+                f"normal: less than 1 % of mean {self.mean_s} and sd {self.sd_s} is "
+                f"between {self.low_s} and {self._high_s}"
+            )
+        return self
+
+    @property
+    def _high_s(self) -> float:
+        return np.inf if self.high_s is None else self.high_s
 
     def _bounds(self) -> tuple[float, float]:
         """Return the bounds in standard deviations from the mean."""
         return (
             (self.low_s - self.mean_s) / self.sd_s,
-            (self.high_s - self.mean_s) / self.sd_s,
+            (self._high_s - self.mean_s) / self.sd_s,
         )
 
-    def ppf(self, u: Array) -> Array:
-        """Return the quantiles [s] of probabilities ``u``."""
-        below, above = (ndtr(bound) for bound in self._bounds())
+    def _cut(self) -> tuple[float, float]:
+        """Return the probability of being below the lower, and the upper bound."""
+        from scipy.special import ndtr
+
+        low, high = self._bounds()
+        return ndtr(low), ndtr(high)
+
+    def _ppf(self, u: Array) -> Array:
+        from scipy.special import ndtri
+
+        below, above = self._cut()
         z = ndtri(below + np.asarray(u) * (above - below))
         # Rounding must not lead past a bound.
-        return np.clip(self.mean_s + self.sd_s * z, self.low_s, self.high_s)
-
-    @property
-    def mean(self) -> float:
-        """Expected duration [s]."""
-        return self.mean_s + self.sd_s * self._moments()[0]
-
-    @property
-    def sd(self) -> float:
-        """Standard deviation [s]."""
-        return self.sd_s * float(np.sqrt(self._moments()[1]))
-
-    @property
-    def minimum(self) -> float:
-        """Shortest duration [s]."""
-        return self.low_s
+        return np.clip(self.mean_s + self.sd_s * z, self.low_s, self._high_s)
 
     def _moments(self) -> tuple[float, float]:
-        """Return mean and variance of the standardised duration."""
         a, b = self._bounds()
-        kept = float(ndtr(b) - ndtr(a))
+        below, above = self._cut()
+        kept = float(above - below)
         at_a, at_b = _density(a) / kept, _density(b) / kept
         mean = at_a - at_b
         far = b * at_b if np.isfinite(b) else 0.0
-        return mean, 1 + a * at_a - far - mean**2
+        variance = 1 + a * at_a - far - mean**2
+        return self.mean_s + self.sd_s * mean, self.sd_s * float(np.sqrt(variance))
+
+    def _minimum(self) -> float:
+        return self.low_s
+
+    @classmethod
+    def suits(cls, x: Array) -> bool:
+        """Tell whether there is any spread."""
+        return bool(x[0] < x[-1])
+
+    @classmethod
+    def fit(cls, x: Array) -> Array:
+        """Return the parameters whose cut-off distribution has each sample's mean and sd.
+
+        Cut off at 0, the family is exponential in x and x**2: greatest likelihood keeps both
+        their means.
+        """
+        mean = np.mean(x, axis=1)
+        wanted = (np.std(x, axis=1) / mean) ** 2
+        # The bound at 0, in standard deviations from the mean: the cv rises with it.
+        low, high = np.full(len(x), -1e4), np.full(len(x), _CUT_MOST)
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            too_wide = _cut_cv2(middle) > wanted
+            low, high = (
+                np.where(too_wide, low, middle),
+                np.where(too_wide, middle, high),
+            )
+        bound = 0.5 * (low + high)
+        sigma = mean / (_hazard(bound) - bound)
+        return np.stack([-bound * sigma, sigma], axis=1)
+
+    @classmethod
+    def log_density(cls, x: Array, theta: Array) -> Array:
+        """Return the logarithm of the density [1/s]."""
+        from scipy.special import log_ndtr
+
+        mean, sd = theta.T[:, :, None]
+        z = (x - mean) / sd
+        out = -0.5 * z**2 - LOG_ROOT_2PI - np.log(sd) - log_ndtr(mean / sd)
+        return np.where(x >= 0, out, -np.inf)
+
+    @classmethod
+    def cdf(cls, x: Array, theta: Array) -> Array:
+        """Return the probability of not being longer."""
+        from scipy.special import ndtr
+
+        mean, sd = theta.T[:, :, None]
+        cut = ndtr(-mean / sd)
+        return np.asarray(np.clip((ndtr((x - mean) / sd) - cut) / (1 - cut), 0.0, 1.0))
 
 
 def _density(z: float) -> float:
     # Nothing is left far out; squares of what is very far would overflow.
     return float(np.exp(-0.5 * min(abs(z), 100.0) ** 2) / np.sqrt(2 * np.pi))
+
+
+def _hazard(bound: Array) -> Array:
+    """Return the density over what is left above a bound, of the standard normal."""
+    from scipy.special import log_ndtr
+
+    return np.asarray(np.exp(-0.5 * bound**2 - LOG_ROOT_2PI - log_ndtr(-bound)))
+
+
+def _cut_cv2(bound: Array) -> Array:
+    """Return (sd / mean)**2 of a normal that is cut off ``bound`` sd from its mean, at 0."""
+    hazard = _hazard(bound)
+    return np.asarray((1 - hazard * (hazard - bound)) / (hazard - bound) ** 2)

@@ -38,7 +38,7 @@ from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.halts import Halts, sample_halts
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
-from twin.uncertainty.skill_durations import NodeDurations
+from twin.uncertainty.skill_durations import SkillDurations
 
 _Times = tuple[Nanoseconds, ...]
 
@@ -60,7 +60,7 @@ class Simulator:
     def __init__(
         self,
         tpg: TemporalPlanGraph,
-        durations: NodeDurations,
+        durations: SkillDurations,
         *,
         policy: Policy = "asynchronous",
         queue_depth: int = 1,
@@ -234,7 +234,7 @@ def _arrays(rows: Sequence[Sequence[int]]) -> _Times:
 
 def simulate(
     tpg: TemporalPlanGraph,
-    durations: NodeDurations,
+    durations: SkillDurations,
     *,
     seed: int,
     replication: int = 0,

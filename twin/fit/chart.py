@@ -56,7 +56,7 @@ def _verdict(fit: Fit) -> str:
         return "all the same"
     if fit.best is None:
         return "no distribution fits: use them as they are"
-    return f"best fit {fit.best.family.name}"
+    return f"best fit {fit.best.family.title}"
 
 
 def _histogram(axes: Axes, values: Array, candidates: tuple[Candidate, ...]) -> None:
@@ -90,7 +90,7 @@ def _quantiles(axes: Axes, values: Array, candidates: tuple[Candidate, ...]) -> 
             color=colour,
             markersize=3.5,
             alpha=0.8,
-            label=candidate.family.name,
+            label=candidate.family.title,
         )
     axes.set_xlabel("quantile of the distribution [s]")
     axes.set_ylabel("quantile measured [s]")
@@ -102,7 +102,7 @@ def _quantiles(axes: Axes, values: Array, candidates: tuple[Candidate, ...]) -> 
 
 def _legend(candidate: Candidate) -> str:
     verdict = ", rejected" if candidate.rejected else ""
-    return f"{candidate.family.name} (p = {candidate.p_value:.2g}{verdict})"
+    return f"{candidate.family.title} (p = {candidate.p_value:.2g}{verdict})"
 
 
 def _finish(axes: Axes) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from planning.errors import ScenarioError
 from planning.tasks.task_graph import SKILLS
 from planning.transforms import Array, readonly
-from twin.durations.empirical import read_durations
+from twin.durations.measured import read_durations
 
 LABELS = ("skill", "robot", "object")
 """Columns that can tell groups apart."""

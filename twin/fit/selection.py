@@ -5,41 +5,40 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from planning.errors import ScenarioError
 from planning.transforms import Array
-from twin.durations import DurationModel
-from twin.fit.bounded import PertFamily, TriangularFamily, UniformFamily
-from twin.fit.family import Family
-from twin.fit.shifted import ShiftedFamily
-from twin.fit.unbounded import (
-    ExponentialFamily,
-    GammaFamily,
-    LognormalFamily,
-    NormalFamily,
-    WeibullFamily,
+from twin.durations import (
+    AnyDuration,
+    DurationModel,
+    Exponential,
+    Gamma,
+    Lognormal,
+    Pert,
+    Triangular,
+    TruncatedNormal,
+    Uniform,
+    Weibull,
 )
-from twin.scenario.duration_models import duration_model
-from twin.scenario.sections.durations import AnyDuration, DurationSection
+from twin.durations.fittable import Family
+from twin.durations.shifted_fit import ShiftedFamily
 
 FAMILIES: tuple[Family, ...] = (
-    UniformFamily(),
-    TriangularFamily(),
-    PertFamily(),
-    NormalFamily(),
-    ExponentialFamily(),
-    LognormalFamily(),
-    GammaFamily(),
-    WeibullFamily(),
-    ShiftedFamily(ExponentialFamily()),
-    ShiftedFamily(LognormalFamily()),
-    ShiftedFamily(GammaFamily()),
-    ShiftedFamily(WeibullFamily()),
+    Uniform,
+    Triangular,
+    Pert,
+    TruncatedNormal,
+    Exponential,
+    Lognormal,
+    Gamma,
+    Weibull,
+    ShiftedFamily(Exponential),
+    ShiftedFamily(Lognormal),
+    ShiftedFamily(Gamma),
+    ShiftedFamily(Weibull),
 )
 """What is tried."""
 
@@ -48,7 +47,7 @@ LEVEL = 0.05
 
 _CELLS = 200_000
 _LEAST_SPREAD = 1e-4
-_SECTION: TypeAdapter[AnyDuration] = TypeAdapter(DurationSection)
+_SECTION: TypeAdapter[DurationModel] = TypeAdapter(AnyDuration)
 
 Step = Callable[[float, float], None]
 """Called with how much is done and how much there is in all."""
@@ -115,7 +114,7 @@ def fit_candidates(
     found = []
     for k, family in enumerate(suiting):
         progress(k, len(suiting))
-        with suppress(ValidationError, ScenarioError):  # no scenario can say it
+        with suppress(ValidationError):  # no scenario can say it
             found.append(fit_family(family, x, resamples=resamples, seed=seed))
     progress(len(suiting), len(suiting))
     return tuple(sorted(found, key=lambda c: (c.rejected, c.aicc)))
@@ -123,7 +122,7 @@ def fit_candidates(
 
 def section_model(section: Mapping[str, Any]) -> DurationModel:
     """Return the distribution of a section that reads no file."""
-    return duration_model(_SECTION.validate_python(dict(section)), Path())
+    return _SECTION.validate_python(dict(section))
 
 
 def anderson_darling(cdf: Array) -> Array:
@@ -149,7 +148,7 @@ def fit_family(family: Family, x: Array, *, resamples: int, seed: int) -> Candid
         seed: of the bootstrap.
     """
     generator = np.random.default_rng(seed)
-    n, k = len(x), family.parameters
+    n, k = len(x), len(family.parameters)
     theta = family.fit(x[None])
     section = family.section(theta[0])
     likelihood = float(family.log_density(x[None], theta).sum())

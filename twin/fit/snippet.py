@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.fit.family import rounded
+from twin.durations.fittable import rounded
 from twin.fit.samples import Sample
 from twin.fit.selection import Candidate
 from twin.host.atomic import replacing

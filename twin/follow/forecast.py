@@ -15,11 +15,10 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import (
     NANOSECONDS,
     DurationModel,
-    Empirical,
     Exponential,
     Fixed,
+    Measured,
     Nanoseconds,
-    Uniform,
     to_nanoseconds,
 )
 from twin.engine.bulk.message_times import Past, end_times
@@ -29,7 +28,7 @@ from twin.follow.conditional import longer_than
 from twin.follow.state import FollowedRun, RobotProgress
 from twin.run.run_record import Policy
 from twin.uncertainty.disturbances import Disturbances
-from twin.uncertainty.draws import stable_hash, uniforms_bulk
+from twin.uncertainty.draws import stable_hash, uniforms
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, Standstill
 from twin.uncertainty.skill_durations import SkillDurations
 
@@ -213,7 +212,7 @@ class Forecaster:
         share = float(chain.duration[node]) / total if total > 0 else 0.0
         if share <= 0:
             return None
-        u = uniforms_bulk(
+        u = uniforms(
             self._seed,
             np.arange(self._samples),
             [chain.robot],
@@ -243,7 +242,7 @@ class Forecaster:
     def _standstill(self, robot: RobotProgress, now: int) -> Nanoseconds:
         """Draw for how much longer a robot stands [ns]."""
         stood_s = max(now - robot.since_ns, 0) / NANOSECONDS
-        u = uniforms_bulk(
+        u = uniforms(
             self._seed,
             np.arange(self._samples),
             [robot.name],
@@ -257,15 +256,14 @@ class Forecaster:
     def _standing_model(self, why: str) -> DurationModel:
         found = self._disturbances
         if why == "stalled":
-            if found.stall_rate is not None:
-                return found.stall_rate.duration
-            if found.stalls is not None:
-                return found.stalls.model or Uniform(*found.stalls.duration_s)
+            if found.stalls.count_per_robot or found.stalls.rate_per_h:
+                return found.stalls.model
         elif found.breakdowns is not None:
-            return Exponential(found.breakdowns.mttr_s)
+            return Exponential(mean_s=found.breakdowns.mttr_s)
         elif found.emergency_stops:
-            return Empirical([stop.duration_s for stop in found.emergency_stops])
-        return Fixed(0.0)
+            stops = tuple(stop.duration_s for stop in found.emergency_stops)
+            return Measured(values=stops)
+        return Fixed(value_s=0.0)
 
     def _fails(self, k: int, robot: RobotProgress) -> Array:
         """Return in which futures a task of a robot that is not done yet fails for good."""

@@ -15,7 +15,6 @@ from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGr
 from twin.durations import NANOSECONDS
 from twin.host.atomic import write_json
 from twin.run.run_record import Run
-from twin.uncertainty.skill_durations import total_duration_s
 
 
 def summarise(
@@ -39,7 +38,8 @@ def summarise(
             the same nodes with the same durations, one robot at a time.
     """
     if makespan_sequential_s is None:
-        makespan_sequential_s = total_duration_s((*run.duration_ns, *run.stall_ns))
+        total_ns = sum(int(t.sum()) for t in (*run.duration_ns, *run.stall_ns))
+        makespan_sequential_s = total_ns / NANOSECONDS
     robots = [chain.robot for chain in tpg.chains]
     return {
         "scenario": scenario,

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+
+from pydantic import BaseModel
 
 from planning.errors import RobotModelError, ScenarioError
 from twin.assemblies.kinds import assembly_kind
+from twin.durations import DurationModel, Empirical
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
-from twin.scenario.duration_checks import Found, check_durations
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.scenario import Scenario
+
+Found = Iterator[tuple[KeyPath, str]]
 
 
 def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
@@ -24,7 +29,8 @@ def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
     found: list[tuple[KeyPath, str]] = []
     found += _check_robots(scenario.cell, folder)
     found += _check_names(scenario)
-    found += check_durations(scenario, folder)
+    found += _check_durations(scenario.execution, ("execution",), folder)
+    found += _check_overrides(scenario)
     found += _check_robot_names(scenario)
     assembly = assembly_kind(scenario.assembly)
     return mark_problems(document, found) + assembly.problems(document)
@@ -117,3 +123,43 @@ def _check_robot_names(scenario: Scenario) -> Found:
     for path, name in used:
         if name not in names:
             yield path, unknown_name("robot", name, names)
+
+
+def _check_durations(value: object, at: KeyPath, folder: Path) -> Found:
+    """Look for durations whose files do not serve in whatever may hold some, innermost first."""
+    wrong = False
+    for key, part in _parts(value):
+        for problem in _check_durations(part, (*at, key), folder):
+            wrong = True
+            yield problem
+    if isinstance(value, DurationModel) and not wrong:
+        try:
+            value.located(folder)
+        except ScenarioError as error:
+            yield (*at, "csv") if isinstance(value, Empirical) else at, str(error)
+
+
+def _parts(value: object) -> Iterator[tuple[str | int, object]]:
+    if isinstance(value, BaseModel):
+        yield from value
+    elif isinstance(value, dict):
+        yield from value.items()
+    elif isinstance(value, tuple):
+        yield from enumerate(value)
+
+
+def _check_overrides(scenario: Scenario) -> Found:
+    robots = tuple(robot.name for robot in scenario.cell.robots)
+    kinds = tuple(assembly_kind(scenario.assembly).object_kinds())
+    seen: dict[tuple[str, str | None, str | None], int] = {}
+    for i, item in enumerate(scenario.execution.skill_overrides):
+        at: KeyPath = ("execution", "skill_overrides", i)
+        if item.robot is not None and item.robot not in robots:
+            yield (*at, "robot"), unknown_name("robot", item.robot, robots)
+        if item.object is not None and item.object not in kinds:
+            text = unknown_name("type of object", item.object, kinds)
+            yield (*at, "object"), text if kinds else "there are no objects"
+        key = (item.skill, item.robot, item.object)
+        if key in seen:
+            yield at, f"the same exception as entry {seen[key] + 1}"
+        seen.setdefault(key, i)

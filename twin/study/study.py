@@ -35,6 +35,7 @@ from twin.study.replications.workload import Workload
 from twin.study.sensitivity.sobol import check_points
 from twin.study.summary import check_deadline, summarise_study
 from twin.study.tables import cell_tally, write_edges, write_replications, write_tasks
+from twin.uncertainty.disturbances import Speed
 
 REPLICATING, CHECKING = "replications", "open-loop audit"
 """Names of the stages for progress displays."""
@@ -178,7 +179,7 @@ def _check_possible(deadline_s: float | None, loads: Sequence[Workload]) -> None
         BulkEngine(load.tpg, load.durations, policy=load.policy).least_makespan_ns()
         for load in loads
         # A controller may be faster than planned: then there is no such bound.
-        if not load.disturbances.speed
+        if load.disturbances.speed == Speed()
     ]
     if len(bounds) == len(loads) and deadline_s * NANOSECONDS < min(bounds):
         raise RequestError(

@@ -20,11 +20,10 @@ from twin.durations import (
     DurationModel,
     Exponential,
     Nanoseconds,
-    Uniform,
     to_nanoseconds,
 )
-from twin.uncertainty.disturbances import Disturbances, RandomStalls, SkillFailure
-from twin.uncertainty.draws import uniforms_bulk
+from twin.uncertainty.disturbances import Disturbances, SkillFailure, Stalls
+from twin.uncertainty.draws import uniforms
 
 Cause = Literal["stall", "breakdown", "retry"]
 
@@ -95,23 +94,23 @@ class ReplicatedDraws:
 
     def draw(self, which: Indices, purpose: str, index: npt.ArrayLike = 0) -> Array:
         """Return one uniform for each of some tasks, by place, shape (n, r)."""
-        return uniforms_bulk(
+        return uniforms(
             self.seed,
             self.numbers,
             [self.own.chain.robot] * len(which),
             self.own.tasks[which],
             [self.own.kinds[k] for k in which.tolist()],
             purpose,
-            np.broadcast_to(np.asarray(index, dtype=np.int64), len(which)),
+            index,
         )
 
     def of_robot(self, count: int, purpose: str) -> Array:
         """Return uniforms that belong to no task, shape (count, r)."""
-        return uniforms_bulk(
+        return uniforms(
             self.seed,
             self.numbers,
             [self.own.chain.robot] * count,
-            [-1] * count,
+            -1,
             [""] * count,
             purpose,
             range(count),
@@ -126,7 +125,7 @@ class ReplicatedDraws:
         """
         own, chain = self.own, self.own.chain
         out = planned
-        speed = disturbances.speed.get(chain.robot)
+        speed = disturbances.speed.model_of(chain.robot)
         if speed is not None:
             factor = speed.ppf(self.draw(np.arange(len(own.tasks)), "speed"))
             slowed = to_nanoseconds(chain.duration[:, None] / factor[own.of_node])
@@ -147,16 +146,14 @@ class ReplicatedDraws:
             disturbances: what may go wrong.
         """
         found = []
-        if disturbances.stalls is not None and disturbances.stalls.count_per_robot:
-            found.append(self._counted(disturbances.stalls))
-        rate = disturbances.stall_rate
-        if rate is not None and rate.rate_per_h > 0:
-            mean_ns = _HOUR_NS / rate.rate_per_h
-            found += self._arrivals(motion, mean_ns, rate.duration, "stall")
-        breaks = disturbances.breakdowns
-        robot = self.own.chain.robot
-        if breaks is not None and breaks.clock == "busy" and breaks.affects(robot):
-            repair = Exponential(breaks.mttr_s)
+        stalls, breaks = disturbances.stalls, disturbances.breakdowns
+        if stalls.count_per_robot > 0:
+            found.append(self._counted(stalls))
+        if stalls.rate_per_h > 0:
+            mean_ns = _HOUR_NS / stalls.rate_per_h
+            found += self._arrivals(motion, mean_ns, stalls.model, "stall")
+        if breaks is not None and breaks.affects(self.own.chain.robot, "busy"):
+            repair = Exponential(mean_s=breaks.mttr_s)
             mean_ns = breaks.mtbf_s * NANOSECONDS
             found += self._arrivals(motion, mean_ns, repair, "breakdown")
         return found
@@ -183,12 +180,11 @@ class ReplicatedDraws:
                 found += self._attempts(which, motion, failure, failed)
         return found, np.where(failed == never, -1, failed)
 
-    def _counted(self, stalls: RandomStalls) -> Standstills:
+    def _counted(self, stalls: Stalls) -> Standstills:
         """Return a given number of stalls at nodes that are equally likely."""
         count = min(stalls.count_per_robot, len(self.own.chain))
         place = self.of_robot(count, "stall-node")
-        model = stalls.model or Uniform(*stalls.duration_s)
-        duration = to_nanoseconds(model.ppf(self.of_robot(count, "stall")))
+        duration = to_nanoseconds(stalls.model.ppf(self.of_robot(count, "stall")))
         column = np.broadcast_to(np.arange(len(self.numbers)), duration.shape)
         node = choose(len(self.own.chain), place)
         return Standstills("stall", node.ravel(), column.ravel(), duration.ravel())

@@ -1,159 +1,188 @@
-"""Disturbances of a run: what may go wrong, and how often; every number is a parameter here."""
+"""Disturbances of a run: what may go wrong, and how often, as a scenario file says it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from pathlib import Path
+from typing import Annotated, Literal
 
-import numpy as np
+from pydantic import Field, model_validator
 
-from planning.errors import ScenarioError
-from twin.durations import DurationModel
+from twin.durations import AnyDuration, DurationModel, Fixed, Lognormal, Skill, Uniform
+from twin.scenario.document.section import Name, Section
 
-
-def _require(holds: bool, message: str) -> None:
-    if not holds:
-        raise ScenarioError(message)
+Factor = Annotated[float, Field(ge=0.001, le=1000)]
 
 
-@dataclass(frozen=True)
-class RandomStalls:
-    """Every robot stalls at a number of its nodes, after it started them and before it moves.
+class FixedFactor(Section):
+    """Always the same factor."""
+
+    kind: Literal["fixed"]
+    value: Factor
+
+    @property
+    def model(self) -> DurationModel:
+        """The distribution; models do not care what the unit is."""
+        return Fixed(value_s=self.value)
+
+
+class UniformFactor(Section):
+    """Evenly spread between two bounds."""
+
+    kind: Literal["uniform"]
+    low: Factor
+    high: Factor
+
+    @model_validator(mode="after")
+    def _ordered(self) -> UniformFactor:
+        if self.low > self.high:
+            raise ValueError("low must not exceed high")
+        return self
+
+    @property
+    def model(self) -> DurationModel:
+        """The distribution; models do not care what the unit is."""
+        return Uniform(low_s=self.low, high_s=self.high)
+
+
+class LognormalFactor(Section):
+    """Skewed to the right, given by its median and 95th percentile."""
+
+    kind: Literal["lognormal"]
+    median: Factor
+    p95: Factor
+
+    @model_validator(mode="after")
+    def _ordered(self) -> LognormalFactor:
+        if self.p95 < self.median:
+            raise ValueError("p95 must not be less than median")
+        return self
+
+    @property
+    def model(self) -> DurationModel:
+        """The distribution; models do not care what the unit is."""
+        return Lognormal(median_s=self.median, p95_s=self.p95)
+
+
+AnyFactor = Annotated[
+    FixedFactor | UniformFactor | LognormalFactor, Field(discriminator="kind")
+]
+"""Distribution of a factor without a unit."""
+
+
+class Speed(Section):
+    """Speed factors of the robots' controllers: motions take planned time / factor.
 
     Attributes:
-        count_per_robot: nodes that stall, all of a robot's nodes where it has fewer.
-        duration_s: shortest and longest stall, uniform between them [s].
-        model: distribution of a stall in place of ``duration_s``.
+        factor: of every robot that is not under ``robots``; drawn once a transit.
+        robots: of single robots.
     """
 
-    count_per_robot: int
-    duration_s: tuple[float, float] = (1.0, 20.0)
-    model: DurationModel | None = None
+    factor: AnyFactor | None = None
+    robots: dict[Name, AnyFactor] = Field(default_factory=dict)
 
-    def __post_init__(self) -> None:
+    def model_of(self, robot: str) -> DurationModel | None:
+        """Return the distribution of a robot's factor, None where it is 1."""
+        factor = self.robots.get(robot, self.factor)
+        return None if factor is None else factor.model
+
+
+class Stalls(Section):
+    """Standstills at random times, as when a robot waits for a person.
+
+    Attributes:
+        count_per_robot: how many each robot suffers, one at each of so many of its nodes.
+        duration_s: shortest and longest [s].
+        rate_per_h: stalls an hour of a robot's busy time, besides those counted.
+        duration: distribution of a stall, in place of ``duration_s``.
+    """
+
+    count_per_robot: Annotated[int, Field(ge=0, le=100_000)] = 0
+    duration_s: Annotated[
+        tuple[Annotated[float, Field(ge=0)], ...], Field(min_length=2, max_length=2)
+    ] = (1.0, 20.0)
+    rate_per_h: Annotated[float, Field(ge=0, le=36_000)] = 0.0
+    duration: AnyDuration | None = None
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Stalls:
+        if self.duration_s[0] > self.duration_s[1]:
+            raise ValueError("duration_s is [shortest, longest]")
+        return self
+
+    @property
+    def model(self) -> DurationModel:
+        """Distribution of a stall."""
         low, high = self.duration_s
-        _require(
-            self.count_per_robot >= 0 and 0 <= low <= high < np.inf,
-            "stalls: need count_per_robot >= 0 and 0 <= shortest <= longest "
-            f"duration_s, not {self.count_per_robot} and [{low}, {high}]",
-        )
+        # These bounds may be greater than a distribution may have them.
+        return self.duration or Uniform.model_construct(low_s=low, high_s=high)
 
 
-@dataclass(frozen=True)
-class StallRate:
-    """Robots stall at random while they work, in a Poisson process of their busy time.
-
-    Attributes:
-        rate_per_h: stalls an hour of a robot's busy time, on average.
-        duration: distribution of a stall.
-    """
-
-    rate_per_h: float
-    duration: DurationModel
-
-    def __post_init__(self) -> None:
-        _require(
-            0 <= self.rate_per_h < np.inf,
-            f"stalls: rate_per_h must be at least 0, not {self.rate_per_h}",
-        )
-
-
-@dataclass(frozen=True)
-class Breakdowns:
+class Breakdowns(Section):
     """Robots break down and are repaired; both times are exponential.
 
     Attributes:
         mtbf_s: mean time between failures [s].
         mttr_s: mean time to repair [s].
-        clock: ``busy`` counts the time in which a robot executes nodes, ``run`` all time in
-            which it is not broken.
-        robots: who breaks down; None for everyone.
+        clock: what ``mtbf_s`` counts: ``busy`` time of the robot, or all time of the ``run``.
+        robots: who breaks down; everyone when not given.
     """
 
-    mtbf_s: float
-    mttr_s: float
+    mtbf_s: Annotated[float, Field(gt=0, le=1e9)]
+    mttr_s: Annotated[float, Field(ge=0, le=1e6)]
     clock: Literal["busy", "run"] = "busy"
-    robots: tuple[str, ...] | None = None
+    robots: tuple[Name, ...] | None = None
 
-    def __post_init__(self) -> None:
-        _require(
-            0 < self.mtbf_s < np.inf and 0 <= self.mttr_s < np.inf,
-            "breakdowns: need mtbf_s > 0 and mttr_s >= 0, "
-            f"not {self.mtbf_s} and {self.mttr_s}",
-        )
-
-    def affects(self, robot: str) -> bool:
-        """Tell whether a robot can break down."""
-        return self.robots is None or robot in self.robots
+    def affects(self, robot: str, clock: Literal["busy", "run"]) -> bool:
+        """Tell whether a robot breaks down by a clock."""
+        return self.clock == clock and (self.robots is None or robot in self.robots)
 
 
-@dataclass(frozen=True)
-class SkillFailure:
-    """An attempt at a skill can fail, and is then made again.
+class SkillFailure(Section):
+    """Attempts at a skill that fail.
 
     Attributes:
-        probability: that an attempt fails, in [0, 1].
+        probability: that an attempt fails.
         retries: further attempts after the first; when all fail, the task has failed.
-        retry: distribution of the time that a failed attempt costs until the next one begins;
-            None for the skill's own duration in that run.
+        retry: distribution of the time until the next attempt begins; by default as long as
+            the skill takes in that run.
     """
 
-    probability: float
-    retries: int = 2
-    retry: DurationModel | None = None
-
-    def __post_init__(self) -> None:
-        _require(
-            0 <= self.probability <= 1 and self.retries >= 0,
-            "failures: need 0 <= probability <= 1 and retries >= 0, "
-            f"not {self.probability} and {self.retries}",
-        )
+    probability: Annotated[float, Field(ge=0, le=1)]
+    retries: Annotated[int, Field(ge=0, le=1000)] = 2
+    retry: AnyDuration | None = None
 
 
-@dataclass(frozen=True)
-class EmergencyStop:
-    """One robot, or all, stop at once and go on after a while.
+class EmergencyStop(Section):
+    """A stop at once, for a while.
 
     Attributes:
-        robot: who; None for everyone.
+        robot: who stops; everyone when not given.
         at_s: when [s].
         duration_s: for how long [s].
     """
 
-    robot: str | None
-    at_s: float
-    duration_s: float
-
-    def __post_init__(self) -> None:
-        _require(
-            0 <= self.at_s < np.inf and 0 < self.duration_s < np.inf,
-            "emergency stop: need at_s >= 0 and duration_s > 0, "
-            f"not {self.at_s} and {self.duration_s}",
-        )
+    robot: Name | None = None
+    at_s: Annotated[float, Field(ge=0, le=1e6)]
+    duration_s: Annotated[float, Field(gt=0, le=1e6)]
 
 
-@dataclass(frozen=True)
-class Disturbances:
+class Disturbances(Section):
     """All that may go wrong in a run; nothing by default.
 
     Attributes:
-        speed: distribution of the controller's speed factor, by robot. A motion between skills
-            takes its planned time divided by the factor, drawn once a task.
-        jitter: distribution of what every node takes longer; None for nothing.
-        stalls: a number of stalls a robot, or None.
-        stall_rate: stalls at a rate, or None.
-        breakdowns: or None.
-        failures: by skill.
+        speed: speed factors of the robots' controllers.
+        jitter: distribution of what every node takes longer.
+        stalls: random standstills.
+        breakdowns: of robots.
+        failures: of attempts at a skill, by skill.
         emergency_stops: at given times.
     """
 
-    speed: Mapping[str, DurationModel] = field(default_factory=dict)
-    jitter: DurationModel | None = None
-    stalls: RandomStalls | None = None
-    stall_rate: StallRate | None = None
+    speed: Speed = Speed()
+    jitter: AnyDuration | None = None
+    stalls: Stalls = Stalls()
     breakdowns: Breakdowns | None = None
-    failures: Mapping[str, SkillFailure] = field(default_factory=dict)
+    failures: dict[Skill, SkillFailure] = Field(default_factory=dict)
     emergency_stops: tuple[EmergencyStop, ...] = ()
 
     @property
@@ -161,3 +190,36 @@ class Disturbances:
         """Whether something happens at times of the run's clock, whatever is under way then."""
         by_clock = self.breakdowns is not None and self.breakdowns.clock == "run"
         return bool(self.emergency_stops) or by_clock
+
+    def located(self, folder: Path) -> Disturbances:
+        """Return the same with files of measured times read, and without stalls that never are.
+
+        Args:
+            folder: where relative paths start.
+
+        Raises:
+            ScenarioError: a file cannot be read.
+        """
+
+        def read(model: DurationModel | None) -> DurationModel | None:
+            return None if model is None else model.located(folder)
+
+        stalls = Stalls()
+        if self.stalls.count_per_robot or self.stalls.rate_per_h:
+            update = {"duration": read(self.stalls.duration)}
+            stalls = self.stalls.model_copy(update=update)
+        failures = {
+            skill: failure.model_copy(update={"retry": read(failure.retry)})
+            for skill, failure in self.failures.items()
+        }
+        return Disturbances(
+            speed=self.speed,
+            breakdowns=self.breakdowns,
+            emergency_stops=self.emergency_stops,
+        ).model_copy(
+            update={
+                "jitter": read(self.jitter),
+                "stalls": stalls,
+                "failures": failures,
+            }
+        )

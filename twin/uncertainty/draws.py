@@ -65,20 +65,6 @@ def philox_block(counter: Words, key: Words, out: Words) -> None:
 
 @njit(cache=True, nogil=True)
 def _uniforms(
-    key: Words, index: Words, task: Words, robot: Words, purpose: Words, out: Array
-) -> None:
-    counter = np.empty(4, np.uint64)
-    block = np.empty(4, np.uint64)
-    for i in range(out.shape[0]):
-        counter[0], counter[1] = index[i], task[i]
-        counter[2], counter[3] = robot[i], purpose[i]
-        philox_block(counter, key, block)
-        # 52 bits at the middle of their interval: strictly between 0 and 1.
-        out[i] = (np.float64(block[0] >> _DROP) + 0.5) * _SCALE
-
-
-@njit(cache=True, nogil=True)
-def _uniforms_bulk(
     seed: np.uint64,
     replications: Words,
     index: Words,
@@ -109,103 +95,49 @@ def stable_hash(*names: str) -> int:
 
 def uniforms(
     seed: int,
-    replication: int,
-    robots: list[str],
-    tasks: npt.ArrayLike,
-    kinds: list[str],
-    purpose: str,
-    indices: npt.ArrayLike | None = None,
-) -> Array:
-    """Return one uniform in (0, 1) for each of n named draws.
-
-    Args:
-        seed: seed of the run, 0 or more.
-        replication: number of the replication, 0 or more.
-        robots: robot of each draw, n names.
-        tasks: task index of each draw, shape (n,).
-        kinds: kind of task of each draw, n names.
-        purpose: what the draws are for, such as ``"duration"``.
-        indices: number of the draw where one task needs several, shape (n,); zeros by default.
-
-    Returns:
-        Shape (n,), the same values whatever else is drawn, and in whatever order.
-
-    Raises:
-        ValueError: seed or replication is negative or does not fit into 64 bits.
-    """
-    _require_word("seed", seed)
-    _require_word("replication", replication)
-    out = np.empty(len(robots))
-    key = np.array([seed, replication], dtype=np.uint64)
-    _uniforms(key, *_names(robots, tasks, kinds, purpose, indices), out)
-    return out
-
-
-def uniforms_bulk(
-    seed: int,
     replications: npt.ArrayLike,
     robots: list[str],
     tasks: npt.ArrayLike,
     kinds: list[str],
     purpose: str,
-    indices: npt.ArrayLike | None = None,
+    indices: npt.ArrayLike = 0,
 ) -> Array:
-    """Return what uniforms returns for each of several replications, bit by bit.
+    """Return one uniform in (0, 1) for each of n named draws in each of r replications.
 
     Args:
-        seed, robots, tasks, kinds, purpose, indices: as for uniforms.
-        replications: numbers of the replications, such as a range.
+        seed: of the run, 0 or more.
+        replications: their numbers, 0 or more, shape (r,).
+        robots: robot of each draw, n names.
+        tasks: task index of each draw, shape (n,), or that of all.
+        kinds: kind of task of each draw, n names.
+        purpose: what the draws are for, such as ``"duration"``.
+        indices: number of the draw where one task needs several, shape (n,), or that of all.
 
     Returns:
-        Shape (n, replications): the values of one named draw are next to each other.
+        Shape (n, r), the same values whatever else is drawn, and in whatever order; the
+        values of one named draw are next to each other.
 
     Raises:
-        ValueError: the seed or a replication is negative or does not fit.
+        ValueError: the seed or a replication is negative or does not fit into 64 bits.
     """
-    _require_word("seed", seed)
+    if not 0 <= seed < 2**64:
+        raise ValueError(f"seed must be within 0 and 2**64 - 1, not {seed}")
     numbers = np.asarray(replications, dtype=np.int64)
     if numbers.size and numbers.min() < 0:
         raise ValueError(f"replications must be at least 0, not {numbers.min()}")
     out = np.empty((len(robots), len(numbers)))
-    names = _names(robots, tasks, kinds, purpose, indices)
-    _uniforms_bulk(np.uint64(seed), numbers.astype(np.uint64), *names, out)
+    _uniforms(
+        np.uint64(seed),
+        numbers.astype(np.uint64),
+        _words(indices, len(robots)),
+        _words(tasks, len(robots)),
+        np.array([stable_hash("robot", name) for name in robots], dtype=np.uint64),
+        np.array([stable_hash(kind, purpose) for kind in kinds], dtype=np.uint64),
+        out,
+    )
     return out
 
 
-def _require_word(name: str, value: int) -> None:
-    if not 0 <= value < 2**64:
-        raise ValueError(f"{name} must be within 0 and 2**64 - 1, not {value}")
-
-
-def _names(
-    robots: list[str],
-    tasks: npt.ArrayLike,
-    kinds: list[str],
-    purpose: str,
-    indices: npt.ArrayLike | None,
-) -> tuple[Words, Words, Words, Words]:
-    """Return index, task, hash of the robot and hash of the purpose of each draw."""
-    task = np.ascontiguousarray(np.asarray(tasks, dtype=np.int64)).view(np.uint64)
-    index = np.zeros(len(robots), np.uint64)
-    if indices is not None:
-        index = np.ascontiguousarray(np.asarray(indices, dtype=np.int64)).view(
-            np.uint64
-        )
-    robot = np.array([stable_hash("robot", name) for name in robots], dtype=np.uint64)
-    role = np.array([stable_hash(kind, purpose) for kind in kinds], dtype=np.uint64)
-    return index, task, robot, role
-
-
-def uniform(
-    seed: int,
-    replication: int,
-    robot: str,
-    task: int,
-    kind: str,
-    purpose: str,
-    index: int = 0,
-) -> float:
-    """Return the uniform in (0, 1) of one named draw; see uniforms."""
-    return float(
-        uniforms(seed, replication, [robot], [task], [kind], purpose, [index])[0]
-    )
+def _words(numbers: npt.ArrayLike, count: int) -> Words:
+    row = np.broadcast_to(np.asarray(numbers, dtype=np.int64), count)
+    return np.ascontiguousarray(row).view(np.uint64)

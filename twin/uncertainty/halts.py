@@ -120,9 +120,9 @@ class Halts:
         while self._horizon <= t_ns:
             first = len(self._broken)
             index = np.arange(first, first + _CHUNK)
-            names = ([robot] * _CHUNK, [-1] * _CHUNK, [""] * _CHUNK)
-            gap = uniforms(seed, replication, *names, "breakdown-gap", index)
-            repair = uniforms(seed, replication, *names, "breakdown-duration", index)
+            names = (seed, [replication], [robot] * _CHUNK, -1, [""] * _CHUNK)
+            gap = uniforms(*names, "breakdown-gap", index)[:, 0]
+            repair = uniforms(*names, "breakdown-duration", index)[:, 0]
             up = to_nanoseconds(-self._breakdowns.mtbf_s * np.log(gap)).tolist()
             down = to_nanoseconds(-self._breakdowns.mttr_s * np.log(repair)).tolist()
             clock = self._broken[-1].end_ns if self._broken else 0
@@ -175,16 +175,14 @@ def sample_halts(
                 reason = f"emergency stop for {stop.duration_s:.3f} s"
                 stops.append(Stop(start, end, reason))
         breaks = disturbances.breakdowns
-        by_clock = (
-            breaks
-            if breaks is not None
-            and breaks.clock == "run"
-            and breaks.affects(chain.robot)
-            else None
-        )
+        by_clock = breaks and breaks.affects(chain.robot, "run")
         found.append(
             Halts(
-                stops, by_clock, robot=chain.robot, seed=seed, replication=replication
+                stops,
+                breaks if by_clock else None,
+                robot=chain.robot,
+                seed=seed,
+                replication=replication,
             )
         )
     return tuple(found)

@@ -19,7 +19,7 @@ from twin.durations import Nanoseconds
 from twin.uncertainty.chain_draws import Cause, ChainDraws, Standstills
 from twin.uncertainty.contraction import Contraction
 from twin.uncertainty.disturbances import Disturbances
-from twin.uncertainty.skill_durations import NodeDurations, SkillDurations
+from twin.uncertainty.skill_durations import SkillDurations
 
 _MOST_VALUES = 4_000_000
 
@@ -76,7 +76,7 @@ class SegmentTimes:
 
 def sample_node_times(
     tpg: TemporalPlanGraph,
-    durations: NodeDurations,
+    durations: SkillDurations,
     disturbances: Disturbances | None = None,
     *,
     seed: int,
@@ -100,15 +100,12 @@ class NodeTimeSampler:
     def __init__(
         self,
         tpg: TemporalPlanGraph,
-        durations: NodeDurations,
+        durations: SkillDurations,
         disturbances: Disturbances | None = None,
     ) -> None:
         """Keep what all replications share."""
         self._tpg = tpg
-        self._durations = durations
-        self._bound = (
-            durations.bind(tpg) if isinstance(durations, SkillDurations) else None
-        )
+        self._skills = durations.bind(tpg)
         self._disturbances = disturbances or Disturbances()
         self._draws = [ChainDraws(tpg, chain) for chain in tpg.chains]
 
@@ -116,7 +113,9 @@ class NodeTimeSampler:
         """Draw one replication."""
         numbers = np.array([replication], dtype=np.int64)
         moves, stalls, stands, fails = [], [], [], []
-        for k, planned in enumerate(self._planned(seed, numbers)):
+        for k, planned in enumerate(
+            self._skills.durations(seed=seed, replications=numbers)
+        ):
             motion, found, failed = self._chain(k, seed, numbers, planned)
             stall = np.zeros(len(motion), dtype=np.int64)
             entries = []
@@ -154,7 +153,9 @@ class NodeTimeSampler:
         for low in range(0, len(numbers), step):
             part = slice(low, low + step)
             row = 0
-            for k, planned in enumerate(self._planned(seed, numbers[part])):
+            for k, planned in enumerate(
+                self._skills.durations(seed=seed, replications=numbers[part])
+            ):
                 first = contraction.first[k]
                 motion, found, failed = self._chain(k, seed, numbers[part], planned)
                 rows = busy[row : row + len(first) - 1, part]
@@ -176,17 +177,3 @@ class NodeTimeSampler:
         found = draws.standstills(motion, self._disturbances)
         attempts, failed = draws.failures(motion, self._disturbances)
         return motion, found + attempts, failed
-
-    def _planned(self, seed: int, numbers: Indices) -> tuple[Nanoseconds, ...]:
-        """Return the undisturbed durations per chain, each of shape (nodes, r) [ns]."""
-        if self._bound is not None:
-            rows = self._bound.durations(seed=seed, replications=numbers)
-            return tuple(own.T for own in rows)
-        each = [
-            self._durations.sample(self._tpg, seed=seed, replication=number)
-            for number in numbers.tolist()
-        ]
-        return tuple(
-            np.stack([own[k] for own in each], axis=1)
-            for k in range(len(self._tpg.chains))
-        )

@@ -1,46 +1,51 @@
-"""The durations that duration models give the nodes of a TPG."""
+"""Durations of the skills in a TPG: which model each draws from, and the draws of many runs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import model_validator
 
-from planning.transforms import Indices
+from planning.transforms import Array, Indices
+from scheduling.graph.rollout import durations_ns
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations.model import DurationModel
-from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
-from twin.uncertainty.skill_draws import SkillDraws, bind_draws
+from twin.durations import (
+    AnyDuration,
+    DurationModel,
+    Nanoseconds,
+    Skill,
+    to_nanoseconds,
+)
+from twin.scenario.document.section import Name, Section
+from twin.uncertainty.draws import uniforms
 
 
-class NodeDurations(Protocol):
-    """What gives every node of a TPG its duration in one replication."""
-
-    def sample(
-        self, tpg: TemporalPlanGraph, *, seed: int, replication: int = 0
-    ) -> tuple[Nanoseconds, ...]:
-        """Return durations per chain, each of shape (nodes,) [ns]."""
-        ...
-
-
-@dataclass(frozen=True)
-class DurationOverride:
+class SkillOverride(Section):
     """An exception: a skill done by one robot, to one type of object, or both.
+
+    The exception that names robot and object is the strongest, then the one that names the
+    robot, then the one that names the object.
 
     Attributes:
         skill: which skill.
-        model: its durations.
-        robot: who does it, None for anyone.
-        object_kind: type of what it is done to, None for anything.
+        robot: who does it; everyone when not given.
+        object: type of what it is done to, such as ``2x4``; anything when not given.
+        duration: how long it then takes.
     """
 
-    skill: str
-    model: DurationModel
-    robot: str | None = None
-    object_kind: str | None = None
+    skill: Skill
+    robot: Name | None = None
+    object: str | None = None
+    duration: AnyDuration
+
+    @model_validator(mode="after")
+    def _names_something(self) -> SkillOverride:
+        if self.robot is None and self.object is None:
+            raise ValueError("name a robot, an object or both; else use 'skills'")
+        return self
 
 
 @dataclass(frozen=True)
@@ -59,19 +64,15 @@ class SkillDurations:
     """
 
     models: Mapping[str, DurationModel]
-    overrides: tuple[DurationOverride, ...] = ()
+    overrides: tuple[SkillOverride, ...] = ()
     antithetic: bool = False
-
-    def bind(self, tpg: TemporalPlanGraph) -> SkillDraws:
-        """Return the draws of one TPG; keep it where the same TPG is asked again and again."""
-        return bind_draws(tpg, self.model_of, antithetic=self.antithetic)
 
     def model_of(
         self, skill: str, robot: str, object_kind: str | None
     ) -> DurationModel | None:
         """Return the model of a skill done by a robot to an object of a kind, None if none."""
         exceptions = {
-            (item.robot, item.object_kind): item.model
+            (item.robot, item.object): item.duration
             for item in self.overrides
             if item.skill == skill
         }
@@ -80,56 +81,114 @@ class SkillDurations:
                 return exceptions[key]
         return self.models.get(skill)
 
-    def sample(
-        self, tpg: TemporalPlanGraph, *, seed: int, replication: int = 0
-    ) -> tuple[Nanoseconds, ...]:
-        """Return durations per chain, each of shape (nodes,) [ns]."""
-        bulk = self.bind(tpg).durations(seed=seed, replications=[replication])
-        return tuple(np.ascontiguousarray(rows[0]) for rows in bulk)
+    def bind(self, tpg: TemporalPlanGraph) -> SkillDraws:
+        """Return the draws of one TPG; keep it where the same TPG is asked again and again."""
+        kind_of = {item.name: item.kind for item in tpg.cell.objects}
+        place: dict[int, tuple[int, Indices, Array]] = {}
+        for k, chain in enumerate(tpg.chains):
+            nodes = np.flatnonzero(chain.skill)
+            tasks, first = np.unique(chain.task[nodes], return_index=True)
+            # Of no nodes at all np.split makes one empty part.
+            parts = np.split(nodes, first)[1:]
+            for task, own in zip(tasks.tolist(), parts, strict=True):
+                place[task] = (k, own, chain.duration[own])
+        varying: list[int] = []
+        groups: dict[DurationModel, list[int]] = {}
+        for index in sorted(place):
+            task = tpg.tasks[index]
+            kind = kind_of.get(task.object) if task.object is not None else None
+            model = self.model_of(task.kind, task.robot, kind)
+            if model is not None:
+                groups.setdefault(model, []).append(len(varying))
+                varying.append(index)
+        return SkillDraws(
+            nominal=tuple(durations_ns(tpg)),
+            tasks=np.array(varying, dtype=np.int64),
+            robots=[tpg.tasks[index].robot for index in varying],
+            skills=[tpg.tasks[index].kind for index in varying],
+            groups=tuple(
+                (model, np.array(rows, dtype=np.int64))
+                for model, rows in groups.items()
+            ),
+            nodes=tuple(place[index] for index in varying),
+            antithetic=self.antithetic,
+        )
 
-    def sample_bulk(
-        self, tpg: TemporalPlanGraph, *, seed: int, replications: npt.ArrayLike
-    ) -> tuple[Nanoseconds, ...]:
-        """Return what sample returns for several replications, bit by bit.
 
-        Args:
-            tpg: the plan.
-            seed: names the draws.
-            replications: numbers of the replications, such as ``range(1000, 2000)``.
+@dataclass(frozen=True)
+class SkillDraws:
+    """Draws of the skills of one TPG, for as many replications as asked for.
 
-        Returns:
-            Per chain, shape (replications, nodes) [ns]; views whose columns are contiguous.
-            All nodes are there, so ask for some thousand replications at a time.
-        """
-        return self.bind(tpg).durations(seed=seed, replications=replications)
+    Attributes:
+        nominal: planned duration of every node, per chain [ns].
+        tasks: indices of the tasks that vary, rising, shape (s,).
+        robots: robot of each of them.
+        skills: skill of each of them.
+        groups: each model, and the positions in ``tasks`` that draw from it.
+        nodes: chain, skill nodes and their nominal durations [s] of each of the tasks.
+        antithetic: replications 2k and 2k + 1 draw u and 1 - u.
+    """
 
-    def sample_totals(
-        self, tpg: TemporalPlanGraph, *, seed: int, replications: npt.ArrayLike
-    ) -> tuple[Indices, Nanoseconds]:
-        """Return the durations of the tasks that vary, the skill nodes of a task together.
+    nominal: tuple[Nanoseconds, ...]
+    tasks: Indices
+    robots: list[str]
+    skills: list[str]
+    groups: tuple[tuple[DurationModel, Indices], ...]
+    nodes: tuple[tuple[int, Indices, Array], ...]
+    antithetic: bool
 
-        This is far less than sample_bulk returns, and says as much: every other node takes its
-        nominal time, and a task of several skill nodes shares its total among them by
+    def totals(self, *, seed: int, replications: npt.ArrayLike) -> Nanoseconds:
+        """Return the duration of every task that varies, shape (s, replications) [ns].
+
+        A task of several skill nodes shares its total among them by
         ``share_duration(total, nominal durations of its skill nodes)``.
-
-        Args:
-            tpg: the plan.
-            seed: names the draws.
-            replications: numbers of the replications, such as ``range(1000, 2000)``.
-
-        Returns:
-            Indices of the tasks, rising, shape (s,), and their durations in every replication,
-            shape (replications, s) [ns]; a view whose columns are contiguous.
         """
-        draws = self.bind(tpg)
-        return draws.tasks, draws.totals(seed=seed, replications=replications)
+        numbers = np.asarray(replications, dtype=np.int64)
+        keys = numbers & ~1 if self.antithetic else numbers
+        u = uniforms(seed, keys, self.robots, self.tasks, self.skills, "duration")
+        if self.antithetic:
+            mirrored = (numbers & 1).astype(bool)
+            # Exact: u is an odd multiple of 2**-53.
+            u[:, mirrored] = 1.0 - u[:, mirrored]
+        out = np.empty(u.shape, dtype=np.int64)
+        for model, rows in self.groups:
+            out[rows] = to_nanoseconds(model.ppf(u[rows]))
+        return out
+
+    def durations(
+        self, *, seed: int, replications: npt.ArrayLike
+    ) -> tuple[Nanoseconds, ...]:
+        """Return the duration of every node, per chain, shape (nodes, replications) [ns].
+
+        All nodes are there, so ask for some thousand replications at a time.
+        """
+        totals = self.totals(seed=seed, replications=replications)
+        count = totals.shape[1]
+        out = tuple(np.repeat(row[:, None], count, axis=1) for row in self.nominal)
+        for total, (chain, nodes, weights) in zip(totals, self.nodes, strict=True):
+            out[chain][nodes] = share_duration(total, weights)
+        return out
 
 
-def nominal_durations(tpg: TemporalPlanGraph) -> tuple[Nanoseconds, ...]:
-    """Return the planned duration of every node, per chain [ns]."""
-    return tuple(to_nanoseconds(chain.duration) for chain in tpg.chains)
+def cumulative_shares(weights: Array) -> Array:
+    """Return shares in proportion to weights, added up; alike where they are all zero."""
+    cumulative = np.cumsum(weights)
+    if cumulative[-1] <= 0:
+        cumulative = np.arange(1.0, len(weights) + 1)
+    return np.asarray(cumulative / cumulative[-1])
 
 
-def total_duration_s(durations: Sequence[Nanoseconds]) -> float:
-    """Return the sum of all durations [s]: the makespan of one robot at a time."""
-    return sum(int(d.sum()) for d in durations) / NANOSECONDS
+def share_duration(total: Nanoseconds, weights: Array) -> Nanoseconds:
+    """Split whole numbers in proportion to weights; the parts add up to them exactly.
+
+    Args:
+        total: shape (replications,) [ns].
+        weights: shape (nodes,).
+
+    Returns:
+        Shape (nodes, replications) [ns].
+    """
+    if len(weights) == 1:
+        return total[None]
+    bounds = np.rint(cumulative_shares(weights)[:, None] * total).astype(np.int64)
+    return np.asarray(np.diff(bounds, axis=0, prepend=0), dtype=np.int64)

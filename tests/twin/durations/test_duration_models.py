@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from scipy import stats
 
 from planning.errors import ScenarioError
@@ -20,9 +22,9 @@ from twin.durations import (
     Fixed,
     Gamma,
     Lognormal,
+    Measured,
     Pert,
     Retries,
-    Scaled,
     Shifted,
     Triangular,
     TruncatedNormal,
@@ -39,32 +41,41 @@ def truncated(mean: float, sd: float, low: float, high: float) -> object:
 
 
 KNOWN: list[tuple[DurationModel, object]] = [
-    (Uniform(2.0, 5.0), stats.uniform(2, 3)),
-    (Triangular(2.0, 3.0, 7.0), stats.triang(0.2, 2, 5)),
-    (Triangular(2.0, 2.0, 7.0), stats.triang(0, 2, 5)),
-    (Triangular(2.0, 7.0, 7.0), stats.triang(1, 2, 5)),
-    (Pert(2.0, 3.0, 7.0), stats.beta(1 + 4 * 0.2, 1 + 4 * 0.8, 2, 5)),
-    (Pert(0.0, 5.0, 5.0), stats.beta(5, 1, 0, 5)),
-    (TruncatedNormal(8.0, 1.0), stats.norm(8, 1)),
-    (TruncatedNormal(1.0, 2.0), truncated(1, 2, 0, math.inf)),
-    (TruncatedNormal(-1.0, 1.0), truncated(-1, 1, 0, math.inf)),
-    (TruncatedNormal(5.0, 2.0, 4.5, 9.0), truncated(5, 2, 4.5, 9)),
+    (Uniform(low_s=2.0, high_s=5.0), stats.uniform(2, 3)),
+    (Triangular(low_s=2.0, mode_s=3.0, high_s=7.0), stats.triang(0.2, 2, 5)),
+    (Triangular(low_s=2.0, mode_s=2.0, high_s=7.0), stats.triang(0, 2, 5)),
+    (Triangular(low_s=2.0, mode_s=7.0, high_s=7.0), stats.triang(1, 2, 5)),
     (
-        Lognormal(8.7, 10.0),
+        Pert(low_s=2.0, mode_s=3.0, high_s=7.0),
+        stats.beta(1 + 4 * 0.2, 1 + 4 * 0.8, 2, 5),
+    ),
+    (Pert(low_s=0.0, mode_s=5.0, high_s=5.0), stats.beta(5, 1, 0, 5)),
+    (TruncatedNormal(mean_s=8.0, sd_s=1.0), stats.norm(8, 1)),
+    (TruncatedNormal(mean_s=1.0, sd_s=2.0), truncated(1, 2, 0, math.inf)),
+    (TruncatedNormal(mean_s=-1.0, sd_s=1.0), truncated(-1, 1, 0, math.inf)),
+    (
+        TruncatedNormal(mean_s=5.0, sd_s=2.0, low_s=4.5, high_s=9.0),
+        truncated(5, 2, 4.5, 9),
+    ),
+    (
+        Lognormal(median_s=8.7, p95_s=10.0),
         stats.lognorm(np.log(10 / 8.7) / stats.norm.ppf(0.95), 0, 8.7),
     ),
     (
-        Lognormal.from_mean(8.0, 0.3),
+        Lognormal(mean_s=8.0, cv=0.3),
         stats.lognorm(np.sqrt(np.log(1.09)), 0, 8 / np.sqrt(1.09)),
     ),
-    (Exponential(3.0), stats.expon(0, 3)),
-    (Gamma(3.5, 2.0), stats.gamma(3.5, 0, 2)),
-    (Gamma(0.7, 2.0), stats.gamma(0.7, 0, 2)),
-    (Weibull(2.5, 8.0), stats.weibull_min(2.5, 0, 8)),
-    (Weibull(0.8, 8.0), stats.weibull_min(0.8, 0, 8)),
-    (Shifted(Gamma(3.5, 2.0), 4.0), stats.gamma(3.5, 4, 2)),
-    (Shifted(Uniform(2.0, 5.0), -2.0), stats.uniform(0, 3)),
-    (Scaled(Weibull(2.5, 8.0), 1.5), stats.weibull_min(2.5, 0, 12)),
+    (Exponential(mean_s=3.0), stats.expon(0, 3)),
+    (Gamma(shape=3.5, scale_s=2.0), stats.gamma(3.5, 0, 2)),
+    (Gamma(shape=0.7, scale_s=2.0), stats.gamma(0.7, 0, 2)),
+    (Weibull(shape=2.5, scale_s=8.0), stats.weibull_min(2.5, 0, 8)),
+    (Weibull(shape=0.8, scale_s=8.0), stats.weibull_min(0.8, 0, 8)),
+    (
+        Shifted(model=Gamma(shape=3.5, scale_s=2.0), offset_s=4.0),
+        stats.gamma(3.5, 4, 2),
+    ),
+    (Shifted(model=Uniform(low_s=2.0, high_s=5.0), offset_s=-2.0), stats.uniform(0, 3)),
+    (Weibull(shape=2.5, scale_s=8.0, scale=1.5), stats.weibull_min(2.5, 0, 12)),
 ]
 
 
@@ -80,8 +91,8 @@ def test_quantiles_and_moments_are_scipys(
 
 
 def test_a_scaled_shifted_model_is_all_three() -> None:
-    model = Scaled(Shifted(Lognormal(1.0, 2.0), 1.0), 2.0)
-    base = Lognormal(1.0, 2.0)
+    model = Shifted(model=Lognormal(median_s=1.0, p95_s=2.0), offset_s=1.0, scale=2.0)
+    base = Lognormal(median_s=1.0, p95_s=2.0)
     assert model.ppf(U) == pytest.approx(2 * (base.ppf(U) + 1))
     assert model.mean == pytest.approx(2 * (base.mean + 1))
     assert model.sd == pytest.approx(2 * base.sd)
@@ -89,18 +100,17 @@ def test_a_scaled_shifted_model_is_all_three() -> None:
 
 
 def test_mean_and_cv_come_back() -> None:
-    for make in (Lognormal.from_mean, Gamma.from_mean):
-        model = make(8.0, 0.25)
+    for model in (Lognormal(mean_s=8.0, cv=0.25), Gamma(mean_s=8.0, cv=0.25)):
         assert model.mean == pytest.approx(8.0)
         assert model.sd == pytest.approx(2.0)
 
 
 def test_moments_of_measured_times() -> None:
-    model = Empirical([1.0, 2.0, 2.0, 7.0])
+    model = Measured(values=(1.0, 2.0, 2.0, 7.0))
     assert model.sd == pytest.approx(np.std([1, 2, 2, 7]))
     assert model.minimum == 1.0
-    assert Fixed(3.0).sd == 0.0
-    assert Fixed(3.0).minimum == 3.0
+    assert Fixed(value_s=3.0).sd == 0.0
+    assert Fixed(value_s=3.0).minimum == 3.0
 
 
 # --- retries -----------------------------------------------------------------------------
@@ -119,9 +129,19 @@ def simulated(model: Retries, n: int) -> Array:
 
 
 RETRIES = [
-    Retries(Lognormal(8.0, 10.0), 0.1, 3),
-    Retries(Lognormal(8.0, 10.0), 0.3, 2, Uniform(1.0, 4.0)),
-    Retries(Gamma(4.0, 2.0), 0.6, 10, Weibull(1.5, 3.0)),
+    Retries(attempt=Lognormal(median_s=8.0, p95_s=10.0), probability=0.1, retries=3),
+    Retries(
+        attempt=Lognormal(median_s=8.0, p95_s=10.0),
+        probability=0.3,
+        retries=2,
+        retry=Uniform(low_s=1.0, high_s=4.0),
+    ),
+    Retries(
+        attempt=Gamma(shape=4.0, scale_s=2.0),
+        probability=0.6,
+        retries=10,
+        retry=Weibull(shape=1.5, scale_s=3.0),
+    ),
 ]
 
 
@@ -137,7 +157,12 @@ def test_retries_are_distributed_as_attempts_one_after_another(model: Retries) -
 
 
 def test_retries_of_fixed_times_take_exactly_those() -> None:
-    model = Retries(Fixed(8.0), 0.25, 2, Fixed(5.0))
+    model = Retries(
+        attempt=Fixed(value_s=8.0),
+        probability=0.25,
+        retries=2,
+        retry=Fixed(value_s=5.0),
+    )
     values, counts = np.unique(model.ppf(U), return_counts=True)
     assert values.tolist() == [8.0, 13.0, 18.0]
     assert (counts / len(U)).tolist() == pytest.approx([0.75, 0.1875, 0.0625], abs=6e-4)
@@ -147,15 +172,22 @@ def test_retries_of_fixed_times_take_exactly_those() -> None:
 
 def test_no_retries_are_the_attempt_alone() -> None:
     for model in (
-        Retries(Uniform(2.0, 5.0), 0.5, 0),
-        Retries(Uniform(2.0, 5.0), 0.0, 4),
+        Retries(attempt=Uniform(low_s=2.0, high_s=5.0), probability=0.5, retries=0),
+        Retries(attempt=Uniform(low_s=2.0, high_s=5.0), probability=0.0, retries=4),
     ):
         assert model.mean == 3.5
-        assert model.ppf(U) == pytest.approx(Uniform(2.0, 5.0).ppf(U), abs=3 / 2**14)
+        assert model.ppf(U) == pytest.approx(
+            Uniform(low_s=2.0, high_s=5.0).ppf(U), abs=3 / 2**14
+        )
 
 
 def test_rare_retries_are_not_lost() -> None:
-    model = Retries(Fixed(1.0), 1e-3, 3, Fixed(10.0))
+    model = Retries(
+        attempt=Fixed(value_s=1.0),
+        probability=1e-3,
+        retries=3,
+        retry=Fixed(value_s=10.0),
+    )
     tail = 1 - np.array([2e-3, 0.9e-3, 0.9e-6, 0.9e-9])
     assert model.ppf(tail).tolist() == [1.0, 11.0, 21.0, 31.0]
 
@@ -165,28 +197,33 @@ def test_rare_retries_are_not_lost() -> None:
 
 def peaked(kind: Callable[..., DurationModel]) -> st.SearchStrategy[DurationModel]:
     return st.tuples(SECONDS, st.floats(0, 1), SECONDS).map(
-        lambda t: kind(t[0], t[0] + t[1] * t[2], t[0] + t[2])
+        lambda t: kind(low_s=t[0], mode_s=t[0] + t[1] * t[2], high_s=t[0] + t[2])
     )
 
 
 SIMPLE = st.one_of(
-    SECONDS.map(Fixed),
-    st.tuples(SECONDS, SECONDS).map(lambda t: Uniform(t[0], t[0] + t[1])),
+    st.builds(Fixed, value_s=SECONDS),
+    st.tuples(SECONDS, SECONDS).map(lambda t: Uniform(low_s=t[0], high_s=t[0] + t[1])),
     peaked(Triangular),
     peaked(Pert),
     st.tuples(SECONDS, st.floats(0.01, 5)).map(
-        lambda t: TruncatedNormal(t[0], t[0] * t[1])
+        lambda t: TruncatedNormal(mean_s=t[0], sd_s=t[0] * t[1])
     ),
-    st.tuples(SECONDS, st.floats(1, 3)).map(lambda t: Lognormal(t[0], t[0] * t[1])),
-    st.builds(Exponential, SECONDS),
-    st.builds(Gamma, st.floats(0.3, 100), SECONDS),
-    st.builds(Weibull, st.floats(0.5, 20), SECONDS),
-    st.lists(SECONDS, min_size=1, max_size=9).map(Empirical),
+    st.tuples(SECONDS, st.floats(1, 3)).map(
+        lambda t: Lognormal(median_s=t[0], p95_s=t[0] * t[1])
+    ),
+    st.builds(Exponential, mean_s=SECONDS),
+    st.builds(Gamma, shape=st.floats(0.3, 100), scale_s=SECONDS),
+    st.builds(Weibull, shape=st.floats(0.5, 20), scale_s=SECONDS),
+)
+MEASURED = st.lists(SECONDS, min_size=1, max_size=9).map(
+    lambda values: Measured(values=tuple(values))
 )
 ANY = st.one_of(
     SIMPLE,
-    st.builds(Shifted, SIMPLE, SECONDS),
-    st.builds(Scaled, SIMPLE, st.floats(0.1, 10)),
+    MEASURED,
+    st.builds(Shifted, model=SIMPLE, offset_s=SECONDS),
+    st.tuples(SIMPLE, st.floats(0.1, 10)).map(lambda t: t[0].scaled(t[1])),
 )
 
 
@@ -228,34 +265,46 @@ def test_a_quantile_does_not_depend_on_its_neighbours(
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Triangular(-1.0, 1.0, 2.0),
-        lambda: Triangular(1.0, 3.0, 2.0),
-        lambda: Triangular(2.0, 2.0, 2.0),
-        lambda: Pert(1.0, 0.5, 2.0),
-        lambda: Pert(1.0, 1.5, math.inf),
-        lambda: TruncatedNormal(1.0, 0.0),
-        lambda: TruncatedNormal(1.0, 1.0, -1.0),
-        lambda: TruncatedNormal(1.0, 1.0, 3.0, 2.0),
-        lambda: TruncatedNormal(-10.0, 1.0),
-        lambda: TruncatedNormal(math.nan, 1.0),
-        lambda: Lognormal.from_mean(0.0, 0.3),
-        lambda: Lognormal.from_mean(8.0, -0.3),
-        lambda: Exponential(-1.0),
-        lambda: Gamma(0.0, 1.0),
-        lambda: Gamma(1.0, math.inf),
-        lambda: Gamma.from_mean(8.0, 0.0),
-        lambda: Weibull(1.0, -1.0),
-        lambda: Shifted(Uniform(2.0, 5.0), -2.1),
-        lambda: Shifted(Lognormal(2.0, 5.0), -0.1),
-        lambda: Shifted(Empirical([1.0, 2.0]), -1.5),
-        lambda: Shifted(Fixed(1.0), math.nan),
-        lambda: Scaled(Fixed(1.0), 0.0),
-        lambda: Retries(Fixed(1.0), 1.0, 2),
-        lambda: Retries(Fixed(1.0), -0.1, 2),
-        lambda: Retries(Fixed(1.0), 0.1, 21),
-        lambda: Retries(Fixed(1.0), 0.1, -1),
+        lambda: Triangular(low_s=-1.0, mode_s=1.0, high_s=2.0),
+        lambda: Triangular(low_s=1.0, mode_s=3.0, high_s=2.0),
+        lambda: Triangular(low_s=2.0, mode_s=2.0, high_s=2.0),
+        lambda: Pert(low_s=1.0, mode_s=0.5, high_s=2.0),
+        lambda: Pert(low_s=1.0, mode_s=1.5, high_s=math.inf),
+        lambda: TruncatedNormal(mean_s=1.0, sd_s=0.0),
+        lambda: TruncatedNormal(mean_s=1.0, sd_s=1.0, low_s=-1.0),
+        lambda: TruncatedNormal(mean_s=1.0, sd_s=1.0, low_s=3.0, high_s=2.0),
+        lambda: TruncatedNormal(mean_s=-10.0, sd_s=1.0),
+        lambda: TruncatedNormal(mean_s=math.nan, sd_s=1.0),
+        lambda: Lognormal(mean_s=0.0, cv=0.3),
+        lambda: Lognormal(mean_s=8.0, cv=-0.3),
+        lambda: Exponential(mean_s=-1.0),
+        lambda: Gamma(shape=0.0, scale_s=1.0),
+        lambda: Gamma(shape=1.0, scale_s=math.inf),
+        lambda: Gamma(mean_s=8.0, cv=0.0),
+        lambda: Weibull(shape=1.0, scale_s=-1.0),
+        lambda: Shifted(model=Fixed(value_s=1.0), offset_s=math.nan),
+        lambda: Fixed(value_s=1.0, scale=0.0),
+        lambda: Retries(attempt=Fixed(value_s=1.0), probability=1.0, retries=2),
+        lambda: Retries(attempt=Fixed(value_s=1.0), probability=-0.1, retries=2),
+        lambda: Retries(attempt=Fixed(value_s=1.0), probability=0.1, retries=21),
+        lambda: Retries(attempt=Fixed(value_s=1.0), probability=0.1, retries=-1),
     ],
 )
 def test_impossible_models_are_refused(make: Callable[[], object]) -> None:
-    with pytest.raises(ScenarioError):
+    with pytest.raises(ValidationError):
         make()
+
+
+def test_what_would_make_durations_negative_is_refused_with_its_files(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "t.csv").write_text("duration_s\n1\n2\n")
+    for model, offset in (
+        (Uniform(low_s=2.0, high_s=5.0), -2.1),
+        (Lognormal(median_s=2.0, p95_s=5.0), -0.1),
+        (Empirical(csv="t.csv"), -1.5),
+    ):
+        with pytest.raises(ScenarioError, match="negative"):
+            Shifted(model=model, offset_s=offset).located(tmp_path)
+    shifted = Shifted(model=Empirical(csv="t.csv"), offset_s=-1.0).located(tmp_path)
+    assert shifted.ppf(U[::500]).tolist() == [0.0, 0.0, 1.0, 1.0]

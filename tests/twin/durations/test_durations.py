@@ -7,22 +7,27 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from scipy import stats
 
 from planning.errors import ScenarioError
 from planning.tasks.task_graph import SKILLS
+from scheduling.graph.rollout import durations_ns
+from tests.twin.one_draw import sample
 from tests.twin.twin_toys import random_tpg
 from twin.durations import (
     DurationModel,
     Empirical,
     Fixed,
     Lognormal,
+    Measured,
+    Packaged,
     Uniform,
     packaged_timings,
     to_nanoseconds,
 )
 from twin.durations.packaged.generate import SPREAD_S, SPREAD_SHARE, write_timings
-from twin.uncertainty.skill_durations import SkillDurations, nominal_durations
+from twin.uncertainty.skill_durations import SkillDurations
 
 PROBABILITIES = (np.arange(200_000) + 0.5) / 200_000
 MEASURED = [3.0, 1.0, 2.0, 2.0, 8.0]
@@ -36,7 +41,9 @@ def reference(model: DurationModel) -> object:
     return stats.uniform(model.low_s, model.high_s - model.low_s)
 
 
-@pytest.mark.parametrize("model", [Lognormal(8.7, 10.0), Uniform(2.0, 5.0)])
+@pytest.mark.parametrize(
+    "model", [Lognormal(median_s=8.7, p95_s=10.0), Uniform(low_s=2.0, high_s=5.0)]
+)
 def test_quantiles_and_mean_agree_with_scipy(model: DurationModel) -> None:
     expected = reference(model)
     u = PROBABILITIES[::997]
@@ -46,17 +53,17 @@ def test_quantiles_and_mean_agree_with_scipy(model: DurationModel) -> None:
 
 
 def test_lognormal_keeps_the_two_figures_it_is_given() -> None:
-    model = Lognormal(8.7, 10.0)
+    model = Lognormal(median_s=8.7, p95_s=10.0)
     assert model.ppf(np.array([0.5, 0.95])) == pytest.approx([8.7, 10.0])
 
 
 def test_fixed_is_fixed() -> None:
-    assert np.array_equal(Fixed(2.5).ppf(PROBABILITIES[:3]), [2.5, 2.5, 2.5])
-    assert Fixed(2.5).mean == 2.5
+    assert np.array_equal(Fixed(value_s=2.5).ppf(PROBABILITIES[:3]), [2.5, 2.5, 2.5])
+    assert Fixed(value_s=2.5).mean == 2.5
 
 
 def test_empirical_gives_the_values_measured_each_as_often() -> None:
-    model = Empirical(MEASURED)
+    model = Measured(values=tuple(MEASURED))
     values, counts = np.unique(model.ppf(PROBABILITIES), return_counts=True)
     assert values.tolist() == [1.0, 2.0, 3.0, 8.0]
     assert (counts / len(PROBABILITIES)).tolist() == [0.2, 0.4, 0.2, 0.2]
@@ -70,7 +77,7 @@ def test_empirical_gives_the_values_measured_each_as_often() -> None:
 def test_empirical_quantiles_invert_the_distribution(
     values: list[float], u: float
 ) -> None:
-    quantile = float(Empirical(values).ppf(np.array([u]))[0])
+    quantile = float(Measured(values=tuple(values)).ppf(np.array([u]))[0])
     below = np.mean(np.array(values) < quantile)
     assert below <= u <= np.mean(np.array(values) <= quantile) + 1e-12
 
@@ -78,17 +85,17 @@ def test_empirical_quantiles_invert_the_distribution(
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Fixed(-1.0),
-        lambda: Fixed(float("nan")),
-        lambda: Uniform(3.0, 2.0),
-        lambda: Lognormal(0.0, 1.0),
-        lambda: Lognormal(2.0, 1.0),
-        lambda: Empirical([]),
-        lambda: Empirical([1.0, -1.0]),
+        lambda: Fixed(value_s=-1.0),
+        lambda: Fixed(value_s=float("nan")),
+        lambda: Uniform(low_s=3.0, high_s=2.0),
+        lambda: Lognormal(median_s=0.0, p95_s=1.0),
+        lambda: Lognormal(median_s=2.0, p95_s=1.0),
+        lambda: Measured(values=()),
+        lambda: Measured(values=(1.0, -1.0)),
     ],
 )
 def test_impossible_distributions_are_refused(make: object) -> None:
-    with pytest.raises(ScenarioError):
+    with pytest.raises(ValidationError):
         make()  # type: ignore[operator]
 
 
@@ -110,20 +117,21 @@ def test_errors_in_timing_files_name_file_and_line(
     path = tmp_path / "pick.csv"
     path.write_text(text)
     with pytest.raises(ScenarioError) as caught:
-        Empirical.from_csv(path)
+        Empirical(csv="pick.csv").located(tmp_path)
     assert f"{path}" in str(caught.value)
     assert says in str(caught.value)
 
 
 def test_a_missing_timing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="no_such"):
-        Empirical.from_csv(tmp_path / "no_such.csv")
+        Empirical(csv="no_such.csv").located(tmp_path)
 
 
 def test_timings_are_read_from_the_column_asked_for(tmp_path: Path) -> None:
     path = tmp_path / "pick.csv"
     path.write_text("trial,seconds\n1,2.5\n2,1.5\n")
-    assert Empirical.from_csv(path, "seconds").values_s.tolist() == [1.5, 2.5]
+    model = Empirical(csv="pick.csv", column="seconds")
+    assert model.located(tmp_path).values_s.tolist() == [1.5, 2.5]
 
 
 def test_packaged_timings_keep_the_two_facts_of_the_paper() -> None:
@@ -131,7 +139,7 @@ def test_packaged_timings_keep_the_two_facts_of_the_paper() -> None:
     assert set(timings) == set(SKILLS)
     seconds, shares = [], []
     for model in timings.values():
-        assert isinstance(model, Empirical)
+        assert isinstance(model, Packaged)
         median = float(np.median(model.values_s))
         deviation = float(np.max(np.abs(model.values_s - median)))
         seconds.append(deviation)
@@ -153,21 +161,21 @@ def test_packaged_timings_come_out_of_their_script(tmp_path: Path) -> None:
 
 def test_motions_keep_their_nominal_time_and_skills_vary() -> None:
     tpg = random_tpg(5, tasks=12)
-    durations = SkillDurations(packaged_timings()).sample(tpg, seed=1)
+    durations = sample(SkillDurations(packaged_timings()), tpg, seed=1)
     for chain, drawn, nominal in zip(
-        tpg.chains, durations, nominal_durations(tpg), strict=True
+        tpg.chains, durations, durations_ns(tpg), strict=True
     ):
         assert np.array_equal(drawn[~chain.skill], nominal[~chain.skill])
         for node in np.flatnonzero(chain.skill):
             model = packaged_timings()[tpg.tasks[chain.task[node]].kind]
-            assert isinstance(model, Empirical)
+            assert isinstance(model, Packaged)
             assert drawn[node] in to_nanoseconds(model.values_s)
 
 
 def test_a_skill_without_a_model_keeps_its_nominal_time() -> None:
     tpg = random_tpg(5, tasks=12)
     for drawn, nominal in zip(
-        SkillDurations({}).sample(tpg, seed=1), nominal_durations(tpg), strict=True
+        sample(SkillDurations({}), tpg, seed=1), durations_ns(tpg), strict=True
     ):
         assert np.array_equal(drawn, nominal)
 
@@ -176,7 +184,7 @@ def test_seed_and_replication_change_the_draws() -> None:
     tpg = random_tpg(5, tasks=12)
     durations = SkillDurations(packaged_timings())
     draws = [
-        np.concatenate(durations.sample(tpg, seed=seed, replication=replication))
+        np.concatenate(sample(durations, tpg, seed=seed, replication=replication))
         for seed, replication in ((1, 0), (1, 0), (2, 0), (1, 1))
     ]
     assert np.array_equal(draws[0], draws[1])
@@ -186,8 +194,10 @@ def test_seed_and_replication_change_the_draws() -> None:
 
 def test_a_task_cut_into_more_nodes_takes_as_long_in_all() -> None:
     tpg = random_tpg(5, tasks=12)
-    durations = SkillDurations({skill: Lognormal(7.0, 9.0) for skill in SKILLS})
-    whole = durations.sample(tpg, seed=3)
+    durations = SkillDurations(
+        {skill: Lognormal(median_s=7.0, p95_s=9.0) for skill in SKILLS}
+    )
+    whole = sample(durations, tpg, seed=3)
     chain = tpg.chains[0]
     node = int(np.flatnonzero(chain.skill)[0])
     at = int(chain.first[node + 1])
@@ -202,7 +212,7 @@ def test_a_task_cut_into_more_nodes_takes_as_long_in_all() -> None:
         duration=np.insert(chain.duration, node, 0.7),
         planned_start=np.insert(chain.planned_start, node, chain.planned_start[node]),
     )
-    parts = durations.sample(replace(tpg, chains=(cut, *tpg.chains[1:])), seed=3)
+    parts = sample(durations, replace(tpg, chains=(cut, *tpg.chains[1:])), seed=3)
     assert parts[0][node] + parts[0][node + 1] == whole[0][node]
     assert parts[0].sum() == whole[0].sum()
     assert np.array_equal(parts[1], whole[1])

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from planning.errors import ScenarioError
 from planning.tasks.task_graph import TRANSIT
 from scheduling.build_tpg import build_nodes
+from tests.twin.one_draw import sample
 from twin.cli import app
 from twin.host.stage_watch import StageWatch
 from twin.planning.pipeline import plan_in_turns, plan_motions
@@ -45,9 +46,9 @@ def test_they_move_at_the_speed_of_transits_and_never_vary() -> None:
     assert {"pick", "place-down", "place-up", "handover"} <= seen
     tpg = build_nodes(turns.motion_plan)
     durations = skill_durations(scenario)
-    first, other = (durations.sample(tpg, seed=seed) for seed in (1, 2))
+    first, other = (sample(durations, tpg, seed=seed) for seed in (1, 2))
     for a, b, planned in zip(
-        first, other, SkillDurations({}).sample(tpg, seed=0), strict=True
+        first, other, sample(SkillDurations({}), tpg, seed=0), strict=True
     ):
         np.testing.assert_array_equal(a, b)
         np.testing.assert_array_equal(a, planned)

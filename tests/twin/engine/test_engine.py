@@ -11,6 +11,7 @@ from planning.errors import TwinError
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
+from tests.twin.one_draw import sample
 from tests.twin.recorded_events import InterruptsAt, story
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.engine.engine import Simulator, simulate
@@ -18,7 +19,7 @@ from twin.recorders.memory import MemoryRecorder
 from twin.run.events import Event
 from twin.run.run_record import DeadlockError, Run
 from twin.uncertainty.contraction import contract
-from twin.uncertainty.disturbances import Disturbances, RandomStalls
+from twin.uncertainty.disturbances import Disturbances, Stalls
 from twin.uncertainty.node_times import sample_node_times
 from twin.uncertainty.skill_durations import SkillDurations
 
@@ -93,7 +94,9 @@ def test_a_stall_delays_the_robot_and_those_that_wait_for_it() -> None:
         tpg,
         NOMINAL,
         seed=0,
-        disturbances=Disturbances(stalls=RandomStalls(3, (2.0, 2.0))),
+        disturbances=Disturbances(
+            stalls=Stalls(count_per_robot=3, duration_s=(2.0, 2.0))
+        ),
         recorders=[recorder],
     )
     assert (run.start_ns[0] / 1e9).tolist() == [0.0, 3.0, 6.0]
@@ -138,7 +141,7 @@ def test_objects_change_hands_at_their_waypoints() -> None:
 def test_times_are_the_earliest_possible(
     tpg: TemporalPlanGraph, seed: int, depth: int
 ) -> None:
-    earliest = earliest_times(tpg, VARIED.sample(tpg, seed=seed))
+    earliest = earliest_times(tpg, sample(VARIED, tpg, seed=seed))
     contracted = simulate(tpg, VARIED, seed=seed, queue_depth=depth)
     node_by_node = simulate(
         tpg, VARIED, seed=seed, queue_depth=depth, recorders=[MemoryRecorder()]
@@ -156,7 +159,7 @@ def test_times_are_the_earliest_possible(
 def test_stalls_lengthen_nodes_and_nothing_else(
     tpg: TemporalPlanGraph, seed: int
 ) -> None:
-    stalls = RandomStalls(2, (0.5, 3.0))
+    stalls = Stalls(count_per_robot=2, duration_s=(0.5, 3.0))
     times = sample_node_times(tpg, VARIED, Disturbances(stalls=stalls), seed=seed)
     busy = [d + s for d, s in zip(times.motion, times.stall, strict=True)]
     earliest = earliest_times(tpg, busy)
@@ -214,7 +217,9 @@ def test_no_node_starts_before_what_it_waits_for(
         latency_s=latency,
         queue_depth=depth,
         policy=policy,  # type: ignore[arg-type]
-        disturbances=Disturbances(stalls=RandomStalls(1, (0.5, 3.0))),
+        disturbances=Disturbances(
+            stalls=Stalls(count_per_robot=1, duration_s=(0.5, 3.0))
+        ),
     )
     assert run.outcome == "completed"
     message = round(latency * 1e9)

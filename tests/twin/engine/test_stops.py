@@ -24,8 +24,10 @@ from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,
     EmergencyStop,
+    FixedFactor,
     SkillFailure,
-    StallRate,
+    Speed,
+    Stalls,
 )
 from twin.uncertainty.halts import Halts, Stop
 from twin.uncertainty.pace import Pace
@@ -84,7 +86,9 @@ def test_own_time_stands_while_stopped(
 
 def test_breakdowns_by_the_clock_are_the_same_however_they_are_asked_for() -> None:
     def fresh() -> Halts:
-        return Halts([], Breakdowns(10.0, 3.0, "run"), robot="left", seed=4)
+        return Halts(
+            [], Breakdowns(mtbf_s=10.0, mttr_s=3.0, clock="run"), robot="left", seed=4
+        )
 
     late = fresh()
     late.after(10**12)
@@ -109,7 +113,7 @@ def test_a_stop_freezes_a_node_and_the_others_wait_for_it() -> None:
         NOMINAL,
         seed=0,
         disturbances=Disturbances(
-            emergency_stops=(EmergencyStop("robot_0", 1.5, 10.0),)
+            emergency_stops=(EmergencyStop(robot="robot_0", at_s=1.5, duration_s=10.0),)
         ),
         recorders=[recorder],
     )
@@ -127,7 +131,9 @@ def test_everyone_stops_also_who_waits() -> None:
         two_robot_tpg([(0, 0, 1, 0)]),
         NOMINAL,
         seed=0,
-        disturbances=Disturbances(emergency_stops=(EmergencyStop(None, 1.0, 5.0),)),
+        disturbances=Disturbances(
+            emergency_stops=(EmergencyStop(robot=None, at_s=1.0, duration_s=5.0),)
+        ),
     )
     # At the instant of the stop nothing is complete any more.
     assert (run.end_ns[0] / 1e9).tolist() == [6.0, 7.0, 8.0]
@@ -137,7 +143,9 @@ def test_everyone_stops_also_who_waits() -> None:
 
 def test_a_stop_after_the_end_changes_nothing() -> None:
     tpg = two_robot_tpg([])
-    late = Disturbances(emergency_stops=(EmergencyStop(None, 100.0, 5.0),))
+    late = Disturbances(
+        emergency_stops=(EmergencyStop(robot=None, at_s=100.0, duration_s=5.0),)
+    )
     recorder = MemoryRecorder()
     run = simulate(tpg, NOMINAL, seed=0, disturbances=late, recorders=[recorder])
     assert run.makespan_s == 3.0
@@ -163,12 +171,12 @@ def dependent_nodes(tpg: TemporalPlanGraph, sources: list[tuple[int, int]]) -> s
 def test_when_one_robot_stops_the_others_go_on_as_far_as_the_graph_allows(
     tpg: TemporalPlanGraph, seed: int, at_s: float, watched: bool
 ) -> None:
-    """A stop of months: whatever does not depend on the rest of its nodes happens at once."""
+    """A stop of many days: whatever does not depend on the rest of its nodes happens at once."""
     simulator = Simulator(
         tpg,
         VARIED,
         disturbances=Disturbances(
-            emergency_stops=(EmergencyStop("robot_0", at_s, 1e7),)
+            emergency_stops=(EmergencyStop(robot="robot_0", at_s=at_s, duration_s=1e6),)
         ),
     )
     run = simulator.run(seed=seed, recorders=[MemoryRecorder()] if watched else [])
@@ -182,7 +190,7 @@ def test_when_one_robot_stops_the_others_go_on_as_far_as_the_graph_allows(
     for k in range(1, len(tpg.chains)):
         for node in range(len(tpg.chains[k])):
             if (k, node) in blocked:
-                assert run.start_ns[k][node] >= stop_ns + 10**16
+                assert run.start_ns[k][node] >= stop_ns + 10**15
             else:
                 assert run.end_ns[k][node] == free.end_ns[k][node]
     assert run.outcome == "completed"
@@ -254,7 +262,8 @@ def test_objects_change_hands_when_the_log_says_so(
 ) -> None:
     recorder = MemoryRecorder()
     disturbances = Disturbances(
-        emergency_stops=tuple(stops), failures={"pick": SkillFailure(0.5, 1)}
+        emergency_stops=tuple(stops),
+        failures={"pick": SkillFailure(probability=0.5, retries=1)},
     )
     run = simulate(
         tpg, VARIED, seed=seed, disturbances=disturbances, recorders=[recorder]
@@ -275,8 +284,8 @@ def test_lanes_show_stops_and_failures() -> None:
         VARIED,
         seed=0,
         disturbances=Disturbances(
-            emergency_stops=(EmergencyStop(None, 5.0, 3.0),),
-            failures={"pick": SkillFailure(1.0, 1)},
+            emergency_stops=(EmergencyStop(robot=None, at_s=5.0, duration_s=3.0),),
+            failures={"pick": SkillFailure(probability=1.0, retries=1)},
         ),
     )
     for lane in robot_lanes(tpg, run):
@@ -296,7 +305,11 @@ def failing_run(retries: int = 1) -> tuple[TemporalPlanGraph, Run, MemoryRecorde
         VARIED,
         seed=0,
         disturbances=Disturbances(
-            failures={"pick": SkillFailure(1.0, retries, Fixed(2.0))}
+            failures={
+                "pick": SkillFailure(
+                    probability=1.0, retries=retries, retry=Fixed(value_s=2.0)
+                )
+            }
         ),
         recorders=[recorder],
     )
@@ -336,7 +349,7 @@ def test_a_task_that_fails_for_good_is_named() -> None:
 def test_when_a_task_fails_the_others_go_on_as_far_as_the_graph_allows(
     tpg: TemporalPlanGraph, seed: int
 ) -> None:
-    failing = Disturbances(failures={"pick": SkillFailure(0.6, 0)})
+    failing = Disturbances(failures={"pick": SkillFailure(probability=0.6, retries=0)})
     run = simulate(tpg, VARIED, seed=seed, disturbances=failing)
     sources = [(k, node) for k, node in enumerate(run.failed_nodes) if node >= 0]
     blocked = dependent_nodes(tpg, sources)
@@ -349,10 +362,10 @@ def test_when_a_task_fails_the_others_go_on_as_far_as_the_graph_allows(
 def test_two_policies_see_the_same_failures_and_durations() -> None:
     tpg = random_tpg(16, tasks=20)
     disturbances = Disturbances(
-        jitter=Uniform(0.0, 0.1),
-        stall_rate=StallRate(300.0, Uniform(1.0, 2.0)),
-        breakdowns=Breakdowns(30.0, 5.0),
-        failures={"pick": SkillFailure(0.4, 5)},
+        jitter=Uniform(low_s=0.0, high_s=0.1),
+        stalls=Stalls(rate_per_h=300.0, duration=Uniform(low_s=1.0, high_s=2.0)),
+        breakdowns=Breakdowns(mtbf_s=30.0, mttr_s=5.0),
+        failures={"pick": SkillFailure(probability=0.4, retries=5)},
     )
     runs = [
         simulate(tpg, VARIED, seed=3, policy=policy, disturbances=disturbances)
@@ -395,7 +408,9 @@ def test_in_open_loop_nobody_waits_for_anybody() -> None:
         NOMINAL,
         seed=0,
         policy="open-loop",
-        disturbances=Disturbances(speed={"robot_0": Fixed(0.5)}),
+        disturbances=Disturbances(
+            speed=Speed(robots={"robot_0": FixedFactor(kind="fixed", value=0.5)})
+        ),
         recorders=[recorder],
     )
     assert (run.start_ns[0] / 1e9).tolist() == [0.0, 2.0, 4.0]

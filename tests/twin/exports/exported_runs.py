@@ -18,15 +18,17 @@ from twin.run.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import (
     Disturbances,
     EmergencyStop,
-    RandomStalls,
     SkillFailure,
+    Stalls,
 )
 from twin.uncertainty.skill_durations import SkillDurations
 
 DISTURBED = Disturbances(
-    stalls=RandomStalls(2),
-    emergency_stops=(EmergencyStop("robot_1", 7.0, 4.0),),
-    failures={"pick": SkillFailure(0.4, 5, Fixed(1.5))},
+    stalls=Stalls(count_per_robot=2),
+    emergency_stops=(EmergencyStop(robot="robot_1", at_s=7.0, duration_s=4.0),),
+    failures={
+        "pick": SkillFailure(probability=0.4, retries=5, retry=Fixed(value_s=1.5))
+    },
 )
 
 

@@ -17,11 +17,10 @@ from twin.fit.selection import (
     fit_candidates,
     fit_family,
 )
-from twin.fit.unbounded import LognormalFamily
 
 
 def by_name(found: tuple[Candidate, ...]) -> dict[str, Candidate]:
-    return {candidate.family.name: candidate for candidate in found}
+    return {candidate.family.title: candidate for candidate in found}
 
 
 def test_anderson_darling_is_the_sum_of_its_definition() -> None:
@@ -53,11 +52,11 @@ def test_p_values_are_those_of_scipys_test_of_fit() -> None:
 def test_p_values_of_the_right_family_are_uniform() -> None:
     """Textbook critical values would give p values near 1: parameters were estimated."""
     rng = np.random.default_rng(1)
-    model = Lognormal(8.0, 11.0)
+    model = Lognormal(median_s=8.0, p95_s=11.0)
     p = []
     for k in range(300):
         x = np.sort(model.ppf(rng.random(25)))
-        found = fit_family(LognormalFamily(), x, resamples=99, seed=k)
+        found = fit_family(Lognormal, x, resamples=99, seed=k)
         p.append(found.p_value)
     assert stats.kstest(p, "uniform").pvalue > 0.01
     assert np.mean(np.array(p) < LEVEL) < 0.09

@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 from planning.tasks.task_graph import SKILLS
 from planning.transforms import Array
 from twin.cli import app
-from twin.durations import Empirical, Fixed
+from twin.durations import Fixed, Measured
 from twin.scenario.duration_models import skill_durations
 from twin.scenario.file import load_scenario
 
@@ -78,9 +78,9 @@ def test_the_snippet_loads_back_as_what_was_fitted(tmp_path: Path) -> None:
     # The distribution that was fitted is the one that measured times come from.
     assert stats.kstest(LEFT, lambda t: np.interp(t, pick.ppf(u), u)).statistic < 0.15
     assert durations.models["handover"].mean == pytest.approx(RIGHT.mean(), rel=0.01)
-    assert durations.models["place-down"] == Fixed(7.5)
+    assert durations.models["place-down"] == Fixed(value_s=7.5)
     heaps = durations.models["place-up"]
-    assert isinstance(heaps, Empirical)
+    assert isinstance(heaps, Measured)
     assert heaps.values_s.tolist() == sorted(TWO_HEAPS)
 
 

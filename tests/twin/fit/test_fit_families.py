@@ -9,46 +9,48 @@ from hypothesis import strategies as st
 from scipy import optimize, stats
 
 from planning.transforms import Array
-from twin.fit.bounded import PertFamily, TriangularFamily, UniformFamily
-from twin.fit.family import Family
-from twin.fit.search import golden_section
-from twin.fit.selection import FAMILIES, section_model
-from twin.fit.shifted import ShiftedFamily
-from twin.fit.unbounded import (
-    ExponentialFamily,
-    GammaFamily,
-    LognormalFamily,
-    NormalFamily,
-    WeibullFamily,
+from twin.durations import (
+    Exponential,
+    Gamma,
+    Lognormal,
+    Pert,
+    Triangular,
+    TruncatedNormal,
+    Uniform,
+    Weibull,
 )
+from twin.durations.fittable import Family
+from twin.durations.golden_section import golden_section
+from twin.durations.shifted_fit import ShiftedFamily
+from twin.fit.selection import FAMILIES, section_model
 
 T = np.linspace(0.0, 14.0, 141)[None]
 
 # Parameters, and the same distribution of scipy.
 KNOWN: list[tuple[Family, list[float], object]] = [
-    (UniformFamily(), [2, 5], stats.uniform(2, 3)),
-    (TriangularFamily(), [2, 3, 7], stats.triang(0.2, 2, 5)),
-    (TriangularFamily(), [2, 2, 7], stats.triang(0, 2, 5)),
-    (TriangularFamily(), [2, 7, 7], stats.triang(1, 2, 5)),
-    (PertFamily(), [2, 3, 7], stats.beta(1.8, 4.2, 2, 5)),
-    (PertFamily(), [2, 7, 7], stats.beta(5, 1, 2, 5)),
-    (NormalFamily(), [8, 1], stats.norm(8, 1)),
-    (NormalFamily(), [1, 2], stats.truncnorm(-0.5, np.inf, 1, 2)),
-    (NormalFamily(), [-2, 2], stats.truncnorm(1, np.inf, -2, 2)),
-    (ExponentialFamily(), [3], stats.expon(0, 3)),
-    (LognormalFamily(), [1.5, 0.4], stats.lognorm(0.4, 0, np.exp(1.5))),
-    (GammaFamily(), [3.5, 2], stats.gamma(3.5, 0, 2)),
-    (WeibullFamily(), [2.5, 4], stats.weibull_min(2.5, 0, 4)),
-    (ShiftedFamily(GammaFamily()), [4, 3.5, 2], stats.gamma(3.5, 4, 2)),
-    (ShiftedFamily(WeibullFamily()), [4, 1.5, 2], stats.weibull_min(1.5, 4, 2)),
-    (ShiftedFamily(ExponentialFamily()), [4, 2], stats.expon(4, 2)),
+    (Uniform, [2, 5], stats.uniform(2, 3)),
+    (Triangular, [2, 3, 7], stats.triang(0.2, 2, 5)),
+    (Triangular, [2, 2, 7], stats.triang(0, 2, 5)),
+    (Triangular, [2, 7, 7], stats.triang(1, 2, 5)),
+    (Pert, [2, 3, 7], stats.beta(1.8, 4.2, 2, 5)),
+    (Pert, [2, 7, 7], stats.beta(5, 1, 2, 5)),
+    (TruncatedNormal, [8, 1], stats.norm(8, 1)),
+    (TruncatedNormal, [1, 2], stats.truncnorm(-0.5, np.inf, 1, 2)),
+    (TruncatedNormal, [-2, 2], stats.truncnorm(1, np.inf, -2, 2)),
+    (Exponential, [3], stats.expon(0, 3)),
+    (Lognormal, [1.5, 0.4], stats.lognorm(0.4, 0, np.exp(1.5))),
+    (Gamma, [3.5, 2], stats.gamma(3.5, 0, 2)),
+    (Weibull, [2.5, 4], stats.weibull_min(2.5, 0, 4)),
+    (ShiftedFamily(Gamma), [4, 3.5, 2], stats.gamma(3.5, 4, 2)),
+    (ShiftedFamily(Weibull), [4, 1.5, 2], stats.weibull_min(1.5, 4, 2)),
+    (ShiftedFamily(Exponential), [4, 2], stats.expon(4, 2)),
     (
-        ShiftedFamily(LognormalFamily()),
+        ShiftedFamily(Lognormal),
         [4, 0.5, 0.4],
         stats.lognorm(0.4, 4, np.exp(0.5)),
     ),
 ]
-IDS = [f"{family.name} {theta}" for family, theta, _ in KNOWN]
+IDS = [f"{family.title} {theta}" for family, theta, _ in KNOWN]
 
 
 @pytest.mark.parametrize(("family", "theta", "reference"), KNOWN, ids=IDS)
@@ -93,12 +95,12 @@ SAMPLES = {
 @pytest.mark.parametrize(
     ("family", "reference"),
     [
-        (ExponentialFamily(), stats.expon),
-        (LognormalFamily(), stats.lognorm),
-        (GammaFamily(), stats.gamma),
-        (WeibullFamily(), stats.weibull_min),
+        (Exponential, stats.expon),
+        (Lognormal, stats.lognorm),
+        (Gamma, stats.gamma),
+        (Weibull, stats.weibull_min),
     ],
-    ids=lambda v: getattr(v, "name", ""),
+    ids=lambda v: getattr(v, "title", ""),
 )
 def test_nothing_scipy_finds_is_likelier(
     family: Family, reference: object, sample: Array
@@ -117,19 +119,19 @@ def test_no_cut_off_normal_is_likelier(sample: Array) -> None:
 
     def negative(theta: Array) -> float:
         row = np.array([[theta[0], np.exp(theta[1])]])
-        return -float(NormalFamily().log_density(x[None], row).sum())
+        return -float(TruncatedNormal.log_density(x[None], row).sum())
 
     found = optimize.minimize(
         negative, [x.mean(), np.log(x.std())], method="Nelder-Mead"
     )
-    assert likelihood(NormalFamily(), x) >= -found.fun - 1e-4
+    assert likelihood(TruncatedNormal, x) >= -found.fun - 1e-4
 
 
 @pytest.mark.parametrize("name", ["gamma", "wide", "many", "few"])
 @pytest.mark.parametrize(
     "family",
-    [ShiftedFamily(f()) for f in (LognormalFamily, GammaFamily, WeibullFamily)],
-    ids=lambda f: f.name,
+    [ShiftedFamily(f) for f in (Lognormal, Gamma, Weibull)],
+    ids=lambda f: f.title,
 )
 def test_no_offset_of_a_fine_grid_is_likelier(family: ShiftedFamily, name: str) -> None:
     x = np.sort(SAMPLES[name])
@@ -142,7 +144,7 @@ def test_no_offset_of_a_fine_grid_is_likelier(family: ShiftedFamily, name: str) 
 
 
 @pytest.mark.parametrize("name", ["gamma", "many", "few"])
-@pytest.mark.parametrize("family", [TriangularFamily(), PertFamily()], ids=["t", "p"])
+@pytest.mark.parametrize("family", [Triangular, Pert], ids=["t", "p"])
 def test_bounds_and_mode_are_nearly_the_likeliest(family: Family, name: str) -> None:
     """Ten thousand random bounds and modes are hardly better."""
     x = np.sort(SAMPLES[name])
@@ -162,7 +164,7 @@ def test_bounds_and_mode_are_nearly_the_likeliest(family: Family, name: str) -> 
 
 def test_bounds_of_uniform_samples_are_right_on_average() -> None:
     x = np.sort(np.random.default_rng(0).uniform(3.0, 5.0, (4000, 12)), axis=1)
-    theta = UniformFamily().fit(x)
+    theta = Uniform.fit(x)
     assert theta.mean(axis=0) == pytest.approx([3.0, 5.0], abs=0.01)
 
 

@@ -18,7 +18,7 @@ from twin.recorders.jsonl import event_line
 from twin.recorders.memory import MemoryRecorder
 from twin.run.event_log import EventLogError, parse_event
 from twin.run.events import Event
-from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.disturbances import Disturbances, FixedFactor, Speed
 from twin.uncertainty.skill_durations import SkillDurations
 
 NOMINAL = SkillDurations({})
@@ -164,14 +164,15 @@ def test_what_cannot_be_is_flagged(events: list[Event], text: str) -> None:
 def test_an_open_loop_run_breaks_the_graph() -> None:
     tpg = two_robot_tpg([(0, 1, 1, 0)])
     recorder = MemoryRecorder()
-    from twin.durations import Fixed
 
     simulate(
         tpg,
         NOMINAL,
         seed=0,
         policy="open-loop",
-        disturbances=Disturbances(speed={"robot_0": Fixed(0.5)}),
+        disturbances=Disturbances(
+            speed=Speed(robots={"robot_0": FixedFactor(kind="fixed", value=0.5)})
+        ),
         recorders=[recorder],
     )
     followed = FollowedRun(tpg)

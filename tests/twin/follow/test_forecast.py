@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.durations import Empirical, Exponential, Fixed, Lognormal, Uniform
+from twin.durations import Exponential, Fixed, Lognormal, Measured, Uniform
 from twin.engine.engine import Simulator, simulate
 from twin.engine.messages import Messages
 from twin.follow.conditional import longer_than
@@ -21,16 +21,17 @@ from twin.run.events import Event
 from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,
-    RandomStalls,
     SkillFailure,
-    StallRate,
+    Speed,
+    Stalls,
+    UniformFactor,
 )
 from twin.uncertainty.skill_durations import SkillDurations
 
 NOMINAL = SkillDurations({})
 SPREAD = SkillDurations(
     {
-        skill: Lognormal(5.0, 12.0)
+        skill: Lognormal(median_s=5.0, p95_s=12.0)
         for skill in ("pick", "place-down", "place-up", "handover")
     }
 )
@@ -41,23 +42,23 @@ U = (np.arange(400) + 0.5) / 400
 
 
 def test_longer_than_a_bound_of_a_uniform_is_uniform_above_it() -> None:
-    found = longer_than(Uniform(2.0, 6.0), 3.0, U)
+    found = longer_than(Uniform(low_s=2.0, high_s=6.0), 3.0, U)
     assert found == pytest.approx(3.0 + 3.0 * U, abs=1e-6)
 
 
 def test_what_has_no_memory_begins_afresh() -> None:
-    model = Exponential(4.0)
+    model = Exponential(mean_s=4.0)
     assert longer_than(model, 7.0, U) == pytest.approx(7.0 + model.ppf(U), abs=1e-6)
 
 
 def test_of_measured_times_only_the_longer_ones_are_left() -> None:
     values = np.array([1.0, 2.0, 2.0, 3.0, 5.0, 8.0])
-    found = longer_than(Empirical(values), 2.0, U)
+    found = longer_than(Measured(values=tuple(values)), 2.0, U)
     left, counts = np.unique(found, return_counts=True)
     assert left.tolist() == [3.0, 5.0, 8.0]
     assert counts / len(U) == pytest.approx([1 / 3] * 3, abs=0.01)
-    assert np.all(longer_than(Empirical(values), 9.0, U) == 9.0)
-    assert np.all(longer_than(Fixed(3.0), 1.0, U) == 3.0)
+    assert np.all(longer_than(Measured(values=tuple(values)), 9.0, U) == 9.0)
+    assert np.all(longer_than(Fixed(value_s=3.0), 1.0, U) == 3.0)
 
 
 # Forecasts
@@ -75,9 +76,9 @@ def test_before_it_begins_a_run_is_any_run(
 ) -> None:
     """The futures are the replications of the event engine, to the nanosecond."""
     disturbances = Disturbances(
-        jitter=Uniform(0.0, 0.1),
-        stall_rate=StallRate(300.0, Uniform(1.0, 2.0)),
-        failures={"pick": SkillFailure(0.3, 0)},
+        jitter=Uniform(low_s=0.0, high_s=0.1),
+        stalls=Stalls(rate_per_h=300.0, duration=Uniform(low_s=1.0, high_s=2.0)),
+        failures={"pick": SkillFailure(probability=0.3, retries=0)},
     )
     engine = Simulator(
         tpg,
@@ -154,7 +155,10 @@ def seen_from(
 def test_forecasts_bracket_the_truth_as_often_as_they_say() -> None:
     """Of 150 runs nine in ten end before their P90, half before their P50."""
     disturbances = Disturbances(
-        speed={"robot_0": Uniform(0.5, 1.0)}, breakdowns=Breakdowns(60.0, 4.0)
+        speed=Speed(
+            robots={"robot_0": UniformFactor(kind="uniform", low=0.5, high=1.0)}
+        ),
+        breakdowns=Breakdowns(mtbf_s=60.0, mttr_s=4.0),
     )
     tpg = random_tpg(16, tasks=14, edges=12)
     engine = Simulator(tpg, SPREAD, disturbances=disturbances)
@@ -191,7 +195,7 @@ def test_the_pace_of_a_motion_is_learnt_while_it_lasts() -> None:
 
 def test_a_robot_that_stands_makes_the_end_later() -> None:
     tpg = two_robot_tpg([])
-    stalls = Disturbances(stalls=RandomStalls(1, (2.0, 6.0)))
+    stalls = Disturbances(stalls=Stalls(count_per_robot=1, duration_s=(2.0, 6.0)))
     followed = FollowedRun(tpg)
     followed.apply(Event(0, "robot_0", "started", 0, 0))
     forecaster = Forecaster(tpg, NOMINAL, disturbances=stalls)

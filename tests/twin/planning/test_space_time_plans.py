@@ -44,7 +44,7 @@ from twin.engine.engine import Simulator
 from twin.recorders.motion_tables import objects_table, trajectory_table, write_table
 from twin.run.folder import OBJECTS, TRAJECTORY
 from twin.run.trajectory import object_placements, robot_trajectories
-from twin.uncertainty.disturbances import Disturbances, RandomStalls
+from twin.uncertainty.disturbances import Disturbances, Stalls
 from twin.uncertainty.skill_durations import SkillDurations
 
 QUICK = RrtSettings(iterations=300, patience=50, rounds=1, checks=0, shortcuts=10)
@@ -140,8 +140,8 @@ def test_a_building_is_proved_safe_and_no_slower_than_planned() -> None:
 def test_nothing_touches_whatever_is_delayed(tmp_path: Path) -> None:
     _, _, tpg = building()
     skills = ("pick", "place-down", "handover")
-    varied = SkillDurations({skill: Uniform(0.3, 4.0) for skill in skills})
-    stalls = Disturbances(stalls=RandomStalls(4, (1.0, 10.0)))
+    varied = SkillDurations({skill: Uniform(low_s=0.3, high_s=4.0) for skill in skills})
+    stalls = Disturbances(stalls=Stalls(count_per_robot=4, duration_s=(1.0, 10.0)))
     scene = scene_of(tpg)
     with Auditor(scene) as auditor:
         for seed in range(4):

@@ -17,7 +17,7 @@ from twin.engine.engine import simulate
 from twin.recorders.jsonl import JsonlRecorder, event_line
 from twin.recorders.memory import MemoryRecorder
 from twin.run.events import Event
-from twin.uncertainty.disturbances import Disturbances, RandomStalls
+from twin.uncertainty.disturbances import Disturbances, Stalls
 
 
 def log_of(path: Path, seed: int) -> bytes:
@@ -25,7 +25,7 @@ def log_of(path: Path, seed: int) -> bytes:
         random_tpg(8, tasks=12),
         VARIED,
         seed=seed,
-        disturbances=Disturbances(stalls=RandomStalls(1)),
+        disturbances=Disturbances(stalls=Stalls(count_per_robot=1)),
         recorders=[JsonlRecorder(path)],
     )
     return path.read_bytes()

@@ -13,7 +13,7 @@ from twin.engine.engine import simulate
 from twin.recorders.motion_tables import objects_table, trajectory_table
 from twin.run.run_record import Run
 from twin.run.trajectory import object_placements, robot_trajectories
-from twin.uncertainty.disturbances import Disturbances, RandomStalls
+from twin.uncertainty.disturbances import Disturbances, Stalls
 
 
 def executed(tpg: TemporalPlanGraph, seed: int, latency: float) -> Run:
@@ -22,7 +22,9 @@ def executed(tpg: TemporalPlanGraph, seed: int, latency: float) -> Run:
         VARIED,
         seed=seed,
         latency_s=latency,
-        disturbances=Disturbances(stalls=RandomStalls(1, (0.5, 3.0))),
+        disturbances=Disturbances(
+            stalls=Stalls(count_per_robot=1, duration_s=(0.5, 3.0))
+        ),
     )
 
 

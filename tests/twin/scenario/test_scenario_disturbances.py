@@ -20,9 +20,11 @@ from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,
     EmergencyStop,
-    RandomStalls,
+    LognormalFactor,
     SkillFailure,
-    StallRate,
+    Speed,
+    Stalls,
+    UniformFactor,
 )
 
 ROBOTS = ("left", "right")
@@ -62,20 +64,26 @@ def written(folder: Path, text: str) -> Path:
 def test_a_scenario_says_all_that_may_go_wrong(tmp_path: Path) -> None:
     scenario = load_scenario(written(tmp_path, EVERYTHING))
     found = scenario_disturbances(scenario.execution, ROBOTS, tmp_path)
-    three = Fixed(3.0)
+    three = Fixed(value_s=3.0)
+    assert found.speed.model_of("left") == Lognormal(median_s=0.9, p95_s=1.2)
+    assert found.speed.model_of("right") == Uniform(low_s=0.7, high_s=1.0)
     assert found == Disturbances(
-        speed={"left": Lognormal(0.9, 1.2), "right": Uniform(0.7, 1.0)},
-        jitter=Uniform(0.0, 0.01),
-        stalls=RandomStalls(2, (1.0, 20.0), three),
-        stall_rate=StallRate(60.0, three),
-        breakdowns=Breakdowns(120.0, 20.0, "busy", ("right",)),
+        speed=Speed(
+            factor=UniformFactor(kind="uniform", low=0.7, high=1.0),
+            robots={"left": LognormalFactor(kind="lognormal", median=0.9, p95=1.2)},
+        ),
+        jitter=Uniform(low_s=0.0, high_s=0.01),
+        stalls=Stalls(count_per_robot=2, rate_per_h=60.0, duration=three),
+        breakdowns=Breakdowns(
+            mtbf_s=120.0, mttr_s=20.0, clock="busy", robots=("right",)
+        ),
         failures={
-            "pick": SkillFailure(0.2, 3, Fixed(4.0)),
-            "handover": SkillFailure(0.1, 2, None),
+            "pick": SkillFailure(probability=0.2, retries=3, retry=Fixed(value_s=4.0)),
+            "handover": SkillFailure(probability=0.1, retries=2, retry=None),
         },
         emergency_stops=(
-            EmergencyStop(None, 40.0, 10.0),
-            EmergencyStop("left", 100.5, 30.0),
+            EmergencyStop(robot=None, at_s=40.0, duration_s=10.0),
+            EmergencyStop(robot="left", at_s=100.5, duration_s=30.0),
         ),
     )
 
@@ -87,8 +95,8 @@ def test_a_scenario_without_a_word_is_undisturbed() -> None:
 def test_stalls_at_a_rate_take_the_interval_when_they_have_no_distribution() -> None:
     section = execution('{"stalls": {"rate_per_h": 5, "duration_s": [2, 4]}}')
     found = scenario_disturbances(section, ROBOTS)
-    assert found.stalls is None
-    assert found.stall_rate == StallRate(5.0, Uniform(2.0, 4.0))
+    assert found.stalls.count_per_robot == 0
+    assert found.stalls.model == Uniform(low_s=2.0, high_s=4.0)
 
 
 @pytest.mark.parametrize(

@@ -16,16 +16,17 @@ from planning.errors import ScenarioError
 from planning.tasks.task_graph import SKILLS
 from tests.twin.twin_toys import random_tpg
 from twin.durations import (
+    AnyDuration,
     DurationModel,
-    Empirical,
     Exponential,
     Fixed,
     Gamma,
     Lognormal,
+    Packaged,
     Pert,
     Retries,
-    Scaled,
     Shifted,
+    Skill,
     Triangular,
     TruncatedNormal,
     Uniform,
@@ -34,16 +35,14 @@ from twin.durations import (
 )
 from twin.scenario.document.problems import InvalidScenarioError
 from twin.scenario.duration_models import (
-    duration_model,
     skill_durations,
     skill_models,
 )
 from twin.scenario.file import load_scenario
-from twin.scenario.sections.durations import AnyDuration, DurationSection, Skill
 from twin.scenario.sections.scenario import Scenario, resolved
-from twin.uncertainty.skill_durations import DurationOverride, SkillDurations
+from twin.uncertainty.skill_durations import SkillDurations, SkillOverride
 
-SECTION: TypeAdapter[AnyDuration] = TypeAdapter(DurationSection)
+SECTION: TypeAdapter[DurationModel] = TypeAdapter(AnyDuration)
 
 SMALL = """\
 version: 1
@@ -68,7 +67,7 @@ execution:
 LAST = "    pick: {kind: fixed, value_s: 2}\n"
 
 
-def section(content: dict[str, object]) -> AnyDuration:
+def section(content: dict[str, object]) -> DurationModel:
     return SECTION.validate_json(json.dumps(content))
 
 
@@ -84,34 +83,40 @@ def problem(folder: Path, text: str) -> tuple[str, str]:
 
 
 MEANT: list[tuple[dict[str, object], DurationModel]] = [
-    ({"kind": "fixed", "value_s": 2}, Fixed(2.0)),
-    ({"kind": "uniform", "low_s": 2, "high_s": 3}, Uniform(2.0, 3.0)),
+    ({"kind": "fixed", "value_s": 2}, Fixed(value_s=2.0)),
+    ({"kind": "uniform", "low_s": 2, "high_s": 3}, Uniform(low_s=2.0, high_s=3.0)),
     (
         {"kind": "triangular", "low_s": 2, "mode_s": 3, "high_s": 5},
-        Triangular(2.0, 3.0, 5.0),
+        Triangular(low_s=2.0, mode_s=3.0, high_s=5.0),
     ),
-    ({"kind": "pert", "low_s": 2, "mode_s": 3, "high_s": 5}, Pert(2.0, 3.0, 5.0)),
-    ({"kind": "normal", "mean_s": 5, "sd_s": 1}, TruncatedNormal(5.0, 1.0)),
+    (
+        {"kind": "pert", "low_s": 2, "mode_s": 3, "high_s": 5},
+        Pert(low_s=2.0, mode_s=3.0, high_s=5.0),
+    ),
+    ({"kind": "normal", "mean_s": 5, "sd_s": 1}, TruncatedNormal(mean_s=5.0, sd_s=1.0)),
     (
         {"kind": "normal", "mean_s": 5, "sd_s": 1, "low_s": 4, "high_s": 7},
-        TruncatedNormal(5.0, 1.0, 4.0, 7.0),
+        TruncatedNormal(mean_s=5.0, sd_s=1.0, low_s=4.0, high_s=7.0),
     ),
-    ({"kind": "lognormal", "median_s": 5, "p95_s": 7}, Lognormal(5.0, 7.0)),
+    (
+        {"kind": "lognormal", "median_s": 5, "p95_s": 7},
+        Lognormal(median_s=5.0, p95_s=7.0),
+    ),
     (
         {"kind": "lognormal", "mean_s": 5, "cv": 0.2},
-        Lognormal.from_mean(5.0, 0.2),
+        Lognormal(mean_s=5.0, cv=0.2),
     ),
-    ({"kind": "exponential", "mean_s": 5}, Exponential(5.0)),
-    ({"kind": "gamma", "shape": 5, "scale_s": 2}, Gamma(5.0, 2.0)),
-    ({"kind": "gamma", "mean_s": 5, "cv": 0.2}, Gamma.from_mean(5.0, 0.2)),
-    ({"kind": "weibull", "shape": 5, "scale_s": 2}, Weibull(5.0, 2.0)),
+    ({"kind": "exponential", "mean_s": 5}, Exponential(mean_s=5.0)),
+    ({"kind": "gamma", "shape": 5, "scale_s": 2}, Gamma(shape=5.0, scale_s=2.0)),
+    ({"kind": "gamma", "mean_s": 5, "cv": 0.2}, Gamma(mean_s=5.0, cv=0.2)),
+    ({"kind": "weibull", "shape": 5, "scale_s": 2}, Weibull(shape=5.0, scale_s=2.0)),
     (
         {
             "kind": "shifted",
             "offset_s": 3,
             "model": {"kind": "gamma", "shape": 5, "scale_s": 2, "scale": 2},
         },
-        Shifted(Scaled(Gamma(5.0, 2.0), 2.0), 3.0),
+        Shifted(model=Gamma(shape=5.0, scale_s=2.0, scale=2.0), offset_s=3.0),
     ),
     (
         {
@@ -119,7 +124,7 @@ MEANT: list[tuple[dict[str, object], DurationModel]] = [
             "attempt": {"kind": "fixed", "value_s": 5},
             "probability": 0.2,
         },
-        Retries(Fixed(5.0), 0.2, 2),
+        Retries(attempt=Fixed(value_s=5.0), probability=0.2, retries=2),
     ),
     (
         {
@@ -130,7 +135,13 @@ MEANT: list[tuple[dict[str, object], DurationModel]] = [
             "retry": {"kind": "fixed", "value_s": 3},
             "scale": 1.5,
         },
-        Scaled(Retries(Fixed(5.0), 0.2, 1, Fixed(3.0)), 1.5),
+        Retries(
+            attempt=Fixed(value_s=5.0),
+            probability=0.2,
+            retries=1,
+            retry=Fixed(value_s=3.0),
+            scale=1.5,
+        ),
     ),
 ]
 
@@ -139,7 +150,7 @@ MEANT: list[tuple[dict[str, object], DurationModel]] = [
 def test_each_section_is_its_model(
     content: dict[str, object], model: DurationModel
 ) -> None:
-    assert duration_model(section(content), Path()) == model
+    assert section(content) == model
 
 
 def test_every_kind_is_tried() -> None:
@@ -150,12 +161,9 @@ def test_every_kind_is_tried() -> None:
 def test_measured_and_packaged_times(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("s\n2\n1\n")
     own = section({"kind": "empirical", "csv": "t.csv", "column": "s", "scale": 3})
-    assert duration_model(own, tmp_path).ppf(np.array([0.1, 0.9])).tolist() == [3, 6]
-    packaged = duration_model(section({"kind": "packaged", "skill": "pick"}), tmp_path)
-    assert isinstance(packaged, Empirical)
-    expected = packaged_timings()["pick"]
-    assert isinstance(expected, Empirical)
-    assert np.array_equal(packaged.values_s, expected.values_s)
+    assert own.located(tmp_path).ppf(np.array([0.1, 0.9])).tolist() == [3, 6]
+    packaged = section({"kind": "packaged", "skill": "pick"}).located(tmp_path)
+    assert packaged == packaged_timings()["pick"]
 
 
 WRONG = {
@@ -300,20 +308,24 @@ def test_the_strongest_exception_wins(tmp_path: Path) -> None:
         ("third", None): 2.0,
     }
     for (robot, kind), seconds in cases.items():
-        assert durations.model_of("pick", robot, kind) == Fixed(seconds)
-    assert isinstance(durations.model_of("handover", "left", "1x2"), Empirical)
+        assert durations.model_of("pick", robot, kind) == Fixed(value_s=seconds)
+    assert isinstance(durations.model_of("handover", "left", "1x2"), Packaged)
 
 
 def test_exceptions_reach_the_tasks_of_a_plan() -> None:
     tpg = random_tpg(3, tasks=40)
     durations = SkillDurations(
-        {skill: Fixed(1.0) for skill in SKILLS},
-        tuple(DurationOverride(s, Fixed(2.0), robot="robot_1") for s in SKILLS),
+        {skill: Fixed(value_s=1.0) for skill in SKILLS},
+        tuple(
+            SkillOverride(skill=s, duration=Fixed(value_s=2.0), robot="robot_1")
+            for s in SKILLS
+        ),
     )
-    tasks, totals = durations.sample_totals(tpg, seed=0, replications=[0])
-    robots = [tpg.tasks[index].robot for index in tasks]
+    draws = durations.bind(tpg)
+    totals = draws.totals(seed=0, replications=[0])
+    robots = [tpg.tasks[index].robot for index in draws.tasks]
     assert set(robots) == {"robot_0", "robot_1"}
-    assert totals[0].tolist() == [
+    assert totals[:, 0].tolist() == [
         2_000_000_000 if robot == "robot_1" else 1_000_000_000 for robot in robots
     ]
 
@@ -334,7 +346,7 @@ def test_what_a_file_leaves_out_is_packaged_and_can_be_scaled(tmp_path: Path) ->
     assert skill_models(slower)["handover"].mean == pytest.approx(
         1.5 * packaged_timings()["handover"].mean
     )
-    assert skill_models(slower)["pick"] == Fixed(2.0)
+    assert skill_models(slower)["pick"] == Fixed(value_s=2.0)
 
 
 # --- whatever is written -----------------------------------------------------------------
@@ -363,7 +375,7 @@ def test_a_section_is_refused_or_has_durations_from_0(
     content: dict[str, object],
 ) -> None:
     try:
-        model = duration_model(section(content), Path())
+        model = section(content).located(Path())
     except (ValidationError, ScenarioError):
         return
     quantiles = model.ppf(np.array([1e-9, 0.5, 1 - 1e-9]))
@@ -382,6 +394,10 @@ def test_the_lines_of_the_guide_are_a_scenarios(tmp_path: Path) -> None:
     (tmp_path / "timings" / "pick.csv").write_text("duration_s\n5\n6\n")
     (tmp_path / "small.yaml").write_text(text)
     durations = skill_durations(load_scenario(tmp_path / "small.yaml"), tmp_path)
-    assert durations.model_of("pick", "left", "1x2") == Triangular(5.0, 6.0, 9.0)
-    assert durations.model_of("pick", "right", "1x2") == Pert(6.0, 7.0, 12.0)
+    assert durations.model_of("pick", "left", "1x2") == Triangular(
+        low_s=5.0, mode_s=6.0, high_s=9.0
+    )
+    assert durations.model_of("pick", "right", "1x2") == Pert(
+        low_s=6.0, mode_s=7.0, high_s=12.0
+    )
     assert isinstance(durations.models["handover"], Retries)

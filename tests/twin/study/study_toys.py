@@ -12,10 +12,10 @@ from twin.uncertainty.skill_durations import SkillDurations
 
 DURATIONS = SkillDurations(
     {
-        "pick": Uniform(0.2, 5.0),
-        "place-down": Lognormal(2.0, 9.0),
-        "handover": Uniform(1.0, 2.0),
-        "support-top": Uniform(1.0, 9.0),
+        "pick": Uniform(low_s=0.2, high_s=5.0),
+        "place-down": Lognormal(median_s=2.0, p95_s=9.0),
+        "handover": Uniform(low_s=1.0, high_s=2.0),
+        "support-top": Uniform(low_s=1.0, high_s=9.0),
     }
 )
 

@@ -174,7 +174,9 @@ def test_engines_fill_the_same_rows(tmp_path: Path) -> None:
 
 
 def test_failed_tasks_are_rows_and_lose_no_other(tmp_path: Path) -> None:
-    failing = Disturbances(failures={"pick": SkillFailure(0.3, 0, None)})
+    failing = Disturbances(
+        failures={"pick": SkillFailure(probability=0.3, retries=0, retry=None)}
+    )
     experiment = Experiment(("asynchronous",), replications=40)
     run_replications(
         experiment,

@@ -17,7 +17,7 @@ from twin.study.replications.workload import Workload
 from twin.study.sensitivity.inputs import inputs_of
 from twin.study.sensitivity.sobol import sobol_indices
 from twin.study.sensitivity.tornado import influences, makespans_s
-from twin.uncertainty.disturbances import Disturbances, StallRate
+from twin.uncertainty.disturbances import Disturbances, Stalls
 from twin.uncertainty.skill_durations import SkillDurations
 
 
@@ -31,7 +31,7 @@ def _sum_of_two() -> Workload:
     return Workload(
         replace(tpg, tasks=tasks),
         "asynchronous",
-        SkillDurations({"pick": Fixed(2.0)}),
+        SkillDurations({"pick": Fixed(value_s=2.0)}),
         Disturbances(),
         0,
     )
@@ -67,8 +67,8 @@ def test_sobol_indices_of_a_sum_are_shares_of_variance() -> None:
 
 
 def test_inputs_are_what_the_plan_has() -> None:
-    stalls = StallRate(30.0, Uniform(1.0, 2.0))
-    load = toy_workload(disturbances=Disturbances(stall_rate=stalls))
+    stalls = Stalls(rate_per_h=30.0, duration=Uniform(low_s=1.0, high_s=2.0))
+    load = toy_workload(disturbances=Disturbances(stalls=stalls))
     names = [one.name for one in inputs_of(load)]
     assert "rate of stalls" in names
     assert "duration of support-bottom" not in names

@@ -2,17 +2,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
-from planning.errors import ScenarioError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.twin_toys import random_tpg
-from twin.uncertainty.disturbances import Disturbances, RandomStalls
+from twin.uncertainty.disturbances import Disturbances, Stalls
 from twin.uncertainty.node_times import sample_node_times
 from twin.uncertainty.skill_durations import SkillDurations
 
 
 def stalls_of(
-    stalls: RandomStalls, tpg: TemporalPlanGraph, seed: int, replication: int = 0
+    stalls: Stalls, tpg: TemporalPlanGraph, seed: int, replication: int = 0
 ) -> tuple[np.ndarray, ...]:
     return sample_node_times(
         tpg,
@@ -25,7 +25,7 @@ def stalls_of(
 
 def test_every_robot_stalls_as_often_as_asked_and_within_bounds() -> None:
     tpg = random_tpg(2, tasks=10)
-    stalls = stalls_of(RandomStalls(3, (1.0, 20.0)), tpg, seed=7)
+    stalls = stalls_of(Stalls(count_per_robot=3, duration_s=(1.0, 20.0)), tpg, seed=7)
     for chain, stall in zip(tpg.chains, stalls, strict=True):
         assert len(stall) == len(chain)
         hit = stall[stall > 0]
@@ -35,7 +35,9 @@ def test_every_robot_stalls_as_often_as_asked_and_within_bounds() -> None:
 
 def test_a_robot_with_few_nodes_stalls_at_all_of_them() -> None:
     tpg = random_tpg(2, tasks=3, nodes_per_transit=1)
-    for stall in stalls_of(RandomStalls(50, (1.0, 2.0)), tpg, seed=7):
+    for stall in stalls_of(
+        Stalls(count_per_robot=50, duration_s=(1.0, 2.0)), tpg, seed=7
+    ):
         assert np.all(stall > 0)
 
 
@@ -44,7 +46,9 @@ def test_stalls_fall_on_all_nodes_alike() -> None:
     length = len(tpg.chains[0])
     counts = np.zeros(length)
     for replication in range(2000):
-        stall = stalls_of(RandomStalls(2), tpg, seed=0, replication=replication)[0]
+        stall = stalls_of(
+            Stalls(count_per_robot=2), tpg, seed=0, replication=replication
+        )[0]
         counts += stall > 0
     expected = 2000 * 2 / length
     assert np.all(np.abs(counts - expected) < 5 * np.sqrt(expected))
@@ -52,7 +56,7 @@ def test_stalls_fall_on_all_nodes_alike() -> None:
 
 def test_same_seed_same_stalls() -> None:
     tpg = random_tpg(2, tasks=10)
-    stalls = RandomStalls(2)
+    stalls = Stalls(count_per_robot=2)
     first, again = stalls_of(stalls, tpg, seed=1), stalls_of(stalls, tpg, seed=1)
     other = stalls_of(stalls, tpg, seed=2)
     assert all(map(np.array_equal, first, again))
@@ -65,5 +69,5 @@ def test_same_seed_same_stalls() -> None:
 def test_impossible_stalls_are_refused(
     count: int, duration: tuple[float, float]
 ) -> None:
-    with pytest.raises(ScenarioError, match="stalls"):
-        RandomStalls(count, duration)
+    with pytest.raises(ValidationError, match="Stalls"):
+        Stalls(count_per_robot=count, duration_s=duration)

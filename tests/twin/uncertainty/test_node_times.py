@@ -1,15 +1,14 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
-from planning.errors import ScenarioError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
+from tests.twin.one_draw import sample, uniform
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Fixed, Uniform
 from twin.uncertainty.chain_draws import choose
@@ -18,21 +17,25 @@ from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,
     EmergencyStop,
-    RandomStalls,
     SkillFailure,
-    StallRate,
+    Speed,
+    Stalls,
+    UniformFactor,
 )
-from twin.uncertainty.draws import uniform
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, sample_node_times
 
 TPG = random_tpg(16, tasks=20)
 EVERYTHING = Disturbances(
-    speed={"robot_0": Uniform(0.5, 1.0)},
-    jitter=Uniform(0.0, 0.1),
-    stalls=RandomStalls(2),
-    stall_rate=StallRate(600.0, Uniform(1.0, 2.0)),
-    breakdowns=Breakdowns(10.0, 5.0),
-    failures={"pick": SkillFailure(0.5, 3), "handover": SkillFailure(0.9, 1)},
+    speed=Speed(robots={"robot_0": UniformFactor(kind="uniform", low=0.5, high=1.0)}),
+    jitter=Uniform(low_s=0.0, high_s=0.1),
+    stalls=Stalls(
+        count_per_robot=2, rate_per_h=600.0, duration=Uniform(low_s=1.0, high_s=2.0)
+    ),
+    breakdowns=Breakdowns(mtbf_s=10.0, mttr_s=5.0),
+    failures={
+        "pick": SkillFailure(probability=0.5, retries=3),
+        "handover": SkillFailure(probability=0.9, retries=1),
+    },
 )
 
 
@@ -43,7 +46,7 @@ def times(disturbances: Disturbances, replication: int = 0, seed: int = 1) -> No
 
 
 def test_nothing_disturbs_unless_asked_for() -> None:
-    plain = VARIED.sample(TPG, seed=1)
+    plain = sample(VARIED, TPG, seed=1)
     for found in (times(Disturbances()), sample_node_times(TPG, VARIED, seed=1)):
         assert all(map(np.array_equal, found.motion, plain))
         assert not any(stall.any() for stall in found.stall)
@@ -63,8 +66,14 @@ def test_stall_is_the_sum_of_standstills() -> None:
 
 
 def test_a_speed_factor_is_drawn_once_a_transit_and_divides_its_nodes() -> None:
-    found = times(Disturbances(speed={"robot_0": Uniform(0.5, 1.0)}))
-    plain = VARIED.sample(TPG, seed=1)
+    found = times(
+        Disturbances(
+            speed=Speed(
+                robots={"robot_0": UniformFactor(kind="uniform", low=0.5, high=1.0)}
+            )
+        )
+    )
+    plain = sample(VARIED, TPG, seed=1)
     chain = TPG.chains[0]
     for node in np.flatnonzero(~chain.skill).tolist():
         task = int(chain.task[node])
@@ -79,8 +88,8 @@ def test_jitter_lengthens_every_node_by_its_own_draw() -> None:
     extra = [
         a - b
         for a, b in zip(
-            times(Disturbances(jitter=Uniform(0.1, 0.2))).motion,
-            VARIED.sample(TPG, seed=1),
+            times(Disturbances(jitter=Uniform(low_s=0.1, high_s=0.2))).motion,
+            sample(VARIED, TPG, seed=1),
             strict=True,
         )
     ]
@@ -92,7 +101,7 @@ def test_jitter_lengthens_every_node_by_its_own_draw() -> None:
 
 def test_stalls_come_at_their_rate() -> None:
     """Counts of a Poisson process: mean and variance are rate times busy time."""
-    rate = Disturbances(stall_rate=StallRate(360.0, Fixed(1.0)))
+    rate = Disturbances(stalls=Stalls(rate_per_h=360.0, duration=Fixed(value_s=1.0)))
     runs = [times(rate, replication) for replication in range(400)]
     counts = np.array([len(run.standstills[0]) for run in runs])
     busy_h = np.mean([run.motion[0].sum() for run in runs]) / 3600e9
@@ -108,21 +117,27 @@ def test_stalls_come_at_their_rate() -> None:
 
 
 def test_breakdowns_take_exponential_times_and_hit_only_whom_they_may() -> None:
-    broken = Disturbances(breakdowns=Breakdowns(20.0, 7.0, robots=("robot_1",)))
+    broken = Disturbances(
+        breakdowns=Breakdowns(mtbf_s=20.0, mttr_s=7.0, robots=("robot_1",))
+    )
     runs = [times(broken, replication) for replication in range(300)]
     assert all(not run.standstills[0] for run in runs)
     repairs = [e.duration_ns / 1e9 for run in runs for e in run.standstills[1]]
     assert len(repairs) > 200
     assert np.mean(repairs) == pytest.approx(7.0, rel=0.2)
     assert np.std(repairs) == pytest.approx(7.0, rel=0.3)
-    by_clock = replace(broken, breakdowns=Breakdowns(20.0, 7.0, "run"))
+    by_clock = Disturbances(breakdowns=Breakdowns(mtbf_s=20.0, mttr_s=7.0, clock="run"))
     assert not any(times(by_clock).standstills)
     assert by_clock.at_absolute_times
     assert not broken.at_absolute_times
 
 
 def test_attempts_fail_as_often_as_they_should_and_then_for_good() -> None:
-    failing = Disturbances(failures={"pick": SkillFailure(0.3, 1, Fixed(2.5))})
+    failing = Disturbances(
+        failures={
+            "pick": SkillFailure(probability=0.3, retries=1, retry=Fixed(value_s=2.5))
+        }
+    )
     picks = [
         k
         for k, chain in enumerate(TPG.chains)
@@ -151,7 +166,9 @@ def test_attempts_fail_as_often_as_they_should_and_then_for_good() -> None:
 
 
 def test_a_failed_attempt_takes_as_long_as_the_skill_unless_said() -> None:
-    run = times(Disturbances(failures={"pick": SkillFailure(1.0, 2)}))
+    run = times(
+        Disturbances(failures={"pick": SkillFailure(probability=1.0, retries=2)})
+    )
     for k, stands in enumerate(run.standstills):
         for entry in stands:
             assert entry.duration_ns == run.motion[k][entry.node]
@@ -160,7 +177,15 @@ def test_a_failed_attempt_takes_as_long_as_the_skill_unless_said() -> None:
 def test_draws_do_not_depend_on_other_disturbances() -> None:
     """Common random numbers: one more disturbance leaves the others as they are."""
     both = times(EVERYTHING)
-    alone = times(replace(EVERYTHING, jitter=None, speed={}, stall_rate=None))
+    alone = times(
+        EVERYTHING.model_copy(
+            update={
+                "jitter": None,
+                "speed": Speed(),
+                "stalls": Stalls(count_per_robot=2),
+            }
+        )
+    )
     for cause in ("retry",):
         for k in range(2):
             nodes = [
@@ -178,17 +203,17 @@ def test_draws_do_not_depend_on_other_disturbances() -> None:
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: StallRate(-1.0, Fixed(1.0)),
-        lambda: Breakdowns(0.0, 1.0),
-        lambda: Breakdowns(1.0, -1.0),
-        lambda: SkillFailure(1.5),
-        lambda: SkillFailure(0.5, -1),
-        lambda: EmergencyStop(None, -1.0, 1.0),
-        lambda: EmergencyStop(None, 1.0, 0.0),
+        lambda: Stalls(rate_per_h=-1.0, duration=Fixed(value_s=1.0)),
+        lambda: Breakdowns(mtbf_s=0.0, mttr_s=1.0),
+        lambda: Breakdowns(mtbf_s=1.0, mttr_s=-1.0),
+        lambda: SkillFailure(probability=1.5),
+        lambda: SkillFailure(probability=0.5, retries=-1),
+        lambda: EmergencyStop(robot=None, at_s=-1.0, duration_s=1.0),
+        lambda: EmergencyStop(robot=None, at_s=1.0, duration_s=0.0),
     ],
 )
 def test_impossible_disturbances_are_refused(make: object) -> None:
-    with pytest.raises(ScenarioError):
+    with pytest.raises(ValidationError):
         make()  # type: ignore[operator]
 
 
@@ -262,7 +287,8 @@ def standstills_of_chain(k: int, motion: list[int], replication: int) -> list[tu
 
 @pytest.mark.parametrize("replication", range(6))
 def test_standstills_are_those_of_a_slow_sampler(replication: int) -> None:
-    quiet = replace(EVERYTHING, stalls=None)
+    stalls = EVERYTHING.stalls.model_copy(update={"count_per_robot": 0})
+    quiet = EVERYTHING.model_copy(update={"stalls": stalls})
     run = times(quiet, replication)
     for k, stands in enumerate(run.standstills):
         slow = standstills_of_chain(k, run.motion[k].tolist(), replication)

@@ -10,26 +10,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.tasks.task_graph import SKILLS
+from scheduling.graph.rollout import durations_ns
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.one_draw import sample, uniform
 from tests.twin.twin_toys import random_tpg
 from twin.durations import (
     DurationModel,
-    Empirical,
     Fixed,
     Lognormal,
+    Measured,
     Uniform,
     to_nanoseconds,
 )
-from twin.uncertainty.draws import uniform
-from twin.uncertainty.skill_draws import share_duration
-from twin.uncertainty.skill_durations import SkillDurations, nominal_durations
+from twin.uncertainty.skill_durations import SkillDurations, share_duration
 
 MODELS: dict[str, DurationModel] = {
-    "pick": Lognormal(6.0, 8.0),
-    "place-down": Uniform(3.0, 5.0),
-    "place-up": Empirical([1.0, 2.0, 7.0]),
-    "handover": Fixed(8.7),
-    "support-top": Lognormal(4.0, 5.0),
+    "pick": Lognormal(median_s=6.0, p95_s=8.0),
+    "place-down": Uniform(low_s=3.0, high_s=5.0),
+    "place-up": Measured(values=(1.0, 2.0, 7.0)),
+    "handover": Fixed(value_s=8.7),
+    "support-top": Lognormal(median_s=4.0, p95_s=5.0),
 }
 """All skills but one."""
 
@@ -67,32 +67,33 @@ def test_bulk_equals_one_at_a_time(
 ) -> None:
     tpg = with_cut_skills(random_tpg(plan, tasks=12))
     durations = SkillDurations(MODELS, antithetic=antithetic)
-    bulk = durations.sample_bulk(tpg, seed=seed, replications=replications)
-    tasks, totals = durations.sample_totals(tpg, seed=seed, replications=replications)
-    assert totals.shape == (len(replications), len(tasks))
+    draws = durations.bind(tpg)
+    bulk = draws.durations(seed=seed, replications=replications)
+    totals = draws.totals(seed=seed, replications=replications)
+    tasks = draws.tasks
+    assert totals.shape == (len(tasks), len(replications))
     for row, replication in enumerate(replications):
-        one = durations.sample(tpg, seed=seed, replication=replication)
+        one = sample(durations, tpg, seed=seed, replication=replication)
         sums = dict.fromkeys(tasks.tolist(), 0)
         for chain, many, alone in zip(tpg.chains, bulk, one, strict=True):
             assert many.dtype == alone.dtype == np.int64
-            assert np.array_equal(many[row], alone)
+            assert np.array_equal(many[:, row], alone)
             for node in np.flatnonzero(chain.skill):
                 if chain.task[node] in sums:
                     sums[int(chain.task[node])] += int(alone[node])
-        assert list(sums.values()) == totals[row].tolist()
+        assert list(sums.values()) == totals[:, row].tolist()
 
 
 def test_a_duration_follows_from_its_name() -> None:
     """The slow way: one named uniform a task, through the quantile function."""
     tpg = random_tpg(3, tasks=60)
-    tasks, totals = SkillDurations(MODELS).sample_totals(
-        tpg, seed=5, replications=range(7, 10)
-    )
+    draws = SkillDurations(MODELS).bind(tpg)
+    totals = draws.totals(seed=5, replications=range(7, 10))
     expected = [task for task in tpg.tasks if task.kind in MODELS]
-    assert tasks.tolist() == [task.index for task in expected]
+    assert draws.tasks.tolist() == [task.index for task in expected]
     assert {task.kind for task in expected} == set(MODELS)
     for row, replication in enumerate(range(7, 10)):
-        for total, task in zip(totals[row], expected, strict=True):
+        for total, task in zip(totals[:, row], expected, strict=True):
             u = uniform(5, replication, task.robot, task.index, task.kind, "duration")
             quantile = MODELS[task.kind].ppf(np.array([u]))
             assert total == to_nanoseconds(quantile)[0]
@@ -100,12 +101,13 @@ def test_a_duration_follows_from_its_name() -> None:
 
 def test_antithetic_pairs_mirror_their_uniforms() -> None:
     tpg = random_tpg(3, tasks=20)
-    models = {skill: Uniform(2.0, 4.0) for skill in SKILLS}
-    _, plain = SkillDurations(models).sample_totals(
-        tpg, seed=5, replications=range(200)
-    )
-    _, paired = SkillDurations(models, antithetic=True).sample_totals(
-        tpg, seed=5, replications=range(200)
+    models = {skill: Uniform(low_s=2.0, high_s=4.0) for skill in SKILLS}
+    plain, paired = (
+        SkillDurations(models, antithetic=antithetic)
+        .bind(tpg)
+        .totals(seed=5, replications=range(200))
+        .T
+        for antithetic in (False, True)
     )
     assert np.array_equal(paired[::2], plain[::2])
     assert np.all(np.abs(paired[::2] + paired[1::2] - 6_000_000_000) <= 1)
@@ -114,12 +116,12 @@ def test_antithetic_pairs_mirror_their_uniforms() -> None:
 
 def test_antithetic_pairs_lower_the_variance_of_a_mean() -> None:
     tpg = random_tpg(3, tasks=20)
-    models = {skill: Lognormal(6.0, 8.0) for skill in SKILLS}
+    models = {skill: Lognormal(median_s=6.0, p95_s=8.0) for skill in SKILLS}
 
     def variance_of_pair_means(antithetic: bool) -> float:
         durations = SkillDurations(models, antithetic=antithetic)
-        _, totals = durations.sample_totals(tpg, seed=1, replications=range(4000))
-        sums = totals.sum(axis=1) / 1e9
+        totals = durations.bind(tpg).totals(seed=1, replications=range(4000))
+        sums = totals.sum(axis=0) / 1e9
         return float(np.var(sums.reshape(-1, 2).mean(axis=1)))
 
     assert variance_of_pair_means(True) < 0.2 * variance_of_pair_means(False)
@@ -127,12 +129,12 @@ def test_antithetic_pairs_lower_the_variance_of_a_mean() -> None:
 
 def test_nothing_to_draw_is_nothing_drawn() -> None:
     tpg = random_tpg(3, tasks=20)
-    tasks, totals = SkillDurations({}).sample_totals(tpg, seed=1, replications=range(3))
-    assert tasks.shape == (0,)
-    assert totals.shape == (3, 0)
-    bulk = SkillDurations({}).sample_bulk(tpg, seed=1, replications=range(3))
-    for rows, nominal in zip(bulk, nominal_durations(tpg), strict=True):
-        assert np.array_equal(rows, np.stack([nominal] * 3))
+    draws = SkillDurations({}).bind(tpg)
+    assert draws.tasks.shape == (0,)
+    assert draws.totals(seed=1, replications=range(3)).shape == (0, 3)
+    bulk = draws.durations(seed=1, replications=range(3))
+    for rows, nominal in zip(bulk, durations_ns(tpg), strict=True):
+        assert np.array_equal(rows, np.stack([nominal] * 3, axis=1))
 
 
 @settings(deadline=None)

@@ -39,7 +39,8 @@ def skill_timings(skill: str) -> Array:
     median = MEDIANS_S[skill]
     bound = min(SPREAD_S, SPREAD_SHARE * median)
     half = ROWS // 2
-    u = uniforms(SEED, 0, [""] * ROWS, np.arange(ROWS), [skill] * ROWS, "timings")
+    names = ([""] * ROWS, np.arange(ROWS), [skill] * ROWS, "timings")
+    u, shuffle = uniforms(SEED, [0, 1], *names).T
     below, above = np.sort(u[:half]), np.sort(u[half:])
     # Powers of uniforms crowd towards the median; the extremes are put on their bounds.
     low = 0.6 * bound * (below / below[-1]) ** 1.7
@@ -47,7 +48,6 @@ def skill_timings(skill: str) -> Array:
     # The two middle values must be as far from the median as each other.
     low[0] = high[0] = min(low[0], high[0])
     durations = np.concatenate([median - low, median + high])
-    shuffle = uniforms(SEED, 1, [""] * ROWS, np.arange(ROWS), [skill] * ROWS, "timings")
     return durations[np.argsort(shuffle, kind="stable")]
 
 

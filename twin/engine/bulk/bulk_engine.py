@@ -23,8 +23,11 @@ from twin.run.run_record import Policy
 from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.node_times import NodeTimeSampler, SegmentTimes
-from twin.uncertainty.skill_draws import SkillDraws
-from twin.uncertainty.skill_durations import SkillDurations
+from twin.uncertainty.skill_durations import (
+    SkillDraws,
+    SkillDurations,
+    cumulative_shares,
+)
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,7 @@ class BulkEngine:
         """Draw what every segment takes in some replications."""
         numbers = np.asarray(replications, dtype=np.int64)
         if self._bare:
-            totals = self._draws.totals(seed=seed, replications=numbers).T
+            totals = self._draws.totals(seed=seed, replications=numbers)
             none = np.zeros(len(numbers), dtype=np.bool_)
             return SegmentTimes(self._busy(totals), none)
         return self._sampler.sample_segments(
@@ -89,7 +92,7 @@ class BulkEngine:
         shares = self._shares
         busy = np.repeat(shares.fixed[:, None], totals.shape[1], axis=1)
         _add_shares(
-            np.ascontiguousarray(totals),
+            totals,
             shares.segment,
             shares.draw,
             shares.low,
@@ -135,10 +138,7 @@ def _shares(draws: SkillDraws, contraction: Contraction) -> _Shares:
         fixed[chain][nodes] = 0
         # The parts of a total are differences of rounded cumulative shares, so the parts of a
         # segment add up to the difference at its borders.
-        cumulative = np.cumsum(weights)
-        if cumulative[-1] <= 0:
-            cumulative = np.arange(1.0, len(weights) + 1)
-        upto = np.concatenate([[0.0], cumulative / cumulative[-1]])
+        upto = np.concatenate([[0.0], cumulative_shares(weights)])
         own = segment_of[chain][nodes]
         cuts = np.flatnonzero(np.diff(own, prepend=-1, append=-1))
         for low, high in zip(cuts, cuts[1:], strict=False):

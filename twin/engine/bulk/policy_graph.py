@@ -13,12 +13,11 @@ import numpy as np
 
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.dispatcher import Dispatcher
-from scheduling.graph.rollout import earliest_times
+from scheduling.graph.rollout import durations_ns, earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.engine.bulk.critical_paths import OTHER
 from twin.engine.bulk.flat_graph import PrecedenceArrays, precedence_arrays
 from twin.run.run_record import Policy
-from twin.uncertainty.skill_durations import nominal_durations
 
 
 def policy_graph(tpg: TemporalPlanGraph, policy: Policy) -> PrecedenceArrays:
@@ -43,7 +42,7 @@ def policy_graph(tpg: TemporalPlanGraph, policy: Policy) -> PrecedenceArrays:
     if policy == "open-loop":
         none = np.empty((0, 4), dtype=np.int64)
         free = replace(tpg, edges=none, cause=np.empty(0, dtype=np.uint8))
-        starts = earliest_times(tpg, nominal_durations(tpg)).start
+        starts = earliest_times(tpg, durations_ns(tpg)).start
         return precedence_arrays(free, np.concatenate(starts))
     return precedence_arrays(tpg)
 

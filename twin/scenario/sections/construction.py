@@ -6,8 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from twin.scenario.sections.base import Name, PoseSection, Section, Size3, Vector3
+from twin.scenario.document.section import Name, Section
 from twin.scenario.sections.pick_place import Colour
+from twin.scenario.sections.poses import PoseSection, Size3, Vector3
 
 Length = Annotated[float, Field(gt=0, le=100)]
 Face = Literal["+x", "-x", "+y", "-y", "+z", "-z"]

@@ -4,53 +4,31 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, get_args
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
-from twin.scenario.sections.base import Name, Section
-from twin.scenario.sections.disturbances import (
-    BreakdownsSection,
-    EmergencyStopSection,
-    FailureSection,
-    SpeedSection,
-    StallsSection,
-)
-from twin.scenario.sections.durations import (
-    DurationSection,
-    PackagedDuration,
-    Skill,
-    SkillSection,
-)
+from twin.durations import Distribution, Packaged, Skill
+from twin.scenario.document.section import Section
+from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.skill_durations import SkillOverride
 
 Latency = Annotated[float, Field(ge=0, le=3600)]
 
 
-class SkillOverride(Section):
-    """An exception: a skill done by one robot, to one type of object, or both.
+class ReferenceDuration(Section):
+    """As long as the reference path of the skill takes at the speed of the robot's other motions.
 
-    The exception that names robot and object is the strongest, then the one that names the
-    robot, then the one that names the object.
-
-    Attributes:
-        skill: which skill.
-        robot: who does it; everyone when not given.
-        object: type of what it is done to, such as ``2x4``; anything when not given.
-        duration: how long it then takes.
+    So skills are executed in the simulations of APEX-MR V-A, without force control.
     """
 
-    skill: Skill
-    robot: Name | None = None
-    object: str | None = None
-    duration: DurationSection
-
-    @model_validator(mode="after")
-    def _names_something(self) -> SkillOverride:
-        if self.robot is None and self.object is None:
-            raise ValueError("name a robot, an object or both; else use 'skills'")
-        return self
+    kind: Literal["reference"]
 
 
-class ExecutionSection(Section):
-    """How the plan is executed.
+SkillSection = Annotated[Distribution | ReferenceDuration, Field(discriminator="kind")]
+"""How long a skill takes: drawn from a distribution, or that of its reference path."""
+
+
+class ExecutionSection(Disturbances):
+    """How the plan is executed, and what may go wrong.
 
     Attributes:
         policy: ``asynchronous`` releases a node as soon as what it waits for is complete;
@@ -62,12 +40,6 @@ class ExecutionSection(Section):
         release_latency_s: the same from dispatcher to robot only [s].
         skills: duration models by skill; the packaged synthetic timings where not given.
         skill_overrides: exceptions from ``skills`` for robots and types of objects.
-        speed: speed factors of the robots' controllers.
-        jitter: distribution of what every node takes longer.
-        stalls: random standstills.
-        breakdowns: of robots.
-        failures: of attempts at a skill, by skill.
-        emergency_stops: at given times.
     """
 
     policy: Literal["asynchronous", "sequential", "synchronous", "open-loop"] = (
@@ -81,12 +53,6 @@ class ExecutionSection(Section):
         default_factory=dict, validate_default=True
     )
     skill_overrides: tuple[SkillOverride, ...] = ()
-    speed: SpeedSection = SpeedSection()
-    jitter: DurationSection | None = None
-    stalls: StallsSection = StallsSection()
-    breakdowns: BreakdownsSection | None = None
-    failures: dict[Skill, FailureSection] = Field(default_factory=dict)
-    emergency_stops: tuple[EmergencyStopSection, ...] = ()
 
     @field_validator("skills")
     @classmethod
@@ -94,6 +60,18 @@ class ExecutionSection(Section):
         """Spell out what is drawn from where the file says nothing."""
         names: tuple[Skill, ...] = get_args(Skill)
         packaged: dict[Skill, SkillSection] = {
-            name: PackagedDuration(kind="packaged", skill=name) for name in names
+            name: Packaged(skill=name) for name in names
         }
         return {**packaged, **given}
+
+    @property
+    def report_s(self) -> float:
+        """Time that a message takes from a robot to the dispatcher [s]."""
+        own = self.report_latency_s
+        return self.latency_s if own is None else own
+
+    @property
+    def release_s(self) -> float:
+        """Time that a message takes from the dispatcher to a robot [s]."""
+        own = self.release_latency_s
+        return self.latency_s if own is None else own

@@ -6,8 +6,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
-from twin.scenario.sections.base import Name, PoseSection, Section
+from twin.scenario.document.section import Name, Section
 from twin.scenario.sections.drawn_structure import StructureSection
+from twin.scenario.sections.poses import PoseSection
 
 Studs = Annotated[
     tuple[Annotated[int, Field(ge=1, le=1000)], ...],

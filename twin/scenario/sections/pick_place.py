@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from twin.scenario.sections.base import Name, PoseSection, Section, Size3, Vector3
+from twin.scenario.document.section import Name, Section
+from twin.scenario.sections.poses import PoseSection, Size3, Vector3
 
 Distance = Annotated[float, Field(gt=0, le=1)]
 Colour = Annotated[

@@ -1,11 +1,42 @@
-"""Poses of a scenario file as transforms."""
+"""Vectors and poses in a scenario file, and poses as transforms."""
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
+from pydantic import Field, model_validator
 
 from planning.transforms import Transform, from_quat_wxyz, from_rpy
-from twin.scenario.sections.base import PoseSection
+from twin.scenario.document.section import Section
+
+Vector3 = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
+Vector4 = Annotated[tuple[float, ...], Field(min_length=4, max_length=4)]
+Size3 = Annotated[
+    tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=3, max_length=3)
+]
+
+
+class PoseSection(Section):
+    """A pose: where, and how it is turned (upright when not said).
+
+    Attributes:
+        xyz_m: position [m].
+        rpy_deg: roll, pitch, yaw with R = Rz(yaw) Ry(pitch) Rx(roll) [deg].
+        quat_wxyz: the same as a quaternion (w, x, y, z).
+    """
+
+    xyz_m: Vector3
+    rpy_deg: Vector3 | None = None
+    quat_wxyz: Vector4 | None = None
+
+    @model_validator(mode="after")
+    def _one_rotation(self) -> PoseSection:
+        if self.rpy_deg is not None and self.quat_wxyz is not None:
+            raise ValueError("give rpy_deg or quat_wxyz, not both")
+        if self.quat_wxyz is not None and not sum(v * v for v in self.quat_wxyz) > 1e-9:
+            raise ValueError("quat_wxyz must not be zero")
+        return self
 
 
 def build_transform(pose: PoseSection) -> Transform:

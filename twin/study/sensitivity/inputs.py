@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from twin.durations.composed import Scaled
 from twin.study.replications.workload import Workload
 
 
@@ -41,8 +40,7 @@ def inputs_of(load: Workload) -> Sequence[Input]:
         Input(f"motions of {chain.robot}", partial(_with_motions, robot=chain.robot))
         for chain in load.tpg.chains
     ]
-    stalls = load.disturbances.stall_rate
-    if stalls is not None and stalls.rate_per_h > 0:
+    if load.disturbances.stalls.rate_per_h > 0:
         found.append(Input("rate of stalls", _with_stalls))
     return found
 
@@ -50,11 +48,13 @@ def inputs_of(load: Workload) -> Sequence[Input]:
 def _with_skill(load: Workload, factor: float, *, skill: str) -> Workload:
     own = load.durations
     models = {
-        name: Scaled(model, factor) if name == skill else model
+        name: model.scaled(factor) if name == skill else model
         for name, model in own.models.items()
     }
     overrides = tuple(
-        replace(item, model=Scaled(item.model, factor)) if item.skill == skill else item
+        item.model_copy(update={"duration": item.duration.scaled(factor)})
+        if item.skill == skill
+        else item
         for item in own.overrides
     )
     return replace(load, durations=replace(own, models=models, overrides=overrides))
@@ -71,8 +71,7 @@ def _with_motions(load: Workload, factor: float, *, robot: str) -> Workload:
 
 
 def _with_stalls(load: Workload, factor: float) -> Workload:
-    rate = load.disturbances.stall_rate
-    if rate is None:
-        return load
-    more = replace(rate, rate_per_h=rate.rate_per_h * factor)
-    return replace(load, disturbances=replace(load.disturbances, stall_rate=more))
+    stalls = load.disturbances.stalls
+    more = stalls.model_copy(update={"rate_per_h": stalls.rate_per_h * factor})
+    disturbances = load.disturbances.model_copy(update={"stalls": more})
+    return replace(load, disturbances=disturbances)

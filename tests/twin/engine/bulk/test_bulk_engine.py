@@ -20,7 +20,10 @@ from twin.run.run_record import Policy
 from twin.uncertainty.skill_durations import SkillDurations
 
 DURATIONS = SkillDurations(
-    {"pick": Uniform(0.2, 5.0), "place-down": Lognormal(2.0, 9.0)}
+    {
+        "pick": Uniform(low_s=0.2, high_s=5.0),
+        "place-down": Lognormal(median_s=2.0, p95_s=9.0),
+    }
 )
 
 
@@ -83,7 +86,7 @@ def test_turns_are_taken_in_the_order_of_the_event_engine() -> None:
 
 def test_open_loop_waits_for_the_clock_alone() -> None:
     tpg = random_tpg(6, dofs=(2, 2), edges=10)
-    late = SkillDurations({"pick": Uniform(50.0, 60.0)})
+    late = SkillDurations({"pick": Uniform(low_s=50.0, high_s=60.0)})
     found = BulkEngine(tpg, late, policy="open-loop").run(seed=0, replications=[0])
     nominal = BulkEngine(tpg, SkillDurations({})).run(seed=0, replications=[0])
     assert np.all(found.start_ns >= nominal.start_ns)

@@ -56,7 +56,7 @@ def test_every_replication_is_a_longest_path(seed: int, robots: int) -> None:
 @pytest.mark.parametrize("contracted", [False, True])
 def test_events_give_the_same_times(contracted: bool) -> None:
     tpg = random_tpg(5, dofs=(2, 3, 2), tasks=12, edges=15)
-    simulator = Simulator(tpg, SkillDurations({"pick": Uniform(0.5, 4.0)}))
+    simulator = Simulator(tpg, SkillDurations({"pick": Uniform(low_s=0.5, high_s=4.0)}))
     runs = [simulator.run(seed=3, replication=r) for r in range(20)]
     busy = np.stack([np.concatenate(run.duration_ns) for run in runs], axis=1)
     if contracted:

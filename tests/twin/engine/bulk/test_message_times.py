@@ -13,7 +13,7 @@ from twin.engine.bulk.message_times import Past, end_times, nothing_yet
 from twin.engine.bulk.policy_graph import policy_graph
 from twin.engine.engine import Simulator
 from twin.engine.messages import Messages
-from twin.uncertainty.disturbances import Disturbances, RandomStalls
+from twin.uncertainty.disturbances import Disturbances, Stalls
 
 LATENCIES = st.sampled_from([0.0, 0.001, 0.1, 0.7])
 POLICIES = st.sampled_from(["asynchronous", "sequential", "open-loop"])
@@ -29,7 +29,9 @@ def simulator(
         queue_depth=depth,
         report_latency_s=report,
         release_latency_s=release,
-        disturbances=Disturbances(stalls=RandomStalls(1, (0.5, 3.0))),
+        disturbances=Disturbances(
+            stalls=Stalls(count_per_robot=1, duration_s=(0.5, 3.0))
+        ),
     )
 
 

@@ -1,4 +1,4 @@
-"""Families with an offset: a time that never varies and a part that does."""
+"""Fits of shifted distributions: a time that never varies and a part that does."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from planning.transforms import Array
-from twin.fit.family import Family, rounded
-from twin.fit.search import golden_section
+from twin.durations.fittable import Family, rounded
+from twin.durations.golden_section import golden_section
 
 _GRID = 9
 _STEPS = 14
@@ -31,14 +31,14 @@ class ShiftedFamily:
     base: Family
 
     @property
-    def name(self) -> str:
+    def title(self) -> str:
         """In words."""
-        return f"shifted {self.base.name}"
+        return f"shifted {self.base.title}"
 
     @property
-    def parameters(self) -> int:
-        """How many parameters are estimated."""
-        return self.base.parameters + 1
+    def parameters(self) -> tuple[str, ...]:
+        """What is estimated."""
+        return ("offset_s", *self.base.parameters)
 
     def suits(self, x: Array) -> bool:
         """Tell whether there is room for an offset."""

@@ -1,0 +1,111 @@
+"""Durations whose logarithm is normal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import model_validator
+
+from planning.transforms import Array
+from twin.durations.fittable import (
+    LOG_ROOT_2PI,
+    FittableModel,
+    log_of_positive,
+    rounded,
+)
+from twin.durations.model import Factor, PositiveSeconds, require_pair
+
+_Z95 = 1.6448536269514722
+"""95 % of a standard normal distribution are below."""
+
+
+class Lognormal(FittableModel):
+    """Skewed to the right, given by its median and 95th percentile, or by mean and cv.
+
+    Attributes:
+        median_s, p95_s: half and 95 % of the durations are shorter [s].
+        mean_s, cv: expected duration [s], and standard deviation over mean.
+    """
+
+    title: ClassVar = "lognormal"
+    parameters: ClassVar = ("median_s", "p95_s")
+
+    kind: Literal["lognormal"] = "lognormal"
+    median_s: PositiveSeconds | None = None
+    p95_s: PositiveSeconds | None = None
+    mean_s: PositiveSeconds | None = None
+    cv: Factor | None = None
+
+    @model_validator(mode="after")
+    def _exists(self) -> Lognormal:
+        require_pair(self, ("median_s", "p95_s"), ("mean_s", "cv"))
+        median, p95 = self._quantiles()
+        if p95 < median:
+            raise ValueError("p95_s must not be less than median_s")
+        if p95 / 1e9 > median:
+            raise ValueError(
+                f"lognormal: p95_s {p95} is more than 1e9 times the median_s {median}"
+            )
+        return self
+
+    def _quantiles(self) -> tuple[float, float]:
+        """Return median and 95th percentile [s]."""
+        if self.mean_s is None or self.cv is None:
+            return self.median_s or 0.0, self.p95_s or 0.0
+        sigma = np.sqrt(np.log1p(self.cv**2))
+        median = self.mean_s / np.sqrt(1 + self.cv**2)
+        return float(median), float(median * np.exp(_Z95 * sigma))
+
+    def _median_and_sigma(self) -> tuple[float, float]:
+        """Return the median [s] and the standard deviation of the logarithm of seconds."""
+        median, p95 = self._quantiles()
+        return median, float(np.log(p95 / median)) / _Z95
+
+    def _ppf(self, u: Array) -> Array:
+        from scipy.special import ndtri
+
+        median, sigma = self._median_and_sigma()
+        return np.asarray(median * np.exp(sigma * ndtri(np.asarray(u))))
+
+    def _moments(self) -> tuple[float, float]:
+        median, sigma = self._median_and_sigma()
+        mean = median * float(np.exp(0.5 * sigma**2))
+        return mean, mean * float(np.sqrt(np.expm1(sigma**2)))
+
+    def _minimum(self) -> float:
+        median, sigma = self._median_and_sigma()
+        return 0.0 if sigma > 0 else median
+
+    @classmethod
+    def fit(cls, x: Array) -> Array:
+        """Return mean and sd of the logarithms of each sample."""
+        log = np.log(x)
+        return np.stack([np.mean(log, axis=1), np.std(log, axis=1)], axis=1)
+
+    @classmethod
+    def log_density(cls, x: Array, theta: Array) -> Array:
+        """Return the logarithm of the density [1/s]; theta is mean and sd of logarithms."""
+        mu, sigma = theta.T[:, :, None]
+        log = log_of_positive(x)
+        out = -0.5 * ((log - mu) / sigma) ** 2 - LOG_ROOT_2PI - np.log(sigma) - log
+        return np.where(x > 0, out, -np.inf)
+
+    @classmethod
+    def cdf(cls, x: Array, theta: Array) -> Array:
+        """Return the probability of not being longer."""
+        from scipy.special import ndtr
+
+        mu, sigma = theta.T[:, :, None]
+        return np.where(x > 0, ndtr((log_of_positive(x) - mu) / sigma), 0.0)
+
+    @classmethod
+    def section(cls, theta: Array) -> Mapping[str, Any]:
+        """Return how a scenario names it."""
+        mu, sigma = theta
+        return {
+            "kind": "lognormal",
+            "median_s": rounded(np.exp(mu)),
+            "p95_s": rounded(np.exp(mu + _Z95 * sigma)),
+        }

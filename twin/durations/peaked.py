@@ -1,0 +1,182 @@
+"""Durations between two bounds with a most likely one: triangular and PERT."""
+
+from __future__ import annotations
+
+from abc import ABC
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import model_validator
+
+from planning.transforms import Array
+from twin.durations.fittable import FittableModel
+from twin.durations.golden_section import golden_section
+from twin.durations.model import Seconds
+from twin.durations.uniform import unbiased_bounds
+
+_PERT_WEIGHT = 4.0
+_ROUNDS = 10
+_STEPS = 10
+
+
+class _Peaked(FittableModel, ABC):
+    """Two bounds and the most likely duration between them."""
+
+    parameters: ClassVar = ("low_s", "mode_s", "high_s")
+
+    low_s: Seconds
+    mode_s: Seconds
+    high_s: Seconds
+
+    @model_validator(mode="after")
+    def _ordered(self) -> _Peaked:
+        if not self.low_s <= self.mode_s <= self.high_s or self.low_s == self.high_s:
+            raise ValueError("low_s <= mode_s <= high_s expected, low_s below high_s")
+        return self
+
+    def _minimum(self) -> float:
+        return self.low_s
+
+    @classmethod
+    def fit(cls, x: Array) -> Array:
+        """Return likely parameters of each sample: one after the other is made likelier.
+
+        Bounds stay at least a thousandth of the sample's range outside of it, and at most
+        twice the range.
+        """
+        low, high = unbiased_bounds(x)
+        middle = np.clip(3 * x.mean(axis=1) - low - high, low, high)
+        theta = np.stack([low, middle, high], axis=1)
+        spread = x[:, -1] - x[:, 0]
+        least = np.maximum(x[:, 0] - 2 * spread, 0.0)
+        inner = np.maximum(x[:, 0] - 1e-3 * spread, 0.0)
+        outer = x[:, -1] + 1e-3 * spread
+        for _ in range(_ROUNDS):
+            for column, low, high in (
+                (1, theta[:, 0], theta[:, 2]),
+                (0, least, np.minimum(inner, theta[:, 1])),
+                (2, np.maximum(outer, theta[:, 1]), x[:, -1] + 2 * spread),
+            ):
+                theta = cls._likelier(x, theta, column, low, high)
+        return theta
+
+    @classmethod
+    def _likelier(
+        cls, x: Array, theta: Array, column: int, low: Array, high: Array
+    ) -> Array:
+        """Return the parameters with one of them at its likeliest between bounds."""
+
+        def changed(values: Array) -> Array:
+            out = theta.copy()
+            out[:, column] = values
+            return out
+
+        def height(values: Array) -> Array:
+            return np.asarray(cls.log_density(x, changed(values)).sum(axis=1))
+
+        best = golden_section(height, low, high, _STEPS)
+        better = height(best) > height(theta[:, column])
+        return changed(np.where(better, best, theta[:, column]))
+
+
+class Triangular(_Peaked):
+    """Rises in a straight line to the most likely duration, and falls so."""
+
+    title: ClassVar = "triangular"
+    kind: Literal["triangular"] = "triangular"
+
+    def _ppf(self, u: Array) -> Array:
+        u = np.asarray(u)
+        width = self.high_s - self.low_s
+        left, right = self.mode_s - self.low_s, self.high_s - self.mode_s
+        return np.where(
+            u * width < left,
+            self.low_s + np.sqrt(u * width * left),
+            self.high_s - np.sqrt((1 - u) * width * right),
+        )
+
+    def _moments(self) -> tuple[float, float]:
+        a, c, b = self.low_s, self.mode_s, self.high_s
+        variance = (a * a + b * b + c * c - a * b - a * c - b * c) / 18
+        return (a + c + b) / 3, float(np.sqrt(variance))
+
+    @classmethod
+    def log_density(cls, x: Array, theta: Array) -> Array:
+        """Return the logarithm of the density [1/s]."""
+        low, mode, high = theta.T[:, :, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rise, fall = (x - low) / (mode - low), (high - x) / (high - mode)
+            height = np.where(x < mode, rise, np.where(x > mode, fall, 1.0))
+            return np.asarray(np.log(np.maximum(height, 0.0) * 2 / (high - low)))
+
+    @classmethod
+    def cdf(cls, x: Array, theta: Array) -> Array:
+        """Return the probability of not being longer."""
+        low, mode, high = theta.T[:, :, None]
+        x = np.clip(x, low, high)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            below = (x - low) ** 2 / ((high - low) * (mode - low))
+            above = 1 - (high - x) ** 2 / ((high - low) * (high - mode))
+        return np.where(x < mode, below, np.where(high > mode, above, 1.0))
+
+
+class Pert(_Peaked):
+    """As triangular, but smooth and with less weight on the bounds: the beta distribution of PERT.
+
+    Its mean is (low + 4 mode + high) / 6.
+    """
+
+    title: ClassVar = "PERT"
+    kind: Literal["pert"] = "pert"
+
+    def _shapes(self) -> tuple[float, float]:
+        """Return the two shape parameters of the beta distribution."""
+        width = self.high_s - self.low_s
+        return (
+            1 + _PERT_WEIGHT * (self.mode_s - self.low_s) / width,
+            1 + _PERT_WEIGHT * (self.high_s - self.mode_s) / width,
+        )
+
+    def _ppf(self, u: Array) -> Array:
+        from scipy.special import betaincinv
+
+        share = betaincinv(*self._shapes(), np.asarray(u))
+        return np.asarray(self.low_s + share * (self.high_s - self.low_s))
+
+    def _moments(self) -> tuple[float, float]:
+        weighted = self.low_s + _PERT_WEIGHT * self.mode_s + self.high_s
+        alpha, beta = self._shapes()
+        total = alpha + beta
+        variance = alpha * beta / (total**2 * (total + 1))
+        sd = (self.high_s - self.low_s) * float(np.sqrt(variance))
+        return weighted / (_PERT_WEIGHT + 2), sd
+
+    @classmethod
+    def log_density(cls, x: Array, theta: Array) -> Array:
+        """Return the logarithm of the density [1/s]."""
+        from scipy.special import betaln, xlog1py, xlogy
+
+        low, _, high = theta.T[:, :, None]
+        alpha, beta = _shapes_of(theta)
+        share = (x - low) / (high - low)
+        inside = (share >= 0) & (share <= 1)
+        share = np.where(inside, share, 0.5)
+        out = xlogy(alpha - 1, share) + xlog1py(beta - 1, -share)
+        out = out - betaln(alpha, beta) - np.log(high - low)
+        return np.where(inside, out, -np.inf)
+
+    @classmethod
+    def cdf(cls, x: Array, theta: Array) -> Array:
+        """Return the probability of not being longer."""
+        from scipy.special import betainc
+
+        low, _, high = theta.T[:, :, None]
+        share = np.clip((x - low) / (high - low), 0.0, 1.0)
+        return np.asarray(betainc(*_shapes_of(theta), share))
+
+
+def _shapes_of(theta: Array) -> tuple[Array, Array]:
+    """Return the shape parameters of many PERT distributions, shape (b, 1) each."""
+    low, mode, high = theta.T[:, :, None]
+    rise = (mode - low) / (high - low)
+    return 1 + _PERT_WEIGHT * rise, 1 + _PERT_WEIGHT * (1 - rise)
