@@ -9,6 +9,7 @@ import numpy as np
 
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.parallel import side_by_side
 from planning.tasks.task_graph import TRANSIT, Task
 from planning.transforms import Array, Indices, readonly
 from scheduling.conflicts.allowed_contacts import EntityNumbers, contact_table
@@ -20,7 +21,6 @@ from scheduling.conflicts.conflict_search import (
 )
 from scheduling.conflicts.object_spans import trace_objects
 from scheduling.conflicts.occupancy import Occupancy, chain_occupancy
-from scheduling.conflicts.side_by_side import side_by_side
 from scheduling.conflicts.swept_sequence import LEAF
 from scheduling.graph.reduction import order_and_reduce
 from scheduling.graph.temporal_plan_graph import (

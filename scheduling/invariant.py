@@ -17,6 +17,7 @@ import numpy as np
 
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
+from planning.parallel import side_by_side
 from planning.transforms import Indices
 from scheduling.conflicts.allowed_contacts import (
     ContactTable,
@@ -32,7 +33,6 @@ from scheduling.conflicts.occupancy import (
     rest_occupancy,
     standing_occupancy,
 )
-from scheduling.conflicts.side_by_side import side_by_side
 from scheduling.graph.reduction import NodeOrder, order_and_reduce
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.total_order import planned_ranks

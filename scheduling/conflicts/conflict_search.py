@@ -16,11 +16,11 @@ from typing import Protocol
 import numpy as np
 
 from planning.geometry.exact import come_close, distance_at
+from planning.parallel import side_by_side
 from planning.transforms import Array, Indices
 from scheduling.conflicts.allowed_contacts import ContactTable
 from scheduling.conflicts.close_bodies import start_descent
 from scheduling.conflicts.occupancy import Occupancy
-from scheduling.conflicts.side_by_side import side_by_side
 from scheduling.conflicts.staircase import next_proposal, raise_floor
 from scheduling.graph.reduction import NodeOrder
 from scheduling.graph.total_order import nodes_before

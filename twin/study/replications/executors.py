@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from planning.errors import RequestError
-from planning.processors import usable_cores
+from planning.parallel import usable_cores
 
 T = TypeVar("T")
 

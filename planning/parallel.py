@@ -1,15 +1,21 @@
-"""Independent pieces of work on all processors; compiled code lets go of the interpreter."""
+"""Independent pieces of work on all processors that this process may use."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-from planning.processors import usable_cores
-
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+
+
+def usable_cores() -> int:
+    """Return how many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def side_by_side(
@@ -18,7 +24,7 @@ def side_by_side(
     """Return what a function makes of every item, in the order of the items.
 
     Args:
-        function: may run in several threads at once.
+        function: runs in several threads at once; compiled code releases the interpreter's lock.
         items: what it is called with.
     """
     work = list(items)
