@@ -28,19 +28,14 @@ from benchmarks.double_loop import find_edges_double_loop, segment_capsules
 from benchmarks.machine import date_line, load_line, machine_line
 from planning.motion.motion_plan import MotionPlan
 from planning.transforms import Indices
-from scheduling.build_tpg import (
-    build_nodes,
-    build_tpg,
-    dependency_edges,
-    occupancies_of,
-)
-from scheduling.conflicts.allowed_contacts import EntityNumbers, contact_table
+from scheduling.build_nodes import build_nodes
+from scheduling.build_tpg import build_tpg
 from scheduling.conflicts.conflict_search import CapsuleChecker, find_motion_edges
-from scheduling.conflicts.object_spans import trace_objects
+from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.occupancy import Occupancy, chain_occupancy
 from scheduling.graph.reduction import order_and_reduce
+from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.total_order import planned_ranks
 from twin.host.stage_watch import StageWatch
 from twin.planning.pipeline import plan_in_turns
 from twin.scenario.file import load_scenario
@@ -116,13 +111,13 @@ def measure_plan(plan: MotionPlan) -> Built:
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     # On one core: two threads on one that is shared would count much of each other's time.
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    (nodes, ranks, task_edges), common = _clock(lambda: _nodes(plan))
-    tree, edges = _best(lambda: _by_tree(nodes, ranks, task_edges, common))
+    (nodes, task_edges), common = _clock(lambda: _nodes(plan))
+    tree, edges = _best(lambda: _by_tree(nodes, task_edges, common))
     loops = {}
     for reading, growing in READINGS.items():
 
         def by_double_loop(growing: bool = growing) -> tuple[Search, Indices]:
-            return _by_double_loop(nodes, ranks, task_edges, common, growing=growing)
+            return _by_double_loop(nodes, task_edges, common, growing=growing)
 
         loops[reading], theirs = _best(by_double_loop)
         if not np.array_equal(edges, theirs):
@@ -138,62 +133,47 @@ def _best(measure: Callable[[], tuple[Search, Indices]]) -> tuple[Search, Indice
     return min((measure() for _ in range(REPEATS)), key=lambda found: found[0].total_s)
 
 
-def _nodes(plan: MotionPlan) -> tuple[TemporalPlanGraph, tuple[Indices, ...], Indices]:
-    nodes = build_nodes(plan)
-    task_edges = dependency_edges(plan.tasks, nodes.dependencies, nodes.chains)
-    return nodes, planned_ranks(nodes.chains), task_edges
+def _nodes(plan: MotionPlan) -> tuple[TemporalPlanGraph, Indices]:
+    tpg = build_nodes(plan)
+    return tpg, dependency_edges(tpg)
 
 
 def _by_tree(
-    nodes: TemporalPlanGraph,
-    ranks: tuple[Indices, ...],
-    task_edges: Indices,
-    common: float,
+    tpg: TemporalPlanGraph, task_edges: Indices, common: float
 ) -> tuple[Search, Indices]:
-    checker = CapsuleChecker()
-    (entities, bodies), made = _clock(lambda: occupancies_of(nodes, ranks, checker))
-    table = contact_table(entities, nodes.allowed, nodes.cell.clearances)
-    (order, _), ordered = _clock(lambda: order_and_reduce(ranks, task_edges))
+    nodes, checker = DerivedTpg(tpg), CapsuleChecker()
+    bodies, made = _clock(lambda: _occupancies(nodes, leaf=1))
+    (order, _), ordered = _clock(lambda: order_and_reduce(nodes.ranks, task_edges))
     found, searched = _clock(
-        lambda: find_motion_edges(bodies, ranks, order, table, checker)
+        lambda: find_motion_edges(bodies, nodes.ranks, order, nodes.table, checker)
     )
-    edges, reduced = _clock(lambda: _reduced(ranks, task_edges, found))
+    edges, reduced = _clock(lambda: _reduced(nodes.ranks, task_edges, found))
     total = common + made + ordered + searched + reduced
     return Search(made, searched, total, None, len(found), len(edges)), edges
 
 
 def _by_double_loop(
-    nodes: TemporalPlanGraph,
-    ranks: tuple[Indices, ...],
-    task_edges: Indices,
-    common: float,
-    *,
-    growing: bool,
+    tpg: TemporalPlanGraph, task_edges: Indices, common: float, *, growing: bool
 ) -> tuple[Search, Indices]:
-    (entities, bodies), made = _clock(lambda: _bodies_without_tree(nodes, ranks))
+    nodes, checker = DerivedTpg(tpg), CapsuleChecker()
+    bodies, made = _clock(lambda: _occupancies(nodes, leaf=_ONE_BLOCK))
     flat, flattened = _clock(lambda: [segment_capsules(item) for item in bodies])
-    table = contact_table(entities, nodes.allowed, nodes.cell.clearances)
-    (order, _), ordered = _clock(lambda: order_and_reduce(ranks, task_edges))
+    (order, _), ordered = _clock(lambda: order_and_reduce(nodes.ranks, task_edges))
     (found, pairs), searched = _clock(
         lambda: find_edges_double_loop(
-            bodies, flat, ranks, order, table, CapsuleChecker(), growing
+            bodies, flat, nodes.ranks, order, nodes.table, checker, growing
         )
     )
-    edges, reduced = _clock(lambda: _reduced(ranks, task_edges, found))
+    edges, reduced = _clock(lambda: _reduced(nodes.ranks, task_edges, found))
     total = common + made + flattened + ordered + searched + reduced
     search = Search(made + flattened, searched, total, pairs, len(found), len(edges))
     return search, edges
 
 
-def _bodies_without_tree(
-    nodes: TemporalPlanGraph, ranks: tuple[Indices, ...]
-) -> tuple[EntityNumbers, list[Occupancy]]:
-    handled = dict.fromkeys(handling.object for handling in nodes.handlings)
-    entities = EntityNumbers((r.name for r in nodes.cell.robots), handled)
-    spans = trace_objects(nodes, ranks).spans
-    return entities, [
-        chain_occupancy(nodes, i, spans, entities, leaf=_ONE_BLOCK)
-        for i in range(len(nodes.chains))
+def _occupancies(nodes: DerivedTpg, leaf: int) -> list[Occupancy]:
+    return [
+        chain_occupancy(nodes.tpg.cell, chain, spans, nodes.entities, leaf=leaf)
+        for chain, spans in zip(nodes.tpg.chains, nodes.spans, strict=True)
     ]
 
 

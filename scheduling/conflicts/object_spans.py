@@ -8,7 +8,7 @@ waits in the standing receiver's hand until the receiver's next node, which then
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -90,59 +90,21 @@ def trace_objects(tpg: TemporalPlanGraph, ranks: Sequence[Indices]) -> ObjectHis
             that comes up later is handled before it is there, or a handling names something
             unknown.
     """
-    handled: dict[str, list[NodeHandling]] = {}
-    for handling in tpg.handlings:
-        handled.setdefault(handling.object, []).append(handling)
+    handled: dict[str, list[NodeHandling]] = {h.object: [] for h in tpg.handlings}
+    for handling in handlings_in_order(tpg, ranks):
+        handled[handling.object].append(handling)
     spans: list[ObjectSpan] = []
     rests: list[Rest] = []
     for name, events in handled.items():
-        events.sort(key=lambda e: (ranks[e.robot][e.node], e.waypoint))
         _trace_object(tpg, ranks, name, events, spans, rests)
     return ObjectHistory(tuple(spans), tuple(rests))
 
 
-def shift_history(
-    history: ObjectHistory, chain: int, first: int, last: int, count: int
-) -> ObjectHistory:
-    """Return where every object is after pose nodes of a chain were replaced.
-
-    The nodes must handle nothing, and the last new one must end where the last old one did.
-
-    Args:
-        history: of the graph before.
-        chain: whose nodes were replaced.
-        first, last: the nodes that were replaced.
-        count: how many nodes took their place.
-    """
-    shift = count - (last - first + 1)
-
-    def moved(node: Node | None) -> Node | None:
-        if node is None or node[0] != chain or node[1] < last:
-            return node
-        return (chain, node[1] + shift)
-
-    spans = tuple(
-        span
-        if span.robot != chain or span.end[0] < last
-        else replace(
-            span,
-            start=_shifted(span.start, last, shift),
-            end=_shifted(span.end, last, shift),
-        )
-        for span in history.spans
-    )
-    rests = []
-    for rest in history.rests:
-        where = moved(rest.after), moved(rest.before), moved(rest.stood)
-        if where != (rest.after, rest.before, rest.stood):
-            after, before, stood = where
-            rest = replace(rest, after=after, before=before, stood=stood)
-        rests.append(rest)
-    return ObjectHistory(spans, tuple(rests))
-
-
-def _shifted(moment: Moment, last: int, shift: int) -> Moment:
-    return moment if moment[0] < last else (moment[0] + shift, moment[1])
+def handlings_in_order(
+    tpg: TemporalPlanGraph, ranks: Sequence[Indices]
+) -> list[NodeHandling]:
+    """Return what changes hands, in the total order of the nodes."""
+    return sorted(tpg.handlings, key=lambda h: (ranks[h.robot][h.node], h.waypoint))
 
 
 def _trace_object(
@@ -153,7 +115,7 @@ def _trace_object(
     spans: list[ObjectSpan],
     rests: list[Rest],
 ) -> None:
-    index = {chain.robot: i for i, chain in enumerate(tpg.chains)}
+    index = tpg.chain_index
     holder: int | None = None
     item = tpg.cell.object(name)
     pose = item.start

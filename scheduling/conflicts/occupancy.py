@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from planning.cell.body import ConvexBody
 from planning.cell.compiled_robot import RobotKernel, robot_kernel
-from planning.cell.workcell import PlacedRobot
+from planning.cell.workcell import PlacedRobot, Workcell
 from planning.geometry.exact import Solid, carried_solid, resting_solid
 from planning.geometry.hull_table import HullTable, hull_table, placed_capsules
 from planning.geometry.scene_checker import entity as robot_entity
@@ -27,10 +28,13 @@ from planning.transforms import Array, Indices, Transform
 from scheduling.conflicts.allowed_contacts import ALWAYS, EntityNumbers
 from scheduling.conflicts.object_spans import ObjectSpan, Rest
 from scheduling.conflicts.swept_sequence import LEAF, SweptSequence, swept_sequence
-from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import NodeChain
 
 MOTION = 0.02
 """Bound of the motion of any point within one segment [m]."""
+
+_NO_TASK = np.full(1, ALWAYS, dtype=np.int64)
+"""Tasks of a single segment that is no robot's node."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,11 @@ class Occupancy:
     sequence: SweptSequence
     solids: tuple[Solid, ...]
     hulls: HullTable
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes, one for what rests or stands."""
+        return int(self.sequence.node[-1]) + 1
 
 
 def cut_nodes(
@@ -112,9 +121,33 @@ def _with_ball(
     )
 
 
+class _Segments(NamedTuple):
+    """Segments of one robot, in order.
+
+    Attributes:
+        q_a, q_b: their ends, shape (s, n).
+        node: the node of each, shape (s,).
+        task, other_task: tasks of each, see ``may_touch``, shape (s,).
+    """
+
+    q_a: Array
+    q_b: Array
+    node: Indices
+    task: Indices
+    other_task: Indices
+
+
+class _Run(NamedTuple):
+    """The segments, ``range(first, stop)``, in which an object is there."""
+
+    span: ObjectSpan
+    first: int
+    stop: int
+
+
 def chain_occupancy(
-    tpg: TemporalPlanGraph,
-    index: int,
+    cell: Workcell,
+    chain: NodeChain,
     spans: Sequence[ObjectSpan],
     entities: EntityNumbers,
     *,
@@ -123,35 +156,29 @@ def chain_occupancy(
     """Return what the nodes of one chain occupy.
 
     Args:
-        tpg: the graph; its edges are not looked at.
-        index: of the chain.
+        cell: the static cell.
+        chain: the nodes.
         spans: the objects of this chain, see ``trace_objects``.
         entities: numbers of the entities.
         leaf: most segments in a leaf of the tree; 1 where capsules alone shall decide.
     """
-    chain = tpg.chains[index]
-    robot = tpg.cell.robot(chain.robot)
+    robot = cell.robot(chain.robot)
     bodies = {
-        (s.object, s.pose.tobytes()): (tpg.cell.object(s.object).body, s.pose)
+        (s.object, s.pose.tobytes()): (cell.object(s.object).body, s.pose)
         for s in spans
-        if s.carried and s.robot == index
+        if s.carried
     }
     q_a, q_b, node, waypoint = cut_nodes(robot, chain, tuple(bodies.values()))
     task = chain.task[node]
-    runs = [
-        (span, *_segments_of(span, node, waypoint, chain))
-        for span in spans
-        if span.robot == index
-    ]
-    runs = sorted((run for run in runs if run[1] < run[2]), key=lambda run: run[1])
-    return _assemble(
-        tpg, robot, q_a, q_b, node, (task, task), runs, entities, leaf=leaf
-    )
+    found = [_Run(span, *_segments_of(span, node, waypoint, chain)) for span in spans]
+    runs = sorted((r for r in found if r.first < r.stop), key=lambda run: run.first)
+    segments = _Segments(q_a, q_b, node, task, task)
+    return _assemble(cell, robot, segments, runs, entities, leaf=leaf)
 
 
 def hold_occupancy(
-    tpg: TemporalPlanGraph,
-    index: int,
+    cell: Workcell,
+    chain: NodeChain,
     holds: Indices,
     spans: Sequence[ObjectSpan],
     entities: EntityNumbers,
@@ -159,63 +186,51 @@ def hold_occupancy(
     """Return what one robot occupies in some of its holds, one segment each.
 
     Args:
-        tpg: the graph; its edges are not looked at.
-        index: of the chain.
+        cell: the static cell.
+        chain: the robot's nodes.
         holds: which ones, rising, at least one: hold k is before node k, the last one after
             the last node.
         spans: the objects of this chain.
         entities: numbers of the entities.
     """
-    chain = tpg.chains[index]
-    stands = np.vstack([chain.start[None], chain.waypoints[chain.first[1:] - 1]])
-    q = np.ascontiguousarray(stands[holds], dtype=np.float64)
-    last = max(len(chain) - 1, 0)
+    before = chain.waypoints[chain.first[holds] - 1]
+    q = np.where((holds > 0)[:, None], before, chain.start).astype(np.float64)
     runs = []
     for span in spans:
-        if span.robot == index and span.carried:
+        if span.carried:
             # In the hand before node k: taken within an earlier node, given away in k or later.
             first, stop = np.searchsorted(holds, [span.start[0] + 1, span.end[0] + 1])
             if first < stop:
-                runs.append((span, int(first), int(stop)))
-    runs.sort(key=lambda run: run[1])
-    return _assemble(
-        tpg,
-        tpg.cell.robot(chain.robot),
-        q,
-        q,
-        np.arange(len(holds)),
-        (chain.task[np.clip(holds - 1, 0, last)], chain.task[np.clip(holds, 0, last)]),
-        runs,
-        entities,
-        leaf=1,
-    )
+                runs.append(_Run(span, int(first), int(stop)))
+    runs.sort(key=lambda run: run.first)
+    last = max(len(chain) - 1, 0)
+    task, other = (chain.task[np.clip(k, 0, last)] for k in (holds - 1, holds))
+    segments = _Segments(q, q, np.arange(len(holds)), task, other)
+    return _assemble(cell, cell.robot(chain.robot), segments, runs, entities, leaf=1)
 
 
 def standing_occupancy(
-    tpg: TemporalPlanGraph, robot: PlacedRobot, entities: EntityNumbers
+    cell: Workcell, robot: PlacedRobot, entities: EntityNumbers
 ) -> Occupancy:
     """Return what a robot without any node occupies: it stands at HOME, in one segment."""
     q = np.array(robot.home[None], dtype=np.float64)
-    none = np.full(1, ALWAYS, dtype=np.int64)
-    nodes = np.zeros(1, dtype=np.int64)
-    return _assemble(tpg, robot, q, q, nodes, (none, none), [], entities)
+    segments = _Segments(q, q, np.zeros(1, dtype=np.int64), _NO_TASK, _NO_TASK)
+    return _assemble(cell, robot, segments, [], entities)
 
 
-def rest_occupancy(
-    tpg: TemporalPlanGraph, rest: Rest, entities: EntityNumbers
-) -> Occupancy:
+def rest_occupancy(cell: Workcell, rest: Rest, entities: EntityNumbers) -> Occupancy:
     """Return what one object at rest, or in the hand of a robot that stands, occupies."""
-    body = tpg.cell.object(rest.object).body
-    none = np.full(1, ALWAYS, dtype=np.int64)
+    body = cell.object(rest.object).body
     solids = (resting_solid(rest.object, body, rest.pose),)
     # No robot carries it; any one's kernel will do.
-    kernel = _kernel(tpg.cell.robots[0])
-    q = np.array(tpg.cell.robots[0].home[None], dtype=np.float64)
+    kernel = _kernel(cell.robots[0])
+    q = np.array(cell.robots[0].home[None], dtype=np.float64)
     only = np.zeros((1, 1), dtype=np.int32)
     hulls = hull_table(kernel, q, q, only, solids, (body,))
     entity = np.full((1, 1), entities[rest.object], dtype=np.int32)
-    nodes = np.zeros(1, dtype=np.int64)
-    return Occupancy(swept_sequence(nodes, none, none, entity, hulls), solids, hulls)
+    node = np.zeros(1, dtype=np.int64)
+    sequence = swept_sequence(node, _NO_TASK, _NO_TASK, entity, hulls)
+    return Occupancy(sequence, solids, hulls)
 
 
 def _kernel(
@@ -244,13 +259,10 @@ def _segments_of(
 
 
 def _assemble(
-    tpg: TemporalPlanGraph,
+    cell: Workcell,
     robot: PlacedRobot,
-    q_a: Array,
-    q_b: Array,
-    node: Indices,
-    tasks: tuple[Indices, Indices],
-    runs: Sequence[tuple[ObjectSpan, int, int]],
+    segments: _Segments,
+    runs: Sequence[_Run],
     entities: EntityNumbers,
     *,
     leaf: int = LEAF,
@@ -261,7 +273,7 @@ def _assemble(
     parts = robot.model.parts
     bodies = [part.body for part in parts]
     slots = _assign_slots(runs)
-    shape = (len(q_a), len(parts) + max(slots, default=-1) + 1)
+    shape = (len(segments.q_a), len(parts) + max(slots, default=-1) + 1)
     entity = np.full(shape, -1, dtype=np.int32)
     entity[:, : len(parts)] = [
         entities[robot_entity(robot.name, part.group)] for part in parts
@@ -269,7 +281,7 @@ def _assemble(
     solid = np.full(shape, -1, dtype=np.int32)
     solid[:, : len(parts)] = np.arange(len(parts))
     for (span, first, stop), slot in zip(runs, slots, strict=True):
-        body = tpg.cell.object(span.object).body
+        body = cell.object(span.object).body
         if span.carried:
             local = robot.model.flange @ span.pose
             joint = robot.model.dof - 1
@@ -280,13 +292,13 @@ def _assemble(
         solid[first:stop, len(parts) + slot] = len(solids)
         solids.append(item)
         bodies.append(body)
-    hulls = hull_table(kernel, q_a, q_b, solid, solids, bodies)
-    return Occupancy(
-        swept_sequence(node, *tasks, entity, hulls, leaf=leaf), tuple(solids), hulls
-    )
+    hulls = hull_table(kernel, segments.q_a, segments.q_b, solid, solids, bodies)
+    tasks = segments.task, segments.other_task
+    sequence = swept_sequence(segments.node, *tasks, entity, hulls, leaf=leaf)
+    return Occupancy(sequence, tuple(solids), hulls)
 
 
-def _assign_slots(runs: Sequence[tuple[ObjectSpan, int, int]]) -> list[int]:
+def _assign_slots(runs: Sequence[_Run]) -> list[int]:
     """Give runs that overlap different slots; ``runs`` in order of their first segment."""
     slots: list[int] = []
     free_from: list[int] = []

@@ -15,6 +15,7 @@ from numba import njit
 
 from planning.errors import PlanInvariantError
 from planning.transforms import Indices
+from scheduling.graph.flat_graph import FlatGraph, flatten
 
 
 @dataclass(frozen=True)
@@ -62,53 +63,42 @@ class NodeOrder:
 
 
 @njit(cache=True, nogil=True)
-def _clocks(
-    first: Indices,
-    robot: Indices,
-    rank_order: Indices,
-    target_first: Indices,
-    source_robot: Indices,
-    source_node: Indices,
-    keep: npt.NDArray[np.bool_],
-) -> Indices:
-    """Return all clocks; ``keep`` becomes False for edges that other paths imply.
-
-    Edges are grouped by target: those into the node counted n are ``target_first[n]`` up to
-    ``target_first[n + 1]``.
-    """
+def _clocks(graph: FlatGraph, keep: npt.NDArray[np.bool_]) -> Indices:
+    """Return all clocks; ``keep`` becomes False for edges that other paths imply."""
+    first, source = graph.first, graph.source
     robots = len(first) - 1
-    clock = np.full((len(robot), robots), -1)
-    for n in rank_order:
-        own = robot[n]
+    clock = np.full((len(graph.chain), robots), -1)
+    for n in graph.order:
+        own = graph.chain[n]
         mine = clock[n]
         if n > first[own]:
             mine[:] = clock[n - 1]
             mine[own] = n - 1 - first[own]
-        lo, hi = target_first[n], target_first[n + 1]
+        lo, hi = graph.edge_first[n], graph.edge_first[n + 1]
         for e in range(lo, hi):
-            r, u = source_robot[e], source_node[e]
+            r = graph.chain[source[e]]
+            u = source[e] - first[r]
             if mine[r] >= u:
                 keep[e] = False
                 continue
             for other in range(lo, hi):
                 if other == e:
                     continue
-                s, w = source_robot[other], source_node[other]
-                if s == r:
-                    if w > u or (w == u and other < e):
-                        keep[e] = False
-                        break
-                elif clock[first[s] + w, r] >= u:
+                if graph.chain[source[other]] == r:
+                    implied = source[other] > source[e] or (
+                        source[other] == source[e] and other < e
+                    )
+                else:
+                    implied = clock[source[other], r] >= u
+                if implied:
                     keep[e] = False
                     break
         for e in range(lo, hi):
-            r, u = source_robot[e], source_node[e]
-            theirs = clock[first[r] + u]
+            r = graph.chain[source[e]]
+            theirs = clock[source[e]]
             for k in range(robots):
-                if theirs[k] > mine[k]:
-                    mine[k] = theirs[k]
-            if u > mine[r]:
-                mine[r] = u
+                mine[k] = max(mine[k], theirs[k])
+            mine[r] = max(mine[r], source[e] - first[r])
     return clock
 
 
@@ -128,31 +118,18 @@ def order_and_reduce(
     Raises:
         PlanInvariantError: an edge goes against the total order.
     """
-    edges = np.asarray(edges, dtype=np.int64).reshape(-1, 4)
-    first = np.cumsum([0, *(len(r) for r in ranks)]).astype(np.int64)
-    rank = np.concatenate([*ranks, np.empty(0, dtype=np.int64)]).astype(np.int64)
-    robot = np.repeat(np.arange(len(ranks)), np.diff(first)).astype(np.int64)
-    source = first[edges[:, 0]] + edges[:, 1]
-    target = first[edges[:, 2]] + edges[:, 3]
-    against = np.flatnonzero(rank[source] >= rank[target])
+    graph = flatten(ranks, edges)
+    place = np.argsort(graph.order)
+    target = np.repeat(np.arange(len(place)), np.diff(graph.edge_first))
+    against = graph.row[place[graph.source] >= place[target]]
     if len(against):
-        r, u, s, v = edges[against[0]]
+        r, u, s, v = edges[against.min()]
         raise PlanInvariantError(
             f"the edge from node {u} of robot {r} to node {v} of robot {s} goes against"
             " the planned order"
         )
-    by_target = np.argsort(target, kind="stable")
-    target_first = np.searchsorted(target[by_target], np.arange(len(rank) + 1))
-    keep_sorted = np.ones(len(edges), dtype=np.bool_)
-    clock = _clocks(
-        first,
-        robot,
-        np.argsort(rank, kind="stable").astype(np.int64),
-        target_first.astype(np.int64),
-        np.ascontiguousarray(edges[by_target, 0]),
-        np.ascontiguousarray(edges[by_target, 1]),
-        keep_sorted,
-    )
+    kept = np.ones(len(edges), dtype=np.bool_)
+    clock = _clocks(graph, kept)
     keep = np.empty(len(edges), dtype=np.bool_)
-    keep[by_target] = keep_sorted
-    return NodeOrder(first, clock), keep
+    keep[graph.row] = kept
+    return NodeOrder(graph.first, clock), keep

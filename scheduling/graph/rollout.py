@@ -12,6 +12,7 @@ import numpy.typing as npt
 from numba import njit
 
 from planning.transforms import Array, Indices
+from scheduling.graph.flat_graph import FlatGraph, flatten
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.total_order import planned_ranks
 
@@ -48,42 +49,16 @@ class Rollout:
 
 @njit(cache=True, nogil=True)
 def _longest_paths(
-    first: Indices,
-    order: Indices,
-    robot: Indices,
-    target_first: Indices,
-    source: Indices,
-    duration: npt.NDArray[Any],
-    start: npt.NDArray[Any],
-    end: npt.NDArray[Any],
-) -> None:
-    for n in order:
-        t = end[n - 1] if n > first[robot[n]] else 0 * duration[n]
-        for e in range(target_first[n], target_first[n + 1]):
-            if end[source[e]] > t:
-                t = end[source[e]]
+    graph: FlatGraph, duration: npt.NDArray[Any]
+) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    start, end = np.zeros_like(duration), np.zeros_like(duration)
+    for n in graph.order:
+        t = end[n - 1] if n > graph.first[graph.chain[n]] else 0 * duration[n]
+        for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
+            t = max(t, end[graph.source[e]])
         start[n] = t
         end[n] = t + duration[n]
-
-
-@njit(cache=True, nogil=True)
-def _longest_paths_back(
-    last: Indices,
-    order: Indices,
-    robot: Indices,
-    source_first: Indices,
-    target: Indices,
-    duration: Array,
-    latest: Array,
-) -> None:
-    for k in range(len(order)):
-        n = order[len(order) - 1 - k]
-        if n < last[robot[n]]:
-            latest[n] = latest[n + 1] - duration[n + 1]
-        for e in range(source_first[n], source_first[n + 1]):
-            before = latest[target[e]] - duration[target[e]]
-            if before < latest[n]:
-                latest[n] = before
+    return start, end
 
 
 def earliest_times(
@@ -97,37 +72,16 @@ def earliest_times(
     Args:
         tpg: the graph.
         durations: one array of shape (nodes,) a chain, floats [s] or integers [ns]; the
-            nominal durations by default. Indices stay integers.
+            nominal durations by default. Integers stay integers.
         ranks: place of every node in the total order, where that is known already.
     """
-    chosen = [
-        np.asarray(d) for d in (durations or [chain.duration for chain in tpg.chains])
-    ]
-    integer = all(np.issubdtype(d.dtype, np.integer) for d in chosen)
-    dtype: type[np.int64] | type[np.float64] = np.int64 if integer else np.float64
-    ranks = planned_ranks(tpg.chains) if ranks is None else ranks
-    first = np.cumsum([0, *(len(r) for r in ranks)]).astype(np.int64)
-    total = int(first[-1])
-    duration = np.concatenate([*chosen, np.empty(0)]).astype(dtype)
-    if integer and chosen:
-        duration = np.concatenate(chosen).astype(np.int64)
-    rank = np.concatenate([*ranks, np.empty(0, dtype=np.int64)])
-    target = first[tpg.edges[:, 2]] + tpg.edges[:, 3]
-    source = first[tpg.edges[:, 0]] + tpg.edges[:, 1]
-    by_target = np.argsort(target, kind="stable")
-    start = np.zeros(total, dtype=dtype)
-    end = np.zeros(total, dtype=dtype)
-    _longest_paths(
-        first,
-        np.argsort(rank).astype(np.int64),
-        np.repeat(np.arange(len(ranks)), np.diff(first)).astype(np.int64),
-        np.searchsorted(target[by_target], np.arange(total + 1)).astype(np.int64),
-        source[by_target].astype(np.int64),
-        duration,
-        start,
-        end,
-    )
-    cut = [slice(a, b) for a, b in pairwise(first)]
+    chosen = durations or [chain.duration for chain in tpg.chains]
+    duration = np.concatenate(chosen) if chosen else np.empty(0)
+    integer = np.issubdtype(duration.dtype, np.integer)
+    duration = duration.astype(np.int64 if integer else np.float64)
+    graph = flatten(planned_ranks(tpg.chains) if ranks is None else ranks, tpg.edges)
+    start, end = _longest_paths(graph, duration)
+    cut = [slice(a, b) for a, b in pairwise(graph.first)]
     return Rollout(
         tuple(start[c] for c in cut),
         tuple(end[c] for c in cut),
@@ -143,27 +97,25 @@ def latest_ends(
 ) -> list[Array]:
     """Return when every node may end at the latest for the same makespan [s].
 
+    In the graph turned round, a node starts when all that waits for it here has passed.
+
     Args:
         tpg: the graph.
         rollout: of it, with durations in seconds.
         ranks: place of every node in the total order, where that is known already.
     """
     ranks = planned_ranks(tpg.chains) if ranks is None else ranks
-    first = np.cumsum([0, *(len(r) for r in ranks)]).astype(np.int64)
-    source = first[tpg.edges[:, 0]] + tpg.edges[:, 1]
-    target = first[tpg.edges[:, 2]] + tpg.edges[:, 3]
-    by_source = np.argsort(source, kind="stable")
-    latest: Array = np.full(int(first[-1]), float(rollout.makespan))
-    _longest_paths_back(
-        first[1:] - 1,
-        np.argsort(np.concatenate([*ranks, np.empty(0, dtype=np.int64)])),
-        np.repeat(np.arange(len(ranks)), np.diff(first)).astype(np.int64),
-        np.searchsorted(source[by_source], np.arange(len(latest) + 1)).astype(np.int64),
-        target[by_source].astype(np.int64),
-        np.concatenate([*rollout.duration, np.empty(0)]).astype(np.float64),
-        latest,
+    lengths = np.array([len(chain) for chain in tpg.chains], dtype=np.int64)
+    r, u, s, v = tpg.edges.T
+    last = len(lengths) - 1
+    turned = np.column_stack(
+        [last - s, lengths[s] - 1 - v, last - r, lengths[r] - 1 - u]
     )
-    return [latest[a:b] for a, b in pairwise(first)]
+    graph = flatten([-rank[::-1] for rank in ranks[::-1]], turned)
+    duration = np.concatenate([*rollout.duration, np.empty(0)])[::-1].copy()
+    start, _ = _longest_paths(graph, duration)
+    latest = float(rollout.makespan) - start[::-1]
+    return np.split(latest, np.cumsum(lengths)[:-1])
 
 
 def durations_ns(tpg: TemporalPlanGraph) -> list[Indices]:
@@ -171,11 +123,3 @@ def durations_ns(tpg: TemporalPlanGraph) -> list[Indices]:
     return [
         np.rint(chain.duration * NANOSECONDS).astype(np.int64) for chain in tpg.chains
     ]
-
-
-def sequential_makespan(
-    tpg: TemporalPlanGraph, durations: Sequence[Array] | None = None
-) -> float:
-    """Return the makespan when one node after the other runs in the planned order [s]."""
-    chosen = durations or [chain.duration for chain in tpg.chains]
-    return float(sum(float(np.sum(d)) for d in chosen))

@@ -19,6 +19,9 @@ from planning.transforms import Array, Indices, Transform
 TASK_DEPENDENCY = 0
 MOTION_CONFLICT = 1
 
+Causes = npt.NDArray[np.uint8]
+"""TASK_DEPENDENCY or MOTION_CONFLICT, one an edge."""
+
 
 @dataclass(frozen=True)
 class NodeChain:
@@ -50,6 +53,21 @@ class NodeChain:
     def __len__(self) -> int:
         """Return the number of nodes."""
         return len(self.task)
+
+    def cut(self, first: int, stop: int) -> NodeChain:
+        """Return nodes ``range(first, stop)`` as a chain of their own."""
+        lo, hi = int(self.first[first]), int(self.first[stop])
+        return NodeChain(
+            self.robot,
+            self.start if lo == 0 else self.waypoints[lo - 1],
+            self.waypoints[lo:hi],
+            self.fraction[lo:hi],
+            self.first[first : stop + 1] - lo,
+            self.task[first:stop],
+            self.skill[first:stop],
+            self.duration[first:stop],
+            self.planned_start[first:stop],
+        )
 
 
 @dataclass(frozen=True)
@@ -96,10 +114,15 @@ class TemporalPlanGraph:
     tasks: tuple[Task, ...]
     chains: tuple[NodeChain, ...]
     edges: Indices
-    cause: npt.NDArray[np.uint8]
+    cause: Causes
     handlings: tuple[NodeHandling, ...]
     allowed: tuple[AllowedContact, ...]
     dependencies: Indices = field(
         default_factory=lambda: np.empty((0, 2), dtype=np.int64)
     )
     slots: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+
+    @property
+    def chain_index(self) -> dict[str, int]:
+        """Index in ``chains`` of each robot that has nodes."""
+        return {chain.robot: i for i, chain in enumerate(self.chains)}

@@ -1,4 +1,4 @@
-"""In which order tasks of different robots come: a beam search over task completions.
+"""Beam search for the order in which tasks of different robots come.
 
 Every robot keeps its own order of tasks. What is left to choose is how the robots' tasks follow
 each other: a way through the grid of how many tasks each robot has completed, the task-completion
@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import NodeChain
 from scheduling.ordering.relations import TaskRelations
 
 _WAITING = 0.1
@@ -71,41 +71,31 @@ class TaskOrderSearch:
     stay as they are.
 
     Args:
-        chains: the nodes.
         relations: of the units.
         blocks: units of each block, in the planned order of the blocks.
-        duration: of every node, one array a chain [s].
     """
 
     def __init__(
-        self,
-        chains: Sequence[NodeChain],
-        relations: TaskRelations,
-        blocks: Sequence[tuple[int, ...]],
-        duration: Sequence[Array],
+        self, relations: TaskRelations, blocks: Sequence[tuple[int, ...]]
     ) -> None:
-        self._relations = relations
+        self._relations, self._units = relations, relations.units
+        self._chains = range(len(relations.of_chain))
         self._blocks = blocks
-        units = relations.units
         self._block_of = {unit: b for b, block in enumerate(blocks) for unit in block}
+        nodes = relations.graph.tpg.chains
         self._cum = [
-            np.concatenate([[0.0], np.cumsum(duration[u.chain][u.first : u.stop])])
-            for u in units
-        ]
-        self._offset = [
-            chains[u.chain].planned_start[u.first : u.stop]
-            - min(
-                float(chains[units[w].chain].planned_start[units[w].first])
-                for w in blocks[self._block_of[k]]
+            np.concatenate(
+                [[0.0], np.cumsum(nodes[u.chain].duration[u.first : u.stop])]
             )
-            for k, u in enumerate(units)
+            for u in self._units
+        ]
+        planned = [nodes[u.chain].planned_start[u.first : u.stop] for u in self._units]
+        self._offset = [
+            start - min(float(planned[w][0]) for w in blocks[self._block_of[unit]])
+            for unit, start in enumerate(planned)
         ]
         self._planned = self._planned_counts()
         self._tail = self._tails()
-
-    def search(self, width: int) -> list[int]:
-        """Return the order of the blocks, see ``best_way``."""
-        return self.best_way(width).order()
 
     def best_way(self, width: int) -> Way:
         """Return the best way to the end that is found.
@@ -113,28 +103,20 @@ class TaskOrderSearch:
         Args:
             width: ways that are followed at once.
         """
-        chains = range(len(self._relations.of_chain))
-        start = Way(
-            tuple(0 for _ in chains),
-            tuple(None for _ in chains),
-            tuple(0.0 for _ in chains),
-            0.0,
-            0.0,
-            -1,
-            None,
-        )
+        none, zero = tuple(None for _ in self._chains), tuple(0 for _ in self._chains)
+        start = Way(zero, none, tuple(map(float, zero)), 0.0, 0.0, -1, None)
         planned, turn = start, 0
-        total = len(self._relations.units)
+        total = len(self._units)
         found: dict[int, list[Way]] = {0: [start]}
         for number in range(total):
             for state in self._best(found.pop(number, []), width):
                 for block in self._moves(state):
-                    after = self._advance(state, block)
-                    if after is not None:
+                    if self._safe(state, block):
+                        after = self._extend(state, block)
                         found.setdefault(sum(after.counts), []).append(after)
             if sum(planned.counts) == number:
                 # The planned order is safe as it is, and always followed.
-                planned = self._extend(planned, self._blocks[turn], turn)
+                planned = self._extend(planned, turn)
                 turn += 1
                 found.setdefault(sum(planned.counts), []).append(planned)
         return min(found[total], key=lambda way: (max(way.clocks), way.waited))
@@ -159,45 +141,31 @@ class TaskOrderSearch:
 
     def _moves(self, state: Way) -> list[int]:
         """Return the blocks that could come next by their robots' own orders."""
-        relations = self._relations
         found = set()
-        for chain, count in enumerate(state.counts):
-            own = relations.of_chain[chain]
+        for own, count in zip(self._relations.of_chain, state.counts, strict=True):
             if count == len(own):
                 continue
             block = self._block_of[own[count]]
             firsts: dict[int, int] = {}
             for unit in self._blocks[block]:
-                u = relations.units[unit]
+                u = self._units[unit]
                 firsts[u.chain] = min(firsts.get(u.chain, u.place), u.place)
             if all(state.counts[c] == place for c, place in firsts.items()):
                 found.add(block)
         return sorted(found)
 
-    def _advance(self, state: Way, block: int) -> Way | None:
-        """Return the way that goes on with a block, None where that is not safe."""
-        inside = self._blocks[block]
-        if all(self._allowed(state, unit, inside) for unit in inside):
-            return self._extend(state, inside, block)
-        return None
-
-    def _extend(self, state: Way, inside: Sequence[int], block: int) -> Way:
-        relations = self._relations
-        ends = (
-            [(inside[0], self._ends_alone(state, inside[0]))]
-            if len(inside) == 1
-            else self._ends_together(state, inside)
-        )
+    def _extend(self, state: Way, block: int) -> Way:
+        """Return the way that goes on with a block."""
         counts, done, clocks = list(state.counts), list(state.done), list(state.clocks)
         waited = state.waited
-        for unit, when in ends:
-            chain = relations.units[unit].chain
+        for unit, ends in self._ends(state, self._blocks[block]):
+            chain, end = self._units[unit].chain, float(ends[-1])
             counts[chain] += 1
-            waited += float(when[-1]) - clocks[chain] - float(self._cum[unit][-1])
-            done[chain] = _Done(unit, when, done[chain])
-            clocks[chain] = float(when[-1])
+            waited += end - clocks[chain] - float(self._cum[unit][-1])
+            done[chain] = _Done(unit, ends, done[chain])
+            clocks[chain] = end
         bound = 0.0
-        for chain, own in enumerate(relations.of_chain):
+        for chain, own in enumerate(self._relations.of_chain):
             rest = self._tail[own[counts[chain]]] if counts[chain] < len(own) else 0.0
             bound = max(bound, clocks[chain] + rest)
         return Way(
@@ -210,80 +178,80 @@ class TaskOrderSearch:
             state,
         )
 
-    def _allowed(self, state: Way, unit: int, inside: Sequence[int]) -> bool:
-        relations, units = self._relations, self._relations.units
-        with_it = {units[w].chain for w in inside}
-        for need in relations.before[unit]:
-            if (
-                need not in inside
-                and units[need].place >= state.counts[units[need].chain]
-            ):
-                return False
-        planned = self._planned[unit]
-        for chain, count in enumerate(state.counts):
-            if chain in with_it or count == planned[chain]:
-                continue
-            own = relations.of_chain[chain]
-            # Done now, but planned for later: what they leave behind may be in the way.
-            for w in own[planned[chain] : count]:
-                if not all(
-                    self._rest_clear(r, state, unit) for r in relations.left_by[w]
-                ):
-                    return False
-            for w in own[count : planned[chain]]:
-                if not all(
-                    self._rest_clear(r, state, unit) for r in relations.taken_by[w]
-                ):
-                    return False
-            if not relations.stands_clear(chain, count, unit):
-                return False
-        return True
+    def _safe(self, state: Way, block: int) -> bool:
+        """Tell whether a block can be done next, one task after another."""
+        inside = self._blocks[block]
+        busy = {self._units[w].chain for w in inside}
+        return all(
+            all(
+                need in inside or self._is_done(state, need)
+                for need in self._relations.before[unit]
+            )
+            and all(
+                self._chain_clear(state, unit, chain)
+                for chain in self._chains
+                if chain not in busy
+            )
+            for unit in inside
+        )
+
+    def _is_done(self, state: Way, unit: int) -> bool:
+        u = self._units[unit]
+        return u.place < state.counts[u.chain]
+
+    def _chain_clear(self, state: Way, unit: int, chain: int) -> bool:
+        """Tell whether a unit is clear of what another robot does sooner or later than planned."""
+        relations = self._relations
+        count, planned = state.counts[chain], self._planned[unit][chain]
+        if count == planned:
+            return True
+        own = relations.of_chain[chain]
+        # Done now, but planned for later: what they leave behind may be in the way.
+        sooner = [r for w in own[planned:count] for r in relations.left_by[w]]
+        later = [r for w in own[count:planned] for r in relations.taken_by[w]]
+        return all(
+            self._rest_clear(number, state, unit) for number in sooner + later
+        ) and relations.stands_clear(chain, count, unit)
 
     def _rest_clear(self, number: int, state: Way, unit: int) -> bool:
         """Tell whether an object is not at rest there now, or not in a unit's way."""
         relations = self._relations
         rest = relations.rest(number)
         if rest.after is not None:
-            u = relations.unit_of(rest.after)
-            if (
-                u == unit
-                or relations.units[u].place >= state.counts[relations.units[u].chain]
-            ):
+            left_by = relations.unit_of(rest.after)
+            if left_by == unit or not self._is_done(state, left_by):
                 return True
         if rest.before is not None:
-            u = relations.unit_of(rest.before)
-            if (
-                u == unit
-                or relations.units[u].place < state.counts[relations.units[u].chain]
-            ):
+            taken_by = relations.unit_of(rest.before)
+            if taken_by == unit or self._is_done(state, taken_by):
                 return True
         return relations.rest_clear(number, unit)
 
     def _ready(self, state: Way, unit: int) -> list[tuple[int, float]]:
         """Return nodes of a unit, and times before which they cannot start."""
-        relations, units = self._relations, self._relations.units
-        chain = units[unit].chain
+        chain = self._units[unit].chain
         now = state.clocks[chain]
         found = []
-        for other, last in enumerate(state.done):
-            if other == chain:
-                continue
-            item = last
-            while item is not None and item.ends[-1] > now:
-                if item.unit in relations.before[unit]:
+        for other, item in enumerate(state.done):
+            while other != chain and item is not None and item.ends[-1] > now:
+                if item.unit in self._relations.before[unit]:
                     found.append((0, float(item.ends[-1])))
-                stairs = relations.stairs(item.unit, unit)
+                stairs = self._relations.stairs(item.unit, unit)
                 if stairs is not None:
-                    found += zip(
-                        stairs[0].tolist(), item.ends[stairs[1]].tolist(), strict=True
-                    )
+                    nodes, after = stairs
+                    found += zip(nodes.tolist(), item.ends[after].tolist(), strict=True)
                 item = item.before
         return found
 
+    def _ends(self, state: Way, inside: Sequence[int]) -> list[tuple[int, Array]]:
+        """Return when the nodes of the units of a block end."""
+        if len(inside) == 1:
+            return [(inside[0], self._ends_alone(state, inside[0]))]
+        return self._ends_together(state, inside)
+
     def _ends_alone(self, state: Way, unit: int) -> Array:
-        """Return when the nodes of a unit end."""
         cum = self._cum[unit]
-        now = state.clocks[self._relations.units[unit].chain]
+        now = state.clocks[self._units[unit].chain]
         ready = self._ready(state, unit)
         if not ready:
             return np.asarray(now + cum[1:])
@@ -298,9 +266,8 @@ class TaskOrderSearch:
         """Return when the nodes of units that move at once end, as far apart as planned."""
         start = 0.0
         for unit in inside:
-            chain = self._relations.units[unit].chain
             offset = self._offset[unit]
-            start = max(start, state.clocks[chain] - float(offset[0]))
+            start = max(start, state.clocks[self._units[unit].chain] - float(offset[0]))
             for node, when in self._ready(state, unit):
                 start = max(start, when - float(offset[node]))
         return [
@@ -308,26 +275,24 @@ class TaskOrderSearch:
             for unit in inside
         ]
 
-    def _planned_counts(self) -> list[tuple[int, ...]]:
+    def _planned_counts(self) -> dict[int, tuple[int, ...]]:
         """Return how many units of each chain come before each unit in the planned order."""
-        counts = [0] * len(self._relations.of_chain)
+        counts = [0 for _ in self._chains]
         found: dict[int, tuple[int, ...]] = {}
         for block in self._blocks:
-            before = tuple(counts)
+            found |= dict.fromkeys(block, tuple(counts))
             for unit in block:
-                found[unit] = before
-                counts[self._relations.units[unit].chain] += 1
-        return [found[unit] for unit in range(len(found))]
+                counts[self._units[unit].chain] += 1
+        return found
 
     def _tails(self) -> list[float]:
         """Return the longest way from the start of each unit to the end, by dependencies."""
-        relations = self._relations
-        tail = [0.0] * len(relations.units)
+        tail = [0.0] * len(self._units)
         after: list[list[int]] = [[] for _ in tail]
-        for own in relations.of_chain:
-            for a, b in zip(own, own[1:], strict=False):
+        for own in self._relations.of_chain:
+            for a, b in pairwise(own):
                 after[a].append(b)
-        for unit, needs in enumerate(relations.before):
+        for unit, needs in enumerate(self._relations.before):
             for need in needs:
                 after[need].append(unit)
         for block in reversed(self._blocks):

@@ -8,16 +8,17 @@ made again from the same nodes.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from planning.transforms import Array
-from scheduling.build_tpg import connect_nodes, occupancies_of
+from scheduling.build_tpg import connect_nodes
+from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.graph.total_order import planned_ranks
 from scheduling.ordering.beam_search import TaskOrderSearch
 from scheduling.ordering.relations import TaskRelations
 
@@ -40,27 +41,21 @@ def reorder_tasks(tpg: TemporalPlanGraph, *, width: int = WIDTH) -> TemporalPlan
     """
     if len(tpg.chains) < 2:
         return tpg
-    ranks = planned_ranks(tpg.chains)
-    occupied = occupancies_of(tpg, ranks)
-    relations = TaskRelations(tpg, ranks, occupied[0])
-    blocks = find_blocks(tpg, relations)
-    search = TaskOrderSearch(
-        tpg.chains, relations, blocks, [chain.duration for chain in tpg.chains]
-    )
-    order = search.search(width)
+    graph = DerivedTpg(tpg)
+    relations = TaskRelations(graph)
+    blocks = find_blocks(tpg.chains, relations)
+    order = TaskOrderSearch(relations, blocks).best_way(width).order()
     if order == list(range(len(blocks))):
         return tpg
     chains = put_in_order(tpg.chains, relations, [blocks[b] for b in order])
-    again = connect_nodes(
-        replace(tpg, chains=chains, slots=np.empty(0, dtype=np.int64)),
-        occupied=occupied,
-    )
+    slots = np.empty(0, dtype=np.int64)
+    again = connect_nodes(DerivedTpg(replace(tpg, chains=chains, slots=slots)))
     sooner = earliest_times(again).makespan < earliest_times(tpg).makespan
     return again if sooner else tpg
 
 
 def find_blocks(
-    tpg: TemporalPlanGraph, relations: TaskRelations
+    chains: Sequence[NodeChain], relations: TaskRelations
 ) -> list[tuple[int, ...]]:
     """Return the units that stay together, in the planned order.
 
@@ -68,56 +63,44 @@ def find_blocks(
     node: none of them could be complete before the other starts.
     """
     units = relations.units
-    start = [float(tpg.chains[u.chain].planned_start[u.first]) for u in units]
+    start = [float(chains[u.chain].planned_start[u.first]) for u in units]
     end = [
         float(
-            tpg.chains[u.chain].planned_start[u.stop - 1]
-            + tpg.chains[u.chain].duration[u.stop - 1]
+            chains[u.chain].planned_start[u.stop - 1]
+            + chains[u.chain].duration[u.stop - 1]
         )
         for u in units
     ]
-    group = list(range(len(units)))
-
-    def root(unit: int) -> int:
-        while group[unit] != unit:
-            unit = group[unit]
-        return unit
-
     by_start = sorted(range(len(units)), key=lambda u: (start[u], units[u].task))
+    group = {unit: [unit] for unit in by_start}  # one list for all units of a group
     for position, a in enumerate(by_start):
         for b in by_start[position + 1 :]:
             if start[b] >= end[a] - _APART:
                 break
-            if units[a].chain == units[b].chain or root(a) == root(b):
+            if units[a].chain == units[b].chain or group[a] is group[b]:
                 continue
             if relations.stairs(a, b) is not None:
-                group[root(b)] = root(a)
-    return _in_turns(relations, by_start, [root(unit) for unit in range(len(units))])
+                group[a] += group[b]
+                group.update(dict.fromkeys(group[b], group[a]))
+    groups = {id(group[unit]): group[unit] for unit in by_start}.values()
+    place = {unit: k for k, unit in enumerate(by_start)}
+    return _in_turns(relations, [sorted(g, key=place.__getitem__) for g in groups])
 
 
 def _in_turns(
-    relations: TaskRelations, by_start: Sequence[int], group: list[int]
+    relations: TaskRelations, groups: Sequence[Sequence[int]]
 ) -> list[tuple[int, ...]]:
     """Return groups one after another, those joined that are in each other's way for that."""
-    members: dict[int, list[int]] = {}
-    for unit in by_start:
-        members.setdefault(group[unit], []).append(unit)
-    done = [0] * len(relations.of_chain)
+    done: Counter[int] = Counter()
     out: list[tuple[int, ...]] = []
-    waiting = list(members.values())
     joined: list[int] = []
-    for units in waiting:
-        joined += units
-        counts = list(done)
-        for unit in sorted(joined, key=lambda u: relations.units[u].place):
-            counts[relations.units[unit].chain] += 1
-        complete = all(
-            relations.units[unit].place < counts[relations.units[unit].chain]
-            for unit in joined
-        )
-        if complete:
+    for group in groups:
+        joined += group
+        units = [relations.units[unit] for unit in joined]
+        after = done + Counter(unit.chain for unit in units)
+        if all(unit.place < after[unit.chain] for unit in units):
             out.append(tuple(joined))
-            done, joined = counts, []
+            done, joined = after, []
     return out
 
 

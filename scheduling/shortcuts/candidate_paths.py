@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from planning.motion.speed import SpeedModel, sample_path
-from planning.transforms import Array, Indices
+from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain
 
 LINE, CORNER, JOINT = "line", "corner", "joint"
@@ -93,49 +91,4 @@ def new_nodes(
         np.zeros(count, dtype=np.bool_),
         duration,
         np.maximum.accumulate(chain.planned_start[at]),
-    )
-
-
-def planned_after(
-    chains: Sequence[NodeChain],
-    index: int,
-    first: int,
-    last: int,
-    new: NodeChain,
-    edges: Sequence[tuple[int, int, int, int]],
-) -> Array:
-    """Return planned starts that put every new node after what it waits for."""
-    planned = new.planned_start.copy()
-    for robot, node, target, at in edges:
-        if target == index:
-            after = np.nextafter(chains[robot].planned_start[node], np.inf)
-            planned[at - first] = max(planned[at - first], after)
-    planned[-1] = max(planned[-1], chains[index].planned_start[last])
-    latest = float(chains[index].planned_start[last])
-    return np.asarray(np.minimum(np.maximum.accumulate(planned), latest))
-
-
-def splice_chain(chain: NodeChain, first: int, last: int, new: NodeChain) -> NodeChain:
-    """Return a chain with nodes ``first`` to ``last`` replaced by others."""
-    lo, hi = int(chain.first[first]), int(chain.first[last + 1])
-    shift = len(new.waypoints) - (hi - lo)
-
-    def join(name: str, a: int, b: int) -> Array:
-        old = getattr(chain, name)
-        out: Array = np.concatenate([old[:a], getattr(new, name), old[b:]])
-        return out
-
-    firsts: Indices = np.concatenate(
-        [chain.first[:first], lo + new.first[:-1], chain.first[last + 1 :] + shift]
-    )
-    return NodeChain(
-        chain.robot,
-        chain.start,
-        join("waypoints", lo, hi),
-        join("fraction", lo, hi),
-        firsts,
-        join("task", first, last + 1).astype(np.int64),
-        join("skill", first, last + 1).astype(np.bool_),
-        join("duration", first, last + 1),
-        join("planned_start", first, last + 1),
     )

@@ -1,4 +1,4 @@
-"""Type-2 edges around nodes that are replaced (APEX-MR IV-C, mended for more than two robots).
+"""A temporal plan graph around nodes that are replaced (APEX-MR IV-C, mended for N robots).
 
 In-edges of the replaced nodes go to the last new node, out-edges of all but the last one start
 at the node before. An order u -> a_p ... a_q -> w with p <= q held through the replaced nodes;
@@ -7,40 +7,96 @@ with the edges moved apart it would be lost, so u -> w is added.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
 import numpy as np
-import numpy.typing as npt
 
-from planning.transforms import Indices
-from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT
+from planning.transforms import Array, Indices
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.conflicts.object_spans import Moment, Node, ObjectHistory
+from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, Causes, NodeChain
 
-Causes = npt.NDArray[np.uint8]
+Edge = tuple[int, int, int, int]
+"""Robot and node that must be complete, robot and node that may then start."""
 
 
-def splice_edges(
-    edges: Indices, cause: Causes, chain: int, first: int, last: int, count: int
-) -> tuple[Indices, Causes]:
-    """Return the edges after nodes ``first`` to ``last`` became ``count`` others.
+@dataclass(frozen=True)
+class Swap:
+    """Nodes ``first`` to ``last`` of a chain become ``count`` others, at least one.
 
-    The last new node stands for the last replaced one: it ends where that ended.
+    There is a node before ``first``. The last new node stands for the last replaced one: it
+    ends where that ended. The replaced nodes handle nothing.
+    """
+
+    chain: int
+    first: int
+    last: int
+    count: int
+
+    @property
+    def shift(self) -> int:
+        """By how much the nodes behind the replaced ones are moved on."""
+        return self.count - (self.last - self.first + 1)
+
+    def moved(self, node: int) -> int:
+        """Return the new index of a node of the chain that is not replaced, or of the last one."""
+        return node if node < self.last else node + self.shift
+
+
+def rewire(
+    graph: DerivedTpg, swap: Swap, new: NodeChain, edges: Sequence[Edge]
+) -> DerivedTpg:
+    """Return the graph with nodes replaced.
+
+    Args:
+        graph: the graph before.
+        swap: which nodes of which chain.
+        new: the nodes that take their place.
+        edges: that these need, the new nodes numbered from ``swap.first``.
+
+    Raises:
+        PlanInvariantError: they do not fit into the total order.
+    """
+    tpg, extra = graph.tpg, np.array(edges, dtype=np.int64).reshape(-1, 4)
+    moved, cause = splice_edges(tpg.edges, tpg.cause, swap)
+    planned = planned_after(tpg.chains, swap, new, edges)
+    chains = list(tpg.chains)
+    new = replace(new, planned_start=planned)
+    chains[swap.chain] = splice_chain(chains[swap.chain], swap, new)
+    handlings = tuple(
+        replace(h, node=swap.moved(h.node)) if h.robot == swap.chain else h
+        for h in tpg.handlings
+    )
+    after = graph.derive(
+        replace(tpg, chains=tuple(chains), handlings=handlings),
+        history=shift_history(graph.history, swap),
+    )
+    return after.with_edges(
+        np.concatenate([moved, extra]),
+        np.append(cause, np.full(len(extra), MOTION_CONFLICT, dtype=np.uint8)),
+    )
+
+
+def splice_edges(edges: Indices, cause: Causes, swap: Swap) -> tuple[Indices, Causes]:
+    """Return the edges after nodes were replaced.
 
     Args:
         edges: type-2 edges, shape (e, 4).
         cause: of each, shape (e,).
-        chain: whose nodes are replaced.
-        first, last: the replaced nodes; there is a node before them.
-        count: number of new nodes, at least 1.
+        swap: the nodes.
     """
-    shift = count - (last - first + 1)
-    end = first + count - 1
+    first, last = swap.first, swap.last
     out = edges.copy()
-    into = (edges[:, 2] == chain) & (edges[:, 3] >= first)
+    into = (edges[:, 2] == swap.chain) & (edges[:, 3] >= first)
     inner_in = into & (edges[:, 3] <= last)
-    out[inner_in, 3] = end
-    out[into & ~inner_in, 3] += shift
-    outof = (edges[:, 0] == chain) & (edges[:, 1] >= first)
+    out[inner_in, 3] = first + swap.count - 1
+    out[into & ~inner_in, 3] += swap.shift
+    outof = (edges[:, 0] == swap.chain) & (edges[:, 1] >= first)
     inner_out = outof & (edges[:, 1] < last)
     out[inner_out, 1] = first - 1
-    out[outof & ~inner_out, 1] += shift
+    out[outof & ~inner_out, 1] += swap.shift
     added = [
         (*edges[i, :2], *edges[o, 2:])
         for i in np.flatnonzero(inner_in)
@@ -51,10 +107,63 @@ def splice_edges(
         return out, cause
     return (
         np.concatenate([out, np.array(added, dtype=np.int64)]),
-        np.concatenate([cause, np.full(len(added), MOTION_CONFLICT, dtype=np.uint8)]),
+        np.append(cause, np.full(len(added), MOTION_CONFLICT, dtype=np.uint8)),
     )
 
 
-def splice_index(node: int, first: int, last: int, count: int) -> int:
-    """Return the new index of a node that is not replaced."""
-    return node if node < first else node + count - (last - first + 1)
+def planned_after(
+    chains: Sequence[NodeChain], swap: Swap, new: NodeChain, edges: Sequence[Edge]
+) -> Array:
+    """Return planned starts that put every new node after what it waits for."""
+    planned = new.planned_start.copy()
+    for robot, node, target, at in edges:
+        if target == swap.chain:
+            after = np.nextafter(chains[robot].planned_start[node], np.inf)
+            planned[at - swap.first] = max(planned[at - swap.first], after)
+    latest = float(chains[swap.chain].planned_start[swap.last])
+    planned[-1] = max(planned[-1], latest)
+    return np.asarray(np.minimum(np.maximum.accumulate(planned), latest))
+
+
+def splice_chain(chain: NodeChain, swap: Swap, new: NodeChain) -> NodeChain:
+    """Return a chain with nodes replaced by others."""
+    first, stop = swap.first, swap.last + 1
+    lo, hi = int(chain.first[first]), int(chain.first[stop])
+
+    shift = len(new.waypoints) - (hi - lo)
+    starts = [chain.first[:first], lo + new.first[:-1], chain.first[stop:] + shift]
+    arrays: dict[str, Any] = {"first": np.concatenate(starts)}
+    for name in ("waypoints", "fraction", "task", "skill", "duration", "planned_start"):
+        old = getattr(chain, name)
+        a, b = (lo, hi) if name in ("waypoints", "fraction") else (first, stop)
+        arrays[name] = np.concatenate([old[:a], getattr(new, name), old[b:]])
+    return replace(chain, **arrays)
+
+
+def shift_history(history: ObjectHistory, swap: Swap) -> ObjectHistory:
+    """Return where every object is after nodes were replaced."""
+
+    def node(of: Node | None) -> Node | None:
+        if of is None or of[0] != swap.chain:
+            return of
+        return (of[0], swap.moved(of[1]))
+
+    def moment(of: Moment) -> Moment:
+        return (swap.moved(of[0]), of[1])
+
+    spans = tuple(
+        replace(span, start=moment(span.start), end=moment(span.end))
+        if span.robot == swap.chain
+        else span
+        for span in history.spans
+    )
+    rests = tuple(
+        replace(
+            rest,
+            after=node(rest.after),
+            before=node(rest.before),
+            stood=node(rest.stood),
+        )
+        for rest in history.rests
+    )
+    return ObjectHistory(spans, rests)

@@ -1,14 +1,16 @@
-"""Is a path free of all that does not move: fixtures, robots without work, objects at rest?"""
+"""Collision checks of a path against what does not move: fixtures, idle robots, objects at rest."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 from planning.cell.workcell import Attachment, Workcell, WorldState
 from planning.geometry.scene_checker import SceneChecker
 from planning.motion.sequential import MARGIN
 from planning.transforms import Array
+from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.object_spans import Rest
 from scheduling.graph.reduction import NodeOrder
-from scheduling.shortcuts.replacement_check import Surroundings
 
 
 class Scenery:
@@ -18,33 +20,31 @@ class Scenery:
         self._checkers: dict[object, SceneChecker] = {}
 
     def free(
-        self, around: Surroundings, index: int, first: int, last: int, path: Array
+        self, graph: DerivedTpg, index: int, first: int, last: int, path: Array
     ) -> bool:
         """Tell whether a path is free in place of some nodes.
 
         Args:
-            around: the graph as it is.
+            graph: as it is.
             index: chain of the nodes.
             first, last: the nodes.
             path: polyline, shape (w, n).
         """
-        chain = around.tpg.chains[index]
+        chain = graph.tpg.chains[index]
         present = tuple(
             rest
-            for rest in around.rests
+            for rest in graph.history.rests
             if rest.holder is None
-            and _may_lie_there(around.order, rest, index, first, last)
+            and _may_lie_there(graph.order, rest, index, first, last)
         )
         tasks = frozenset(chain.task[first : last + 1].tolist())
         # Within the tasks of a run, a robot carries the same.
         key = (index, tasks, frozenset((r.object, r.pose.tobytes()) for r in present))
         checker = self._checkers.get(key)
         if checker is None:
-            checker = _checker(around, index, first, tasks, present)
+            checker = _checker(graph, index, first, tasks, present)
             self._checkers[key] = checker
-        return all(
-            checker.motion_free(a, b) for a, b in zip(path, path[1:], strict=False)
-        )
+        return all(checker.motion_free(a, b) for a, b in pairwise(path))
 
 
 def _may_lie_there(
@@ -53,32 +53,34 @@ def _may_lie_there(
     """Tell whether an object may be at rest while nodes are under way."""
     if rest.after is not None:
         robot, node = rest.after
-        if robot == index:
-            if node > last:
-                return False
-        elif order.precedes(index, last, robot, node):
+        too_late = (
+            node > last if robot == index else order.precedes(index, last, *rest.after)
+        )
+        if too_late:
             return False
     if rest.before is not None:
         robot, node = rest.before
-        if robot == index:
-            if node < first:
-                return False
-        elif node <= order.of(index)[first - 1, robot]:
+        gone = (
+            node < first
+            if robot == index
+            else order.precedes(*rest.before, index, first - 1)
+        )
+        if gone:
             return False
     return True
 
 
 def _checker(
-    around: Surroundings,
+    graph: DerivedTpg,
     index: int,
     first: int,
     tasks: frozenset[int],
     present: tuple[Rest, ...],
 ) -> SceneChecker:
     """Return a checker against all that does not move: no robot that has nodes."""
-    tpg = around.tpg
+    tpg = graph.tpg
     robot = tpg.chains[index].robot
-    busy = {chain.robot for chain in tpg.chains}
+    busy = tpg.chain_index
     handled = {handling.object for handling in tpg.handlings}
     attachments = {
         item.name: Attachment(None, item.start)
@@ -87,9 +89,8 @@ def _checker(
     }
     for rest in present:
         attachments[rest.object] = Attachment(None, rest.pose)
-    for span in around.objects:
-        there = span.start <= (first, 0) < span.end
-        if span.robot == index and span.carried and there:
+    for span in graph.spans[index]:
+        if span.carried and span.start <= (first, 0) < span.end:
             attachments[span.object] = Attachment(robot, span.pose)
     robots = tuple(r for r in tpg.cell.robots if r.name == robot or r.name not in busy)
     cell = Workcell(robots, tpg.cell.fixtures, tpg.cell.objects, tpg.cell.clearances)

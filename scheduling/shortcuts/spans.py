@@ -1,4 +1,4 @@
-"""Where a temporal plan graph may be shortened: runs of pose nodes (APEX-MR IV-C).
+"""Runs of pose nodes that may be shortened (APEX-MR IV-C).
 
 Consecutive transits are one run, so HOME between them can be skipped. A run ends at a skill,
 where the robot's load changes, at a goal that is to be reached for its own sake, and where a
@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scheduling.conflicts.object_spans import ObjectSpan
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.conflicts.derived_tpg import DerivedTpg
 
 
 @dataclass(frozen=True)
@@ -28,13 +27,9 @@ class Span:
     last: int
 
 
-def find_spans(tpg: TemporalPlanGraph, objects: tuple[ObjectSpan, ...]) -> list[Span]:
-    """Return the runs of at least two pose nodes, chain by chain, in order.
-
-    Args:
-        tpg: the graph.
-        objects: what each robot carries when, see ``trace_objects``.
-    """
+def find_spans(graph: DerivedTpg) -> list[Span]:
+    """Return the runs of at least two pose nodes, chain by chain, in order."""
+    tpg = graph.tpg
     robot_of = {task.index: task.robot for task in tpg.tasks}
     between = [
         (int(a), int(b)) for a, b in tpg.dependencies if robot_of[a] != robot_of[b]
@@ -56,11 +51,9 @@ def find_spans(tpg: TemporalPlanGraph, objects: tuple[ObjectSpan, ...]) -> list[
             breaks[node] = before in sources or after in targets
             # Its wait must stay in front of all that follows: the node is not replaced.
             pose[node] &= after not in targets
-        for span in objects:
-            if span.robot == index:
-                breaks[min(span.start[0], count)] = True
-                if span.start[0] < count:
-                    pose[span.start[0]] = False
+        for span in graph.spans[index]:
+            breaks[span.start[0]] = True
+            pose[span.start[0] : span.start[0] + 1] = False
         first = 1
         for node in range(1, count + 1):
             if node == count or not pose[node] or breaks[node]:

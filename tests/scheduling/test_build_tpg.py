@@ -14,9 +14,10 @@ from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
 from planning.motion.motion_plan import TaskMotion
 from planning.transforms import Array
-from scheduling.build_tpg import build_chains, build_tpg, dependency_edges
-from scheduling.conflicts.conflict_search import CapsuleChecker
-from scheduling.graph.reduction import order_and_reduce
+from scheduling.build_nodes import build_nodes
+from scheduling.build_tpg import build_tpg
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
@@ -40,9 +41,7 @@ def test_edges_are_those_of_the_double_loop(robots: int, seed: int) -> None:
     plan = random_plan(robots, seed, rounds=10, step=0.5)
     tpg = build_tpg(plan)
     plain = PlainGraph(tpg)
-    assert edge_set(tpg) == plain.reduced_edges(
-        dependency_edges(plan.tasks, plan.dependencies, tpg.chains)
-    )
+    assert edge_set(tpg) == plain.reduced_edges(dependency_edges(tpg))
     assert len(edge_set(tpg)) == len(tpg.edges)
 
 
@@ -57,7 +56,7 @@ def test_any_plan_has_no_cycle_and_the_edges_of_the_double_loop(
     for r, chain in enumerate(tpg.chains):
         nx.add_path(graph, [(r, n) for n in range(len(chain))])
     assert nx.is_directed_acyclic_graph(graph)
-    edges = dependency_edges(plan.tasks, plan.dependencies, tpg.chains)
+    edges = dependency_edges(tpg)
     # What is as close as the tolerance of a decision may go either way.
     slacks = (0.0, TOLERANCE, -TOLERANCE)
     assert any(
@@ -75,15 +74,6 @@ def test_the_random_plans_are_worth_testing() -> None:
         edges += int((tpg.cause == MOTION_CONFLICT).sum())
     assert {"transit", "pick", "place-down", "handover", "support-bottom"} <= kinds
     assert edges > 40
-
-
-def test_capsules_alone_wait_for_at_least_as_much() -> None:
-    plan = random_plan(3, 5)
-    exact, capsules = build_tpg(plan), build_tpg(plan, checker=CapsuleChecker())
-    ranks = planned_ranks(capsules.chains)
-    order, _ = order_and_reduce(ranks, capsules.edges)
-    assert all(order.precedes(*edge) for edge in exact.edges.tolist())
-    assert len(capsules.edges) >= len(exact.edges) > 0
 
 
 # --- two single-joint arms that sweep the same corner --------------------------------------
@@ -117,7 +107,7 @@ def test_an_edge_starts_at_the_successor_of_the_last_colliding_pose() -> None:
     early = tpg.edges.copy()
     early[(early[:, 2:] == [1, entered]).all(axis=1), 1] = last_pose
     with pytest.raises(PlanInvariantError, match="neither waits for the other"):
-        check_invariant(replace(tpg, edges=early))
+        check_invariant(DerivedTpg(replace(tpg, edges=early)))
 
 
 def test_nodes_that_start_together_follow_their_tasks() -> None:
@@ -152,14 +142,11 @@ def test_waits_are_dropped_and_dependencies_carried_on() -> None:
     tpg = build_tpg(plan)
     assert [c.task.tolist() for c in tpg.chains] == [[0, 2], [3]]
     # Task 1 vanishes; the right arm's next node waits for what task 1 waited for.
-    assert dependency_edges(plan.tasks, plan.dependencies, tpg.chains).tolist() == [
-        [0, 0, 1, 0]
-    ]
+    assert dependency_edges(tpg).tolist() == [[0, 0, 1, 0]]
     plan = replace(plan, dependencies=np.array([[0, 1], [1, 3]]))
-    assert dependency_edges(plan.tasks, plan.dependencies, tpg.chains).tolist() == [
-        [0, 0, 1, 0]
-    ]
-    assert build_tpg(plan).cause.tolist() == [TASK_DEPENDENCY]
+    tpg = build_tpg(plan)
+    assert dependency_edges(tpg).tolist() == [[0, 0, 1, 0]]
+    assert tpg.cause.tolist() == [TASK_DEPENDENCY]
 
 
 def test_a_dependency_from_a_task_starts_at_its_last_node() -> None:
@@ -172,7 +159,7 @@ def test_skill_nodes_keep_the_shares_of_their_time() -> None:
     plan = one_joint_plan(("left", [1.5, 1.4, 1.3, 1.5]))
     task = replace(plan.tasks[0], kind="pick")
     motion = TaskMotion(plan.motions[0].path, np.array([2.0, 3.0, 5.0, 6.0]))
-    chains, _ = build_chains(replace(plan, tasks=(task,), motions=(motion,)))
+    chains = build_nodes(replace(plan, tasks=(task,), motions=(motion,))).chains
     assert len(chains[0]) == 1
     assert chains[0].fraction.tolist() == [0.25, 0.75, 1.0]
     assert chains[0].duration.tolist() == [4.0]

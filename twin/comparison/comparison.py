@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from scheduling.build_tpg import build_nodes
+from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.assemblies.kind import PlannedMotions
 from twin.comparison.bounds import straight_line_ratio, straight_line_s

@@ -16,7 +16,8 @@ from planning.motion.speed import JointSpeed, L1Speed, SpeedModel
 from planning.motion.synchronous import SynchronousPlan, plan_synchronous
 from planning.motion.transit import RrtConnect
 from planning.transforms import Indices
-from scheduling.build_tpg import build_nodes, build_tpg
+from scheduling.build_nodes import build_nodes
+from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.ordering.reordering import reorder_tasks
 from scheduling.ordering.task_conflicts import SweptTaskConflicts

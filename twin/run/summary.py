@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from scheduling.build_tpg import dependency_edges
 from scheduling.graph.rollout import earliest_times
+from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.host.atomic import write_json
@@ -71,7 +71,7 @@ def lower_bound_s(tpg: TemporalPlanGraph, run: Run) -> float:
     It is the longest path through the robots' own nodes and the task dependencies, as if no two
     robots were ever in each other's way.
     """
-    edges = dependency_edges(tpg.tasks, tpg.dependencies, tpg.chains)
+    edges = dependency_edges(tpg)
     cause = np.full(len(edges), TASK_DEPENDENCY, dtype=np.uint8)
     free = replace(tpg, edges=edges, cause=cause)
     busy = [d + s for d, s in zip(run.duration_ns, run.stall_ns, strict=True)]

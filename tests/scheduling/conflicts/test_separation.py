@@ -22,10 +22,9 @@ from planning.geometry.separation import (
 )
 from planning.geometry.swept import sweep_segments
 from planning.transforms import Array
-from scheduling.build_tpg import build_chains, occupancies_of
+from scheduling.build_nodes import build_nodes
+from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.occupancy import MOTION, Occupancy
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.total_order import planned_ranks
 from tests.scheduling.mini_world import random_plan
 
 
@@ -108,17 +107,7 @@ def test_boxes_side_by_side_are_not_called_overlapping() -> None:
 @pytest.fixture(scope="module")
 def occupancies() -> list[Occupancy]:
     plan = random_plan(2, 10, step=0.5)
-    chains, handlings = build_chains(plan)
-    graph = TemporalPlanGraph(
-        plan.cell,
-        plan.tasks,
-        chains,
-        np.empty((0, 4), dtype=np.int64),
-        np.empty(0, dtype=np.uint8),
-        handlings,
-        plan.allowed,
-    )
-    return occupancies_of(graph, planned_ranks(chains))[1]
+    return DerivedTpg(build_nodes(plan)).occupancies
 
 
 def test_motions_proved_apart_are_apart(occupancies: list[Occupancy]) -> None:

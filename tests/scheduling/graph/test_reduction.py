@@ -52,7 +52,9 @@ def test_reduction_and_order_are_exact(
 ) -> None:
     ranks, edges = case
     graph = _graph(ranks, edges)
-    order, keep = order_and_reduce(ranks, np.array(edges).reshape(-1, 4))
+    order, keep = order_and_reduce(
+        ranks, np.array(edges, dtype=np.int64).reshape(-1, 4)
+    )
     kept = [edge for edge, k in zip(edges, keep, strict=True) if k]
     reduced = {
         (*u, *v) for u, v in nx.transitive_reduction(graph).edges if u[0] != v[0]

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
-from scheduling.build_tpg import build_tpg, connect_nodes, occupancies_of
+from scheduling.build_tpg import build_tpg, connect_nodes
+from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.rollout import earliest_times
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.total_order import planned_ranks
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.ordering.beam_search import TaskOrderSearch
 from scheduling.ordering.relations import TaskRelations
 from scheduling.ordering.reordering import find_blocks, put_in_order, reorder_tasks
@@ -31,11 +31,15 @@ from twin.trial.adversary import audit_standing_states
 def _parts(
     tpg: TemporalPlanGraph,
 ) -> tuple[TaskRelations, list[tuple[int, ...]], TaskOrderSearch]:
-    ranks = planned_ranks(tpg.chains)
-    relations = TaskRelations(tpg, ranks, occupancies_of(tpg, ranks)[0])
-    blocks = find_blocks(tpg, relations)
-    durations = [chain.duration for chain in tpg.chains]
-    return relations, blocks, TaskOrderSearch(tpg.chains, relations, blocks, durations)
+    relations = TaskRelations(DerivedTpg(tpg))
+    blocks = find_blocks(tpg.chains, relations)
+    return relations, blocks, TaskOrderSearch(relations, blocks)
+
+
+def _connected(
+    tpg: TemporalPlanGraph, chains: tuple[NodeChain, ...]
+) -> TemporalPlanGraph:
+    return connect_nodes(DerivedTpg(replace(tpg, chains=chains)))
 
 
 def graph_of(tpg: TemporalPlanGraph) -> Any:
@@ -69,9 +73,7 @@ def _makespan(
         done.update(block)
     chains = put_in_order(tpg.chains, relations, order)
     try:
-        return float(
-            earliest_times(connect_nodes(replace(tpg, chains=chains))).makespan
-        )
+        return float(earliest_times(_connected(tpg, chains)).makespan)
     except PlanInvariantError:
         return None
 
@@ -80,7 +82,7 @@ def _makespan(
 def test_no_safe_order_is_better(robots: int, seed: int) -> None:
     tpg = build_tpg(random_plan(robots, seed, rounds=4, step=0.5))
     relations, blocks, search = _parts(tpg)
-    found = [blocks[b] for b in search.search(width=50)]
+    found = [blocks[b] for b in search.best_way(width=50).order()]
     every = [
         _makespan(tpg, relations, [(unit,) for unit in order])
         for order in _interleavings(relations.of_chain)
@@ -96,7 +98,7 @@ def test_the_search_knows_when_everyone_will_be_done(seed: int) -> None:
     relations, blocks, search = _parts(tpg)
     best = search.best_way(width=10)
     chains = put_in_order(tpg.chains, relations, [blocks[b] for b in best.order()])
-    rollout = earliest_times(connect_nodes(replace(tpg, chains=chains)))
+    rollout = earliest_times(_connected(tpg, chains))
     assert best.clocks == pytest.approx([end[-1] for end in rollout.end])
 
 
@@ -153,7 +155,7 @@ def test_tasks_that_take_turns_node_by_node_stay_together() -> None:
         start = chains[u.chain].planned_start.copy()
         start += 100.0 - start[u.first]
         chains[u.chain] = replace(chains[u.chain], planned_start=start)
-    together = find_blocks(replace(tpg, chains=tuple(chains)), relations)
+    together = find_blocks(chains, relations)
     assert any({a, b} <= set(block) for block in together)
     flat = [unit for block in together for unit in block]
     assert sorted(flat) == list(range(len(units)))

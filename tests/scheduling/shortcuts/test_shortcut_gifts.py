@@ -9,12 +9,12 @@ import pytest
 
 from planning.errors import PlanInvariantError
 from planning.motion.speed import L1Speed
-from scheduling.conflicts.object_spans import Rest, trace_objects
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.conflicts.object_spans import Rest
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.total_order import planned_ranks
 from scheduling.invariant import check_invariant
 from scheduling.shortcuts import replacement_check as shortcut_check
-from scheduling.shortcuts.shortcutting import _Board
+from scheduling.shortcuts.shortcutting import Board
 from twin.host.stage_watch import StageWatch
 from twin.planning.pipeline import order_motions, plan_in_turns
 from twin.scenario.file import load_scenario
@@ -29,8 +29,8 @@ def cliff() -> TemporalPlanGraph:
 
 
 def the_gift(tpg: TemporalPlanGraph) -> Rest:
-    history = trace_objects(tpg, planned_ranks(tpg.chains))
-    (gift,) = [rest for rest in history.rests if rest.holder is not None]
+    rests = DerivedTpg(tpg).history.rests
+    (gift,) = [rest for rest in rests if rest.holder is not None]
     return gift
 
 
@@ -44,10 +44,10 @@ def take_detours(tpg: TemporalPlanGraph) -> int:
     taken = 0
     for halfway in reference[:-1]:
         for last in range(given + 3, given + 12):
-            board = _Board(tpg, {c.robot: L1Speed(20.0) for c in tpg.chains}, 0.05)
+            board = Board(tpg, {c.robot: L1Speed(20.0) for c in tpg.chains}, 0.05)
             which = next(
                 k
-                for k, span in enumerate(board._spans)
+                for k, span in enumerate(board.spans)
                 if span.chain == giver and span.first <= given + 1 <= span.last
             )
             ends = chain.first[given + 1] - 1, chain.first[last + 1] - 1
@@ -55,7 +55,7 @@ def take_detours(tpg: TemporalPlanGraph) -> int:
                 [chain.waypoints[ends[0]], halfway, chain.waypoints[ends[1]]]
             )
             if board.try_candidate(which, given + 1, last, path):
-                check_invariant(board.tpg)
+                check_invariant(DerivedTpg(board.graph.tpg))
                 taken += 1
     return taken
 

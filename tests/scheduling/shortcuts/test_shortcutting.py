@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import networkx as nx
 import numpy as np
 import pytest
@@ -14,18 +12,12 @@ from planning.geometry.exact import TOLERANCE
 from planning.motion.motion_plan import MotionPlan
 from planning.motion.speed import L1Speed
 from scheduling.build_tpg import build_tpg
-from scheduling.conflicts.object_spans import (
-    ObjectSpan,
-    Rest,
-    shift_history,
-    trace_objects,
-)
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.conflicts.object_spans import ObjectSpan, Rest
 from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.graph.rollout import earliest_times, latest_ends
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.graph.total_order import planned_ranks
-from scheduling.shortcuts.candidate_paths import splice_chain
-from scheduling.shortcuts.rewiring import splice_edges, splice_index
+from scheduling.shortcuts.rewiring import Swap, rewire, splice_edges
 from scheduling.shortcuts.shortcutting import ShortcutReport, shorten_tpg
 from scheduling.shortcuts.spans import find_spans
 from scheduling.verification.verify import verify_plan
@@ -98,9 +90,9 @@ def test_a_shortened_plan_is_proved_safe_and_stands_still_safely(
 @pytest.mark.parametrize(("robots", "seed"), CASES)
 def test_objects_are_where_tracing_them_anew_finds_them(robots: int, seed: int) -> None:
     tpg = build_tpg(random_plan(robots, seed, rounds=10, step=0.5))
-    history = trace_objects(tpg, planned_ranks(tpg.chains))
+    graph = DerivedTpg(tpg)
     chosen = np.random.default_rng(seed)
-    for span in find_spans(tpg, history.spans):
+    for span in find_spans(graph):
         # Any shape of path will do: nothing is checked against anything here.
         chain = tpg.chains[span.chain]
         first, last = np.sort(
@@ -120,17 +112,8 @@ def test_objects_are_where_tracing_them_anew_finds_them(robots: int, seed: int) 
             np.full(count, 0.1),
             np.repeat(chain.planned_start[last], count),
         )
-        chains = list(tpg.chains)
-        chains[span.chain] = splice_chain(chain, first, last, new)
-        handlings = tuple(
-            replace(h, node=splice_index(h.node, first, last, count))
-            if h.robot == span.chain
-            else h
-            for h in tpg.handlings
-        )
-        after = replace(tpg, chains=tuple(chains), handlings=handlings)
-        shifted = shift_history(history, span.chain, first, last, count)
-        anew = trace_objects(after, planned_ranks(after.chains))
+        after = rewire(graph, Swap(span.chain, first, last, count), new, ())
+        shifted, anew = after.history, DerivedTpg(after.tpg).history
         for ours, theirs in (
             (shifted.spans, anew.spans),
             (shifted.rests, anew.rests),
@@ -159,7 +142,9 @@ def test_the_papers_rule_loses_an_order_of_three_robots() -> None:
     papers = edges.copy()
     papers[0, 1], papers[1, 3] = first - 1, first
     assert not waits(papers)
-    ours, _ = splice_edges(edges, np.zeros(2, dtype=np.uint8), 0, first, last, count)
+    ours, _ = splice_edges(
+        edges, np.zeros(2, dtype=np.uint8), Swap(0, first, last, count)
+    )
     assert waits(ours)
 
 
@@ -200,7 +185,6 @@ def test_latest_ends_are_the_longest_ways_to_the_end(robots: int, seed: int) -> 
     latest = latest_ends(tpg, rollout)
     for (r, n), rest in tail.items():
         assert latest[r][n] == pytest.approx(float(rollout.makespan) - rest)
-    assert len(planned_ranks(tpg.chains)) == len(tpg.chains)
 
 
 @st.composite
@@ -249,13 +233,12 @@ def test_replacing_nodes_loses_no_order_among_the_others(
     reduced = nx.transitive_reduction(graph(sizes, rows))
     keep = np.array([((r, u), (s, v)) in reduced.edges for r, u, s, v in rows.tolist()])
     rows = rows[keep.astype(bool)] if len(rows) else rows
-    spliced, cause = splice_edges(
-        rows, np.zeros(len(rows), dtype=np.uint8), chain, first, last, count
-    )
+    swap = Swap(chain, first, last, count)
+    spliced, cause = splice_edges(rows, np.zeros(len(rows), dtype=np.uint8), swap)
     assert len(cause) == len(spliced)
     before = graph(sizes, rows)
     after_sizes = list(sizes)
-    after_sizes[chain] += count - (last - first + 1)
+    after_sizes[chain] += swap.shift
     after = graph(after_sizes, spliced)
     assert nx.is_directed_acyclic_graph(after)
 
@@ -263,9 +246,7 @@ def test_replacing_nodes_loses_no_order_among_the_others(
         r, n = node
         if r != chain:
             return node
-        if n == last:
-            return (r, first + count - 1)
-        return None if first <= n < last else (r, splice_index(n, first, last, count))
+        return None if first <= n < last else (r, swap.moved(n))
 
     reach = {node: nx.descendants(after, node) for node in after}
     for u in before:

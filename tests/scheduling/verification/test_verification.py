@@ -11,7 +11,8 @@ import pytest
 from planning.kinematics.kinematics import frame_pose, inverse_kinematics
 from planning.tasks.task_graph import AllowedContact, Handling
 from planning.transforms import Array, inverse, rotation, translation
-from scheduling.build_tpg import build_chains, build_tpg
+from scheduling.build_nodes import build_nodes
+from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.ancestors import find_precedence
 from scheduling.verification.reference import ReferenceRobot, measure
@@ -36,16 +37,10 @@ def at(writer: Writer, robot: str, x: float, y: float, z: float) -> Array:
 
 def graph(writer: Writer, *edges: tuple[int, int, int, int]) -> TemporalPlanGraph:
     """The plan as a graph with exactly these type-2 edges."""
-    plan = writer.plan()
-    chains, handlings = build_chains(plan)
-    return TemporalPlanGraph(
-        plan.cell,
-        plan.tasks,
-        chains,
-        np.array(sorted(edges), dtype=np.int64).reshape(-1, 4),
-        np.zeros(len(edges), dtype=np.uint8),
-        handlings,
-        plan.allowed,
+    return replace(
+        build_nodes(writer.plan()),
+        edges=np.array(sorted(edges), dtype=np.int64).reshape(-1, 4),
+        cause=np.zeros(len(edges), dtype=np.uint8),
     )
 
 

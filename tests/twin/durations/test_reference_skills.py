@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from planning.errors import ScenarioError
 from planning.tasks.task_graph import TRANSIT
-from scheduling.build_tpg import build_nodes
+from scheduling.build_nodes import build_nodes
 from tests.twin.one_draw import sample
 from twin.cli import app
 from twin.host.stage_watch import StageWatch

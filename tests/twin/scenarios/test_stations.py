@@ -12,9 +12,8 @@ from planning.errors import PlanInvariantError
 from planning.tasks.task_graph import build_task_graph, object_node, task_node
 from planning.transforms import translation
 from scheduling.build_tpg import build_tpg
-from scheduling.conflicts.object_spans import trace_objects
+from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.plan_files import load_plan, save_plan
-from scheduling.graph.total_order import planned_ranks
 from scheduling.verification.graph_structure import check_structure
 from scheduling.verification.verify import verify_plan
 from twin.audit.audit import audit_run
@@ -125,7 +124,7 @@ def test_the_next_brick_comes_up_at_the_end_of_a_pick(planned: Planned) -> None:
 def test_a_brick_always_stands_at_a_station(planned: Planned) -> None:
     """The rests at its place follow each other without a gap, from the start to the end."""
     tpg = planned.tpg
-    history = trace_objects(tpg, planned_ranks(tpg.chains))
+    history = DerivedTpg(tpg).history
     for station, count in COPIES.items():
         place = tpg.cell.object(f"{station}.1").start
         rests = [

@@ -1,0 +1,210 @@
+"""A temporal plan graph and what follows from it, each worked out once.
+
+The order of the nodes, the entities and their allowed contacts, where objects are, and what
+everything occupies are asked of one ``DerivedTpg`` while edges are drawn, proved and changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from planning.cell.workcell import PlacedRobot
+from planning.parallel import side_by_side
+from planning.transforms import Indices
+from scheduling.conflicts.allowed_contacts import (
+    ContactTable,
+    EntityNumbers,
+    contact_table,
+)
+from scheduling.conflicts.conflict_search import HullChecker, search_conflicts
+from scheduling.conflicts.object_spans import (
+    Moment,
+    ObjectHistory,
+    ObjectSpan,
+    Rest,
+    trace_objects,
+)
+from scheduling.conflicts.occupancy import (
+    Occupancy,
+    chain_occupancy,
+    hold_occupancy,
+    rest_occupancy,
+    standing_occupancy,
+)
+from scheduling.graph.reduction import NodeOrder, order_and_reduce
+from scheduling.graph.rollout import Rollout, earliest_times
+from scheduling.graph.temporal_plan_graph import (
+    Causes,
+    NodeChain,
+    TemporalPlanGraph,
+)
+from scheduling.graph.total_order import planned_ranks
+
+
+@dataclass(frozen=True, eq=False)
+class DerivedTpg:
+    """A graph, and what is derived from it when it is first asked for.
+
+    Attributes:
+        tpg: the graph.
+    """
+
+    tpg: TemporalPlanGraph
+
+    @cached_property
+    def ranks(self) -> tuple[Indices, ...]:
+        """Place of every node in the total order, one array a chain."""
+        return planned_ranks(self.tpg.chains)
+
+    @cached_property
+    def order(self) -> NodeOrder:
+        """What precedes what."""
+        return order_and_reduce(self.ranks, self.tpg.edges)[0]
+
+    @cached_property
+    def entities(self) -> EntityNumbers:
+        """Numbers of the robots' arms and tools and of the handled objects."""
+        handled = dict.fromkeys(handling.object for handling in self.tpg.handlings)
+        return EntityNumbers((robot.name for robot in self.tpg.cell.robots), handled)
+
+    @cached_property
+    def table(self) -> ContactTable:
+        """Allowed contacts and clearances."""
+        return contact_table(self.entities, self.tpg.allowed, self.tpg.cell.clearances)
+
+    @cached_property
+    def history(self) -> ObjectHistory:
+        """Where every handled object is."""
+        return trace_objects(self.tpg, self.ranks)
+
+    @cached_property
+    def spans(self) -> tuple[tuple[ObjectSpan, ...], ...]:
+        """The objects that are part of each chain's occupancy."""
+        return tuple(
+            tuple(span for span in self.history.spans if span.robot == chain)
+            for chain in range(len(self.tpg.chains))
+        )
+
+    @cached_property
+    def occupancies(self) -> list[Occupancy]:
+        """What the nodes of each chain occupy."""
+        cell, entities, spans = self.tpg.cell, self.entities, self.spans
+        return side_by_side(
+            lambda k: chain_occupancy(cell, self.tpg.chains[k], spans[k], entities),
+            range(len(self.tpg.chains)),
+        )
+
+    @cached_property
+    def rollout(self) -> Rollout:
+        """When every node starts and ends at nominal durations [s]."""
+        return earliest_times(self.tpg, ranks=self.ranks)
+
+    def occupancy(
+        self, chain: int, first: int, stop: int, nodes: NodeChain | None = None
+    ) -> Occupancy:
+        """Return what some nodes of a chain occupy, numbered from 0.
+
+        Args:
+            chain: the chain.
+            first, stop: its nodes ``range(first, stop)``.
+            nodes: others that take their place, and carry what they carry.
+        """
+        nodes = nodes or self.tpg.chains[chain].cut(first, stop)
+
+        def clip(moment: Moment) -> Moment:
+            node, waypoint = moment
+            if node < first:
+                return (0, 0)
+            return (len(nodes), 0) if node >= stop else (node - first, waypoint)
+
+        own = [
+            replace(span, start=clip(span.start), end=clip(span.end))
+            for span in self.spans[chain]
+            if span.start[0] < stop and span.end >= (first, 0)
+        ]
+        return chain_occupancy(self.tpg.cell, nodes, own, self.entities)
+
+    def holds(self, chain: int, holds: Indices) -> Occupancy:
+        """Return what a robot occupies in some of its holds, see ``hold_occupancy``."""
+        nodes = self.tpg.chains[chain]
+        return hold_occupancy(
+            self.tpg.cell, nodes, holds, self.spans[chain], self.entities
+        )
+
+    def standing(self, robot: PlacedRobot) -> Occupancy:
+        """Return what a robot without nodes occupies."""
+        return standing_occupancy(self.tpg.cell, robot, self.entities)
+
+    def rest(self, rest: Rest) -> Occupancy:
+        """Return what an object at rest occupies."""
+        return rest_occupancy(self.tpg.cell, rest, self.entities)
+
+    def conflicts(
+        self, a: Occupancy, b: Occupancy, floor: Indices, limit: Indices
+    ) -> Iterator[tuple[int, int]]:
+        """Yield conflicts (v, u) until those yielded imply all others, see ``search_conflicts``."""
+        checker = HullChecker(self.table)
+        return search_conflicts(a, b, floor, limit, self.table, checker)
+
+    def first_conflict(
+        self,
+        a: Occupancy,
+        b: Occupancy,
+        floor: Indices,
+        limit: Indices,
+        *,
+        slack: float = 0.0,
+    ) -> tuple[int, int] | None:
+        """Return a conflict of two occupancies, None if there is none.
+
+        Args:
+            a, b: the occupancies.
+            floor, limit: which nodes of b are asked for, for each of a; see
+                ``search_conflicts``. Neither is changed.
+            slack: taken off the clearances [m].
+        """
+        checker = HullChecker(self.table, slack=slack)
+        floor, limit = np.array(floor, np.int64), np.array(limit, np.int64)
+        return next(search_conflicts(a, b, floor, limit, self.table, checker), None)
+
+    def with_edges(self, edges: Indices, cause: Causes) -> DerivedTpg:
+        """Return the graph with other edges, reduced and sorted.
+
+        Args:
+            edges: type-2 edges, shape (e, 4).
+            cause: of each, shape (e,).
+
+        Raises:
+            PlanInvariantError: an edge goes against the total order.
+        """
+        order, keep = order_and_reduce(self.ranks, edges)
+        edges, cause = edges[keep], cause[keep]
+        by_edge = np.lexsort(edges.T[::-1])
+        tpg = replace(self.tpg, edges=edges[by_edge], cause=cause[by_edge])
+        same = ("ranks", "history", "spans", "occupancies")
+        return self.derive(tpg, *same, order=order)
+
+    def derive(self, tpg: TemporalPlanGraph, *same: str, **known: Any) -> DerivedTpg:
+        """Return another graph of the same cell, objects and contacts.
+
+        Args:
+            tpg: the graph.
+            same: attributes that are the same for both.
+            known: attributes of the other graph that are known already.
+        """
+        other = DerivedTpg(tpg)
+        kept = {"entities", "table", *same} & vars(self).keys()
+        vars(other).update({name: vars(self)[name] for name in kept}, **known)
+        return other
+
+    def node_name(self, chain: int, node: int) -> str:
+        """Return by what messages name a node."""
+        own = self.tpg.chains[chain]
+        task = int(own.task[node])
+        label = next((t.label for t in self.tpg.tasks if t.index == task), "")
+        return f"node {node} of robot {own.robot!r} (task {task}, {label})"
