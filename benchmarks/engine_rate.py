@@ -22,6 +22,7 @@ from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Uniform, packaged_timings
 from twin.engine.engine import Simulator
+from twin.engine.messages import Messages
 from twin.recorders.memory import MemoryRecorder
 from twin.run.run_record import Run
 from twin.scenario.file import load_scenario
@@ -74,7 +75,7 @@ def rates(tpg: TemporalPlanGraph, runs: int) -> list[Rate]:
     """Measure every kind of run of a plan."""
     durations = SkillDurations(packaged_timings())
     plain = Simulator(tpg, durations)
-    late = Simulator(tpg, durations, latency_s=0.005, queue_depth=3)
+    late = Simulator(tpg, durations, messages=Messages.of_seconds(3, 0.005, 0.005))
     disturbed = Simulator(tpg, durations, disturbances=DISTURBED)
     few = max(runs // 10, 1)
     return [

@@ -6,7 +6,9 @@ import numpy as np
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds
+from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.draws import uniforms
+from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
 from twin.uncertainty.skill_durations import SkillDurations
 
 
@@ -35,3 +37,16 @@ def sample(
     """Durations of one replication per chain, each of shape (nodes,) [ns]."""
     rows = durations.bind(tpg).durations(seed=seed, replications=[replication])
     return tuple(np.ascontiguousarray(own[:, 0]) for own in rows)
+
+
+def sample_node_times(
+    tpg: TemporalPlanGraph,
+    durations: SkillDurations,
+    disturbances: Disturbances | None = None,
+    *,
+    seed: int,
+    replication: int = 0,
+) -> NodeTimes:
+    """What every node of a graph takes in one replication."""
+    sampler = NodeTimeSampler(tpg, durations, disturbances or Disturbances())
+    return sampler.sample(seed=seed, replication=replication)

@@ -1,4 +1,4 @@
-"""The twin: a discrete-event simulation of robots that execute a TPG (APEX-MR IV-D, Fig. 4).
+"""Event engine: a discrete-event simulation of robots that execute a TPG (APEX-MR IV-D, Fig. 4).
 
 Every robot is a SimPy process that takes nodes from its action queue, executes them and reports
 completion. One dispatcher process owns the state of the TPG and releases what has become safe.
@@ -19,21 +19,10 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds
 from twin.engine.messages import Messages
 from twin.engine.narrator import failure_text
-from twin.engine.open_loop import (
-    busy_times,
-    cut_failed,
-    open_loop_times,
-    planned_starts,
-)
+from twin.engine.open_loop import open_loop_starts, planned_starts
 from twin.engine.processes import Execution
 from twin.recorders.observers import Observers, Recorder
-from twin.run.run_record import (
-    POLICIES,
-    DeadlockError,
-    Outcome,
-    Policy,
-    Run,
-)
+from twin.run.run_record import POLICIES, DeadlockError, Outcome, Policy, Run
 from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.halts import Halts, sample_halts
@@ -41,6 +30,7 @@ from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
 from twin.uncertainty.skill_durations import SkillDurations
 
 _Times = tuple[Nanoseconds, ...]
+_Halts = tuple[Halts, ...] | None
 
 
 @dataclass(frozen=True)
@@ -50,12 +40,28 @@ class _Course:
     outcome: Outcome
     start: _Times
     end: _Times
-    now_ns: int
+    now_ns: int = 0
     deadlock: str = ""
 
 
 class Simulator:
-    """Executes one TPG as often as asked; see simulate for the arguments."""
+    """Executes one TPG as often as asked.
+
+    Args:
+        tpg: what to execute.
+        durations: give skills their durations.
+        policy: ``"asynchronous"`` releases whatever the TPG says is safe; ``"sequential"`` lets
+            one robot work at a time, always on the first task in planned order that is safe;
+            ``"synchronous"`` lets nobody enter a slot of the plan before everyone has left the
+            one before; in ``"open-loop"`` every robot follows the planned clock and waits for
+            nobody, so that robots may collide.
+        messages: between robots and dispatcher.
+        disturbances: what may go wrong.
+
+    Raises:
+        PlanInvariantError: the policy is synchronous, but the plan was not made in slots.
+        TwinError: there is no such policy.
+    """
 
     def __init__(
         self,
@@ -63,22 +69,16 @@ class Simulator:
         durations: SkillDurations,
         *,
         policy: Policy = "asynchronous",
-        queue_depth: int = 1,
-        latency_s: float = 0.0,
-        report_latency_s: float | None = None,
-        release_latency_s: float | None = None,
+        messages: Messages | None = None,
         disturbances: Disturbances | None = None,
     ) -> None:
-        """Keep what all runs share."""
         if policy not in POLICIES:
             raise TwinError(f"no policy {policy!r}", choices=POLICIES)
         self.tpg = tpg = with_barriers(tpg) if policy == "synchronous" else tpg
         self.policy: Policy = policy
-        self.messages = Messages.of_seconds(
-            queue_depth, latency_s, report_latency_s, release_latency_s
-        )
-        self.disturbances = disturbances
-        self._sampler = NodeTimeSampler(tpg, durations, disturbances)
+        self.messages = messages or Messages()
+        self.disturbances = disturbances or Disturbances()
+        self._sampler = NodeTimeSampler(tpg, durations, self.disturbances)
         self._dispatcher = Dispatcher(tpg)
         self._contraction: Contraction | None = None
         self._planned: _Times | None = None
@@ -88,19 +88,25 @@ class Simulator:
             self._contraction = contract(tpg)
             self._contracted_dispatcher = Dispatcher(self._contraction.tpg)
 
-    def sample(self, *, seed: int, replication: int = 0) -> NodeTimes:
-        """Return what every node takes in one replication; see sample_node_times."""
-        return self._sampler.sample(seed=seed, replication=replication)
-
     def run(
-        self,
-        *,
-        seed: int,
-        replication: int = 0,
-        recorders: Sequence[Recorder] = (),
+        self, *, seed: int, replication: int = 0, recorders: Sequence[Recorder] = ()
     ) -> Run:
-        """Execute the TPG once."""
-        times = self.sample(seed=seed, replication=replication)
+        """Execute the TPG once.
+
+        Args:
+            seed, replication: name the random draws.
+            recorders: told of every event, then closed.
+
+        Returns:
+            The run. After a KeyboardInterrupt its outcome is ``"aborted"`` and it holds what
+            happened until then. When a task fails for good its robot stops, the others go on
+            as far as the TPG allows, and the outcome is ``"failed"``.
+
+        Raises:
+            DeadlockError: no robot can go on although none has failed, which no valid TPG
+                brings about.
+        """
+        times = self._sampler.sample(seed=seed, replication=replication)
         halts = sample_halts(
             self.tpg, self.disturbances, seed=seed, replication=replication
         )
@@ -109,32 +115,29 @@ class Simulator:
         elif self._contraction is not None:
             course = self._segment_by_segment(self._contraction, times, halts)
         elif self._planned is not None and halts is None:
-            start, end = open_loop_times(self._planned, times)
+            start = open_loop_starts(self._planned, times)
+            end = tuple(s + b for s, b in zip(start, times.busy, strict=True))
+            times.cut_failed(start, end)
             fails = max(times.failed, default=-1) >= 0
-            course = _Course("failed" if fails else "completed", start, end, 0)
+            course = _Course("failed" if fails else "completed", start, end)
         else:
             course = self._node_by_node(times, halts, ())
-        run = self._run_of(course, times, halts, seed, replication)
+        run = self._run_of(course, times, halts, (seed, replication))
         if course.deadlock:
             raise DeadlockError(course.deadlock, run)
         return run
 
     def _node_by_node(
-        self,
-        times: NodeTimes,
-        halts: tuple[Halts, ...] | None,
-        recorders: Sequence[Recorder],
+        self, times: NodeTimes, halts: _Halts, recorders: Sequence[Recorder]
     ) -> _Course:
         execution = Execution(
             self.tpg,
             times,
-            policy=self.policy,
-            messages=self.messages,
-            dispatcher=self._dispatcher.copy(),
+            self._dispatcher.copy(),
+            self.messages,
+            sequential=self.policy == "sequential",
             halts=halts,
-            planned=None
-            if self._planned is None
-            else [start.tolist() for start in self._planned],
+            planned=self._planned,
             observers=Observers(recorders),
         )
         outcome = execution.execute()
@@ -147,14 +150,10 @@ class Simulator:
         )
 
     def _segment_by_segment(
-        self,
-        contraction: Contraction,
-        times: NodeTimes,
-        halts: tuple[Halts, ...] | None,
+        self, contraction: Contraction, times: NodeTimes, halts: _Halts
     ) -> _Course:
         """Execute whole segments, and work out the times of their nodes afterwards."""
-        busy = busy_times(times)
-        sums = contraction.sums(busy)
+        sums = contraction.sums(times.busy)
         failed = tuple(
             -1 if node < 0 else int(np.searchsorted(first, node, side="right")) - 1
             for node, first in zip(times.failed, contraction.first, strict=True)
@@ -163,26 +162,21 @@ class Simulator:
         execution = Execution(
             contraction.tpg,
             NodeTimes(nothing, sums, (), failed),
-            policy=self.policy,
-            messages=self.messages,
-            dispatcher=self._contracted_dispatcher.copy(),
+            self._contracted_dispatcher.copy(),
+            self.messages,
+            sequential=self.policy == "sequential",
             halts=halts,
         )
         outcome = execution.execute()
         start, end = contraction.expand(
-            _arrays(execution.start), busy, execution.now_ns, halts
+            _arrays(execution.start), times.busy, execution.now_ns, halts
         )
-        cut_failed(times, start, end)
+        times.cut_failed(start, end)
         deadlock = _deadlock(execution, outcome)
         return _Course(outcome, start, end, execution.now_ns, deadlock)
 
     def _run_of(
-        self,
-        course: _Course,
-        times: NodeTimes,
-        halts: tuple[Halts, ...] | None,
-        seed: int,
-        replication: int,
+        self, course: _Course, times: NodeTimes, halts: _Halts, name: tuple[int, int]
     ) -> Run:
         failed = [
             k
@@ -196,24 +190,21 @@ class Simulator:
             for k in failed:
                 node = times.failed[k]
                 begun, stall = int(course.start[k][node]), int(times.stall[k][node])
-                stood = begun + stall
-                if halts is not None:
-                    stood = halts[k].advance(begun, stall)
+                stood = halts[k].advance(begun, stall) if halts else begun + stall
                 makespan = max(makespan, stood)
+        makespan = max(makespan, 0)
         return Run(
             outcome=course.outcome,
             policy=self.policy,
-            seed=seed,
-            replication=replication,
+            seed=name[0],
+            replication=name[1],
             duration_ns=times.motion,
             stall_ns=times.stall,
             start_ns=course.start,
             end_ns=course.end,
-            makespan_ns=max(makespan, 0),
+            makespan_ns=makespan,
             standstills=times.standstills,
-            halts_ns=()
-            if halts is None
-            else tuple(own.intervals(max(makespan, 0)) for own in halts),
+            halts_ns=tuple(own.intervals(makespan) for own in halts or ()),
             failed_nodes=tuple(
                 times.failed[k] if k in failed else -1
                 for k in range(len(self.tpg.chains))
@@ -230,59 +221,3 @@ def _deadlock(execution: Execution, outcome: Outcome) -> str:
 
 def _arrays(rows: Sequence[Sequence[int]]) -> _Times:
     return tuple(np.array(row, dtype=np.int64) for row in rows)
-
-
-def simulate(
-    tpg: TemporalPlanGraph,
-    durations: SkillDurations,
-    *,
-    seed: int,
-    replication: int = 0,
-    policy: Policy = "asynchronous",
-    queue_depth: int = 1,
-    latency_s: float = 0.0,
-    report_latency_s: float | None = None,
-    release_latency_s: float | None = None,
-    disturbances: Disturbances | None = None,
-    recorders: Sequence[Recorder] = (),
-) -> Run:
-    """Execute a TPG once.
-
-    Args:
-        tpg: what to execute.
-        durations: gives every node its duration.
-        seed, replication: name the random draws.
-        policy: ``"asynchronous"`` releases whatever the TPG says is safe; ``"sequential"`` lets
-            one robot work at a time, always on the first task in planned order that is safe;
-            ``"synchronous"`` lets nobody enter a slot of the plan before everyone has left the
-            one before; in ``"open-loop"`` every robot follows the planned clock and waits for
-            nobody, so that robots may collide.
-        queue_depth: actions sent to a robot of which completion is not yet reported, at most.
-        latency_s: time a message takes between robot and dispatcher, either way [s].
-        report_latency_s, release_latency_s: the same from robot to dispatcher and from
-            dispatcher to robot, where they differ [s].
-        disturbances: what may go wrong.
-        recorders: told of every event, then closed.
-
-    Returns:
-        The run. After a KeyboardInterrupt its outcome is ``"aborted"`` and it holds what
-        happened until then. When a task fails for good its robot stops, the others go on as
-        far as the TPG allows, and the outcome is ``"failed"``.
-
-    Raises:
-        DeadlockError: no robot can go on although none has failed, which no valid TPG brings
-            about.
-        PlanInvariantError: the policy is synchronous, but the plan was not made in slots.
-        TwinError: an argument is out of range.
-    """
-    simulator = Simulator(
-        tpg,
-        durations,
-        policy=policy,
-        queue_depth=queue_depth,
-        latency_s=latency_s,
-        report_latency_s=report_latency_s,
-        release_latency_s=release_latency_s,
-        disturbances=disturbances,
-    )
-    return simulator.run(seed=seed, replication=replication, recorders=recorders)

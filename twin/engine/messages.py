@@ -25,31 +25,16 @@ class Messages:
 
     @classmethod
     def of_seconds(
-        cls,
-        queue_depth: int,
-        latency_s: float = 0.0,
-        report_latency_s: float | None = None,
-        release_latency_s: float | None = None,
+        cls, queue_depth: int = 1, report_s: float = 0.0, release_s: float = 0.0
     ) -> Messages:
-        """Return messages that take some seconds; ``latency_s`` where none of their own.
-
-        Raises:
-            TwinError: a number is out of range.
-        """
+        """Return messages that take some seconds; TwinError if a number is out of range."""
         if queue_depth < 1:
             raise TwinError(f"queue_depth must be at least 1, not {queue_depth}")
-        report = latency_s if report_latency_s is None else report_latency_s
-        release = latency_s if release_latency_s is None else release_latency_s
-        for name, value in (
-            ("latency_s", latency_s),
-            ("report_latency_s", report),
-            ("release_latency_s", release),
-        ):
+        for value in (report_s, release_s):
             if not 0 <= value < math.inf:
-                raise TwinError(f"{name} must be at least 0, not {value}")
-        return cls(
-            queue_depth, int(to_nanoseconds(report)), int(to_nanoseconds(release))
-        )
+                raise TwinError(f"a latency must be at least 0 s, not {value}")
+        report, release = to_nanoseconds([report_s, release_s]).tolist()
+        return cls(queue_depth, report, release)
 
     @property
     def instant(self) -> bool:

@@ -12,11 +12,11 @@ from simpy.events import EventPriority
 
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import NANOSECONDS
+from twin.durations import NANOSECONDS, Nanoseconds
 from twin.engine.messages import Messages
 from twin.engine.narrator import Narrator, failure_text, waiting_cause
 from twin.recorders.observers import Observers
-from twin.run.run_record import Outcome, Policy
+from twin.run.run_record import Outcome
 from twin.uncertainty.halts import Halts
 from twin.uncertainty.node_times import NodeTimes
 
@@ -33,12 +33,12 @@ class Execution:
         self,
         tpg: TemporalPlanGraph,
         times: NodeTimes,
-        *,
-        policy: Policy,
-        messages: Messages,
         dispatcher: Dispatcher,
+        messages: Messages,
+        *,
+        sequential: bool = False,
         halts: Sequence[Halts] | None = None,
-        planned: Sequence[Sequence[int]] | None = None,
+        planned: Sequence[Nanoseconds] | None = None,
         observers: Observers | None = None,
     ) -> None:
         """Set the cell up at time 0.
@@ -46,20 +46,20 @@ class Execution:
         Args:
             tpg: what to execute.
             times: how long every node takes and stands.
-            policy: see twin.engine.engine.simulate.
-            messages: between robots and dispatcher.
             dispatcher: of the graph, nothing complete yet.
+            messages: between robots and dispatcher.
+            sequential: whether one robot works at a time.
             halts: stops by the clock, one entry a chain.
-            planned: start of every node by the planned clock [ns], for ``open-loop``.
+            planned: start of every node by the planned clock [ns], which all robots then
+                follow without a dispatcher.
             observers: told of every event.
         """
         self.tpg = tpg
         self.times = times
-        self.sequential = policy == "sequential"
-        self.queue_depth = messages.queue_depth
-        self.report_ns, self.release_ns = messages.report_ns, messages.release_ns
+        self.messages = messages
+        self.sequential = sequential
         self.halts = halts
-        self.planned = planned if policy == "open-loop" else None
+        self.planned = None if planned is None else [row.tolist() for row in planned]
         self.env = simpy.Environment(initial_time=0)
         self.dispatcher = dispatcher
         self.narrator = (
@@ -249,10 +249,10 @@ class Execution:
 
     def _report(self, chain: int, node: int) -> None:
         """Send the dispatcher word that a node is complete."""
-        if self.report_ns == 0:
+        if self.messages.report_ns == 0:
             self._receive_report(chain, node)
         else:
-            message = self.env.timeout(self.report_ns)
+            message = self.env.timeout(self.messages.report_ns)
             message.callbacks.append(lambda _: self._receive_report(chain, node))
 
     def _receive_report(self, chain: int, node: int) -> None:
@@ -262,10 +262,10 @@ class Execution:
 
     def _send(self, chain: int, node: int) -> None:
         """Send a robot its next node."""
-        if self.release_ns == 0:
+        if self.messages.release_ns == 0:
             self._enqueue(chain, node)
         else:
-            message = self.env.timeout(self.release_ns)
+            message = self.env.timeout(self.messages.release_ns)
             message.callbacks.append(lambda _: self._enqueue(chain, node))
 
     def _enqueue(self, chain: int, node: int) -> None:
@@ -298,9 +298,9 @@ class Execution:
                     )
             return
         for chain in chains:
-            while self.outstanding[chain] < self.queue_depth and self._next_is_safe(
+            while self.outstanding[
                 chain
-            ):
+            ] < self.messages.queue_depth and self._next_is_safe(chain):
                 self._release(chain)
 
     def _next_is_safe(self, chain: int) -> bool:

@@ -112,7 +112,7 @@ class Forecaster:
         nodes = len(self._graph.order)
         fits = max(_FEWEST, _MOST_VALUES // max(nodes, 1))
         self._samples = max(1, min(samples, fits))
-        sampler = NodeTimeSampler(tpg, durations, disturbances)
+        sampler = NodeTimeSampler(tpg, durations, self._disturbances)
         self._futures = [
             sampler.sample(seed=self._seed, replication=r) for r in range(self._samples)
         ]

@@ -20,6 +20,7 @@ from twin.scenario.variations import Variant, varied
 from twin.study.replications.experiment import PLAN_OF_POLICY, Experiment
 from twin.study.replications.timing_graph import timing_graph
 from twin.study.replications.workload import Workload
+from twin.trial.simulation import scenario_messages
 
 TURNS, SLOTS, SHORTENED = "turns", "slots", "shortened"
 
@@ -126,16 +127,12 @@ def scenario_workload(
     own = varied(scenario, variant)
     execution = own.execution
     robots = tuple(robot.name for robot in scenario.cell.robots)
-    latency = execution.latency_s
-    report, order = execution.report_latency_s, execution.release_latency_s
     return Workload(
         tpg=tpg,
         policy=PLAN_OF_POLICY[policy][1],
         durations=skill_durations(own, base, antithetic=antithetic),
         disturbances=scenario_disturbances(execution, robots, base),
         seed=own.seed,
-        queue_depth=execution.queue_depth,
-        report_latency_s=latency if report is None else report,
-        release_latency_s=latency if order is None else order,
+        messages=scenario_messages(execution),
         reasons=tuple(needs_event_engine(execution)),
     )

@@ -38,10 +38,7 @@ def scenario_simulator(
         tpg,
         skill_durations(scenario, base),
         policy=policy or execution.policy,
-        queue_depth=execution.queue_depth,
-        latency_s=execution.latency_s,
-        report_latency_s=execution.report_latency_s,
-        release_latency_s=execution.release_latency_s,
+        messages=scenario_messages(execution),
         disturbances=scenario_disturbances(execution, robots, base),
     )
 
@@ -49,8 +46,5 @@ def scenario_simulator(
 def scenario_messages(execution: ExecutionSection) -> Messages:
     """Return how robots and dispatcher talk according to a scenario."""
     return Messages.of_seconds(
-        execution.queue_depth,
-        execution.latency_s,
-        execution.report_latency_s,
-        execution.release_latency_s,
+        execution.queue_depth, execution.report_s, execution.release_s
     )

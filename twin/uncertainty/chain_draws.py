@@ -46,8 +46,8 @@ class Standstills:
     duration_ns: Nanoseconds
 
 
-class ChainDraws:
-    """Draws of one robot.
+class TaskNodes:
+    """Which nodes of one robot belong to which task.
 
     Attributes:
         chain: the robot's nodes.
@@ -58,7 +58,6 @@ class ChainDraws:
     """
 
     def __init__(self, tpg: TemporalPlanGraph, chain: NodeChain) -> None:
-        """Look up which nodes belong to which task."""
         self.chain = chain
         opens = np.flatnonzero(np.diff(chain.task, prepend=-1) != 0)
         self.tasks: Indices = chain.task[opens]
@@ -68,27 +67,23 @@ class ChainDraws:
             np.arange(len(self.tasks)), np.diff(self.first)
         )
 
-    def in_replications(self, seed: int, numbers: Indices) -> ReplicatedDraws:
-        """Return the draws of some replications."""
-        return ReplicatedDraws(self, seed, numbers)
-
-    def skill_node(self, place: int) -> int:
-        """Return the first node of a task that belongs to its skill."""
+    def skill_nodes(self, place: int) -> Indices:
+        """Return the nodes of a task that belong to its skill."""
         low, high = self.first[place], self.first[place + 1]
-        return int(low + np.argmax(self.chain.skill[low:high]))
+        return np.asarray(low + np.flatnonzero(self.chain.skill[low:high]))
 
 
 @dataclass(frozen=True)
-class ReplicatedDraws:
+class ChainDraws:
     """Draws of one robot in some replications, one column each.
 
     Attributes:
-        own: the robot's.
+        own: the robot's tasks.
         seed: names the draws.
         numbers: of the replications, shape (r,).
     """
 
-    own: ChainDraws
+    own: TaskNodes
     seed: int
     numbers: Indices
 
@@ -233,8 +228,8 @@ class ReplicatedDraws:
         failed: Indices,
     ) -> list[Standstills]:
         """Return failed attempts at some tasks; lower ``failed`` to those that fail for good."""
-        own = self.own
-        nodes = np.array([own.skill_node(k) for k in which.tolist()], dtype=np.int64)
+        skills = [self.own.skill_nodes(k) for k in which.tolist()]
+        nodes = np.array([own[0] for own in skills], dtype=np.int64)
         fails = np.ones((len(which), len(self.numbers)), dtype=bool)
         found = []
         for attempt in range(failure.retries + 1):
@@ -243,7 +238,8 @@ class ReplicatedDraws:
             if len(row) == 0:
                 break
             if failure.retry is None:
-                cost = self._skill_time(which, motion)[row, column]
+                skill_ns = np.stack([motion[own].sum(axis=0) for own in skills])
+                cost = skill_ns[row, column]
             else:
                 u = self.draw(which, "retry", attempt)
                 cost = to_nanoseconds(failure.retry.ppf(u[row, column]))
@@ -251,16 +247,6 @@ class ReplicatedDraws:
             if attempt == failure.retries:
                 np.minimum.at(failed, column, nodes[row])
         return found
-
-    def _skill_time(self, which: Indices, motion: Nanoseconds) -> Nanoseconds:
-        """Return how long the skills of some tasks take, shape (n, r) [ns]."""
-        chain, first = self.own.chain, self.own.first
-        return np.stack(
-            [
-                motion[low:high][chain.skill[low:high]].sum(axis=0)
-                for low, high in zip(first[which], first[which + 1], strict=True)
-            ]
-        )
 
 
 def choose(n: int, u: Array) -> Indices:

@@ -8,7 +8,9 @@ times of the run's clock is in ``twin.uncertainty.halts``.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +18,7 @@ import numpy.typing as npt
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds
-from twin.uncertainty.chain_draws import Cause, ChainDraws, Standstills
+from twin.uncertainty.chain_draws import Cause, ChainDraws, Standstills, TaskNodes
 from twin.uncertainty.contraction import Contraction
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.skill_durations import SkillDurations
@@ -58,6 +60,29 @@ class NodeTimes:
     standstills: tuple[tuple[Standstill, ...], ...]
     failed: tuple[int, ...]
 
+    @cached_property
+    def busy(self) -> tuple[Nanoseconds, ...]:
+        """Stall and motion of every node together; what has failed does not move [ns]."""
+        out = []
+        for motion, stall, failed in zip(
+            self.motion, self.stall, self.failed, strict=True
+        ):
+            total = motion + stall
+            if failed >= 0:
+                total[failed] = stall[failed]
+                total[failed + 1 :] = 0
+            out.append(total)
+        return tuple(out)
+
+    def cut_failed(
+        self, start: Sequence[Nanoseconds], end: Sequence[Nanoseconds]
+    ) -> None:
+        """Take back what comes after a task that failed for good, in times of all nodes."""
+        for node, begun, done in zip(self.failed, start, end, strict=True):
+            if node >= 0:
+                begun[node + 1 :] = -1
+                done[node:] = -1
+
 
 @dataclass(frozen=True)
 class SegmentTimes:
@@ -74,58 +99,41 @@ class SegmentTimes:
     fails: npt.NDArray[np.bool_]
 
 
-def sample_node_times(
-    tpg: TemporalPlanGraph,
-    durations: SkillDurations,
-    disturbances: Disturbances | None = None,
-    *,
-    seed: int,
-    replication: int = 0,
-) -> NodeTimes:
-    """Draw what every node of a graph takes in one replication.
+class NodeTimeSampler:
+    """Draws what the nodes of one graph take, as often as asked.
 
     Args:
         tpg: the graph, not contracted.
-        durations: gives the nodes their undisturbed durations.
+        durations: give skills their undisturbed durations.
         disturbances: what may go wrong; those at times of the run's clock play no part here.
-        seed, replication: name the draws.
     """
-    sampler = NodeTimeSampler(tpg, durations, disturbances)
-    return sampler.sample(seed=seed, replication=replication)
-
-
-class NodeTimeSampler:
-    """Draws what the nodes of one graph take, as often as asked; see sample_node_times."""
 
     def __init__(
         self,
         tpg: TemporalPlanGraph,
         durations: SkillDurations,
-        disturbances: Disturbances | None = None,
+        disturbances: Disturbances,
     ) -> None:
-        """Keep what all replications share."""
-        self._tpg = tpg
         self._skills = durations.bind(tpg)
-        self._disturbances = disturbances or Disturbances()
-        self._draws = [ChainDraws(tpg, chain) for chain in tpg.chains]
+        self._disturbances = disturbances
+        self._chains = [TaskNodes(tpg, chain) for chain in tpg.chains]
+        nodes = max((len(chain) for chain in tpg.chains), default=1)
+        self._most_replications = max(_MOST_VALUES // max(nodes, 1), 1)
 
     def sample(self, *, seed: int, replication: int = 0) -> NodeTimes:
         """Draw one replication."""
-        numbers = np.array([replication], dtype=np.int64)
         moves, stalls, stands, fails = [], [], [], []
-        for k, planned in enumerate(
-            self._skills.durations(seed=seed, replications=numbers)
-        ):
-            motion, found, failed = self._chain(k, seed, numbers, planned)
+        for motion, found, failed in self._draw(seed, np.array([replication])):
             stall = np.zeros(len(motion), dtype=np.int64)
             entries = []
             for group in found:
                 np.add.at(stall, group.node, group.duration_ns)
+                pairs = zip(
+                    group.node.tolist(), group.duration_ns.tolist(), strict=True
+                )
                 entries += [
                     Standstill(node, group.cause, duration)
-                    for node, duration in zip(
-                        group.node.tolist(), group.duration_ns.tolist(), strict=True
-                    )
+                    for node, duration in pairs
                     if duration > 0 or group.cause == "retry"
                 ]
             moves.append(np.ascontiguousarray(motion[:, 0]))
@@ -148,16 +156,13 @@ class NodeTimeSampler:
         segments = sum(len(first) - 1 for first in contraction.first)
         busy = np.empty((segments, len(numbers)), dtype=np.int64)
         fails = np.zeros(len(numbers), dtype=np.bool_)
-        nodes = max((len(chain) for chain in self._tpg.chains), default=1)
-        step = max(_MOST_VALUES // max(nodes, 1), 1)
-        for low in range(0, len(numbers), step):
-            part = slice(low, low + step)
+        for low in range(0, len(numbers), self._most_replications):
+            part = slice(low, low + self._most_replications)
             row = 0
-            for k, planned in enumerate(
-                self._skills.durations(seed=seed, replications=numbers[part])
+            drawn = self._draw(seed, numbers[part])
+            for first, (motion, found, failed) in zip(
+                contraction.first, drawn, strict=True
             ):
-                first = contraction.first[k]
-                motion, found, failed = self._chain(k, seed, numbers[part], planned)
                 rows = busy[row : row + len(first) - 1, part]
                 if len(rows):
                     np.add.reduceat(motion, first[:-1], axis=0, out=rows)
@@ -168,12 +173,14 @@ class NodeTimeSampler:
                 row += len(first) - 1
         return SegmentTimes(busy, fails)
 
-    def _chain(
-        self, k: int, seed: int, numbers: Indices, planned: Nanoseconds
-    ) -> tuple[Nanoseconds, list[Standstills], Indices]:
-        """Return motion, standstills, and the nodes that fail for good, of one robot."""
-        draws = self._draws[k].in_replications(seed, numbers)
-        motion = draws.motion(planned, self._disturbances)
-        found = draws.standstills(motion, self._disturbances)
-        attempts, failed = draws.failures(motion, self._disturbances)
-        return motion, found + attempts, failed
+    def _draw(
+        self, seed: int, numbers: Indices
+    ) -> Iterator[tuple[Nanoseconds, list[Standstills], Indices]]:
+        """Yield motion, standstills, and the nodes that fail for good, of each robot."""
+        planned = self._skills.durations(seed=seed, replications=numbers)
+        for tasks, own in zip(self._chains, planned, strict=True):
+            draws = ChainDraws(tasks, seed, numbers)
+            motion = draws.motion(own, self._disturbances)
+            found = draws.standstills(motion, self._disturbances)
+            attempts, failed = draws.failures(motion, self._disturbances)
+            yield motion, found + attempts, failed

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,16 +12,17 @@ from planning.errors import TwinError
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
-from tests.twin.one_draw import sample
+from tests.twin.one_draw import sample, sample_node_times
 from tests.twin.recorded_events import InterruptsAt, story
+from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.engine.engine import Simulator, simulate
+from twin.engine.engine import Simulator
+from twin.engine.messages import Messages
 from twin.recorders.memory import MemoryRecorder
 from twin.run.events import Event
 from twin.run.run_record import DeadlockError, Run
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import Disturbances, Stalls
-from twin.uncertainty.node_times import sample_node_times
 from twin.uncertainty.skill_durations import SkillDurations
 
 NOMINAL = SkillDurations({})
@@ -69,20 +71,27 @@ def test_a_robot_waits_for_the_edge_and_goes_on() -> None:
 
 def test_messages_take_their_time() -> None:
     """Released at 0, received at 0.1, complete at 1.1, known and released again at 1.2."""
-    run = simulate(two_robot_tpg([]), NOMINAL, seed=0, latency_s=0.1)
+    run = simulate(
+        two_robot_tpg([]), NOMINAL, seed=0, messages=Messages.of_seconds(1, 0.1, 0.1)
+    )
     for chain in range(2):
         assert (run.start_ns[chain] / 1e9).tolist() == [0.1, 1.3, 2.5]
     assert run.makespan_s == 3.5
 
 
 def test_a_deeper_queue_hides_latency() -> None:
-    run = simulate(two_robot_tpg([]), NOMINAL, seed=0, latency_s=0.1, queue_depth=2)
+    run = simulate(
+        two_robot_tpg([]), NOMINAL, seed=0, messages=Messages.of_seconds(2, 0.1, 0.1)
+    )
     assert (run.start_ns[0] / 1e9).tolist() == [0.1, 1.1, 2.1]
 
 
 def test_a_deeper_queue_never_runs_ahead_of_another_robot() -> None:
     run = simulate(
-        two_robot_tpg([(0, 1, 1, 1)]), NOMINAL, seed=0, latency_s=0.1, queue_depth=3
+        two_robot_tpg([(0, 1, 1, 1)]),
+        NOMINAL,
+        seed=0,
+        messages=Messages.of_seconds(3, 0.1, 0.1),
     )
     assert run.start_ns[1][1] == run.end_ns[0][1] + 2 * 10**8
 
@@ -142,9 +151,9 @@ def test_times_are_the_earliest_possible(
     tpg: TemporalPlanGraph, seed: int, depth: int
 ) -> None:
     earliest = earliest_times(tpg, sample(VARIED, tpg, seed=seed))
-    contracted = simulate(tpg, VARIED, seed=seed, queue_depth=depth)
+    contracted = simulate(tpg, VARIED, seed=seed, messages=Messages(depth))
     node_by_node = simulate(
-        tpg, VARIED, seed=seed, queue_depth=depth, recorders=[MemoryRecorder()]
+        tpg, VARIED, seed=seed, messages=Messages(depth), recorders=[MemoryRecorder()]
     )
     for run in (contracted, node_by_node):
         assert same_times(run, earliest.start, earliest.end)
@@ -214,8 +223,7 @@ def test_no_node_starts_before_what_it_waits_for(
         tpg,
         VARIED,
         seed=seed,
-        latency_s=latency,
-        queue_depth=depth,
+        messages=Messages.of_seconds(depth, latency, latency),
         policy=policy,  # type: ignore[arg-type]
         disturbances=Disturbances(
             stalls=Stalls(count_per_robot=1, duration_s=(0.5, 3.0))
@@ -314,12 +322,16 @@ def test_a_recorder_that_fails_is_dropped(
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [{"policy": "parallel"}, {"queue_depth": 0}, {"latency_s": -1.0}],
+    "make",
+    [
+        lambda: Simulator(two_robot_tpg([]), NOMINAL, policy="parallel"),  # type: ignore[arg-type]
+        lambda: Messages.of_seconds(queue_depth=0),
+        lambda: Messages.of_seconds(report_s=-1.0),
+    ],
 )
-def test_arguments_out_of_range_are_refused(wrong: dict) -> None:
+def test_arguments_out_of_range_are_refused(make: Callable[[], object]) -> None:
     with pytest.raises(TwinError):
-        Simulator(two_robot_tpg([]), NOMINAL, **wrong)
+        make()
 
 
 def test_a_tpg_without_work_ends_at_once() -> None:

@@ -13,9 +13,11 @@ from hypothesis import strategies as st
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import ANYTHING, STOPS, TPGS, VARIED
 from tests.twin.recorded_events import story
+from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.durations import Fixed, Uniform
-from twin.engine.engine import Simulator, simulate
+from twin.engine.engine import Simulator
+from twin.engine.messages import Messages
 from twin.recorders.memory import MemoryRecorder
 from twin.run.lanes import FAILED, STOPPED, robot_lanes
 from twin.run.run_record import Run
@@ -386,12 +388,11 @@ def test_latencies_of_either_way_add_up() -> None:
         two_robot_tpg([]),
         NOMINAL,
         seed=0,
-        report_latency_s=0.3,
-        release_latency_s=0.1,
+        messages=Messages.of_seconds(1, 0.3, 0.1),
     )
     assert (run.start_ns[0] / 1e9).tolist() == pytest.approx([0.1, 1.5, 2.9])
     only = simulate(
-        two_robot_tpg([]), NOMINAL, seed=0, latency_s=0.2, report_latency_s=0.0
+        two_robot_tpg([]), NOMINAL, seed=0, messages=Messages.of_seconds(1, 0.0, 0.2)
     )
     assert (only.start_ns[0] / 1e9).tolist() == pytest.approx([0.2, 1.4, 2.6])
 

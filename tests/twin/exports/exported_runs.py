@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Fixed, packaged_timings
-from twin.engine.engine import simulate
 from twin.exports.formats import exported_files
 from twin.exports.recorded_run import RecordedRun
 from twin.recorders.jsonl import JsonlRecorder

@@ -22,10 +22,10 @@ from planning.errors import OutputError
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.plan_files import load_plan, save_plan
 from tests.twin.drawn_runs import VARIED
+from tests.twin.simulated import simulate
 from tests.twin.turning_arms import SCENARIO, turning_plan
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.cli import app
-from twin.engine.engine import simulate
 from twin.follow.display import TerminalDisplay, run_picture
 from twin.follow.follow import follow
 from twin.follow.forecast import Forecaster

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
+from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.engine.engine import simulate
+from twin.engine.messages import Messages
 from twin.follow.state import FollowedRun
 from twin.recorders.jsonl import event_line
 from twin.recorders.memory import MemoryRecorder
@@ -57,8 +58,7 @@ def test_the_state_equals_the_run_and_nothing_is_flagged(
         VARIED,
         seed=seed,
         policy=policy,  # type: ignore[arg-type]
-        latency_s=latency,
-        queue_depth=depth,
+        messages=Messages.of_seconds(depth, latency, latency),
         disturbances=disturbances,
         recorders=[recorder],
     )

@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
+from tests.twin.one_draw import sample_node_times
+from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.durations import Exponential, Fixed, Lognormal, Measured, Uniform
-from twin.engine.engine import Simulator, simulate
+from twin.engine.engine import Simulator
 from twin.engine.messages import Messages
 from twin.follow.conditional import longer_than
 from twin.follow.forecast import Forecaster
@@ -84,8 +86,7 @@ def test_before_it_begins_a_run_is_any_run(
         tpg,
         VARIED,
         policy=policy,  # type: ignore[arg-type]
-        queue_depth=depth,
-        latency_s=latency,
+        messages=Messages.of_seconds(depth, latency, latency),
         disturbances=disturbances,
     )
     ns = round(latency * 1e9)
@@ -100,7 +101,12 @@ def test_before_it_begins_a_run_is_any_run(
     ).forecast(FollowedRun(tpg))
     runs = [engine.run(seed=5, replication=r) for r in range(12)]
     failing = [
-        any(node >= 0 for node in engine.sample(seed=5, replication=r).failed)
+        any(
+            node >= 0
+            for node in sample_node_times(
+                tpg, VARIED, disturbances, seed=5, replication=r
+            ).failed
+        )
         for r in range(12)
     ]
     expected = sorted(
@@ -120,8 +126,7 @@ def test_without_chance_the_end_is_known_at_any_time(
         tpg,
         NOMINAL,
         seed=0,
-        queue_depth=depth,
-        latency_s=latency,
+        messages=Messages.of_seconds(depth, latency, latency),
         recorders=[recorder],
     )
     ns = round(latency * 1e9)

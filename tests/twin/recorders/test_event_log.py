@@ -12,8 +12,8 @@ import pytest
 
 from planning.errors import OutputError
 from tests.twin.drawn_runs import VARIED
+from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
-from twin.engine.engine import simulate
 from twin.recorders.jsonl import JsonlRecorder, event_line
 from twin.recorders.memory import MemoryRecorder
 from twin.run.events import Event
@@ -85,7 +85,7 @@ import os, signal, sys
 from pathlib import Path
 from tests.twin.twin_toys import random_tpg
 from tests.twin.drawn_runs import VARIED
-from twin.engine.engine import simulate
+from tests.twin.simulated import simulate
 from twin.recorders.jsonl import JsonlRecorder
 
 class Kills:

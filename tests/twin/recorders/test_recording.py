@@ -16,8 +16,8 @@ from planning.robots.registry import robot_model
 from planning.transforms import from_quat_wxyz, from_rpy
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import VARIED
+from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
-from twin.engine.engine import simulate
 from twin.recorders.memory import MemoryRecorder
 from twin.recorders.rerun.recorder import write_recording
 from twin.recorders.rerun.robots import frame_times

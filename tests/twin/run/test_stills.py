@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, toy_cell
-from twin.engine.engine import simulate
 from twin.recorders.memory import MemoryRecorder
 from twin.recorders.rerun.recorder import write_recording
 from twin.run.replay import replay_run

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
+from tests.twin.simulated import simulate
 from tests.twin.twin_toys import two_robot_tpg
-from twin.engine.engine import simulate
 from twin.run.summary import summarise, write_summary
 from twin.uncertainty.skill_durations import SkillDurations
 

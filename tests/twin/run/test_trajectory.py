@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
 from tests.twin.recorded_events import InterruptsAt
+from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.engine.engine import simulate
+from twin.engine.messages import Messages
 from twin.recorders.motion_tables import objects_table, trajectory_table
 from twin.run.run_record import Run
 from twin.run.trajectory import object_placements, robot_trajectories
@@ -21,7 +22,7 @@ def executed(tpg: TemporalPlanGraph, seed: int, latency: float) -> Run:
         tpg,
         VARIED,
         seed=seed,
-        latency_s=latency,
+        messages=Messages.of_seconds(1, latency, latency),
         disturbances=Disturbances(
             stalls=Stalls(count_per_robot=1, duration_s=(0.5, 3.0))
         ),

@@ -5,9 +5,9 @@ import pytest
 from pydantic import ValidationError
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.one_draw import sample_node_times
 from tests.twin.twin_toys import random_tpg
 from twin.uncertainty.disturbances import Disturbances, Stalls
-from twin.uncertainty.node_times import sample_node_times
 from twin.uncertainty.skill_durations import SkillDurations
 
 

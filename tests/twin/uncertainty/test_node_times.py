@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
-from tests.twin.one_draw import sample, uniform
+from tests.twin.one_draw import sample, sample_node_times, uniform
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Fixed, Uniform
 from twin.uncertainty.chain_draws import choose
@@ -22,7 +22,7 @@ from twin.uncertainty.disturbances import (
     Stalls,
     UniformFactor,
 )
-from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, sample_node_times
+from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
 
 TPG = random_tpg(16, tasks=20)
 EVERYTHING = Disturbances(

@@ -1,4 +1,4 @@
-"""The second engine: many replications of a plan side by side, as longest paths.
+"""Bulk engine: many replications of a plan side by side, as longest paths.
 
 It gives the same integer nanoseconds as the event engine, wherever completion times are longest
 paths at all: messages take no time, and nothing happens at times of the run's clock. What the
@@ -69,17 +69,18 @@ class BulkEngine:
         disturbances: Disturbances | None = None,
     ) -> None:
         self.tpg = tpg
-        self._sampler = NodeTimeSampler(tpg, durations, disturbances)
+        chosen = disturbances or Disturbances()
+        self._sampler = NodeTimeSampler(tpg, durations, chosen)
         self.contraction: Contraction = contract(tpg)
         self.graph: PrecedenceArrays = policy_graph(self.contraction.tpg, policy)
         self._draws = durations.bind(tpg)
         self._shares = _shares(self._draws, self.contraction)
-        self._bare = disturbances is None or disturbances == Disturbances()
+        self._undisturbed = chosen == Disturbances()
 
     def sample(self, *, seed: int, replications: npt.ArrayLike) -> SegmentTimes:
         """Draw what every segment takes in some replications."""
         numbers = np.asarray(replications, dtype=np.int64)
-        if self._bare:
+        if self._undisturbed:
             totals = self._draws.totals(seed=seed, replications=numbers)
             none = np.zeros(len(numbers), dtype=np.bool_)
             return SegmentTimes(self._busy(totals), none)

@@ -17,6 +17,9 @@ from twin.durations import Nanoseconds
 from twin.engine.bulk.critical_paths import explain
 from twin.engine.bulk.flat_graph import PrecedenceArrays, last_ends
 
+_BLOCK = 64
+"""Replications computed together: their ends of all nodes of a cell stay in the cache."""
+
 
 @dataclass(frozen=True)
 class Completions:
@@ -52,10 +55,7 @@ def makespans(graph: PrecedenceArrays, busy_ns: Nanoseconds) -> Nanoseconds:
     Returns:
         Shape (replications,) [ns].
     """
-    busy = np.ascontiguousarray(busy_ns, dtype=np.int64)
-    end = np.empty_like(busy)
-    for first in range(0, busy.shape[1], _BLOCK):
-        _ends(graph, busy, first, min(first + _BLOCK, busy.shape[1]), end)
+    end = _end_times(graph, np.ascontiguousarray(busy_ns, dtype=np.int64))
     return np.asarray(last_ends(graph, end).max(axis=0, initial=0), dtype=np.int64)
 
 
@@ -67,30 +67,24 @@ def completions(graph: PrecedenceArrays, busy_ns: Nanoseconds) -> Completions:
         busy_ns: stall and duration of each node together, shape (nodes, replications) [ns].
     """
     busy = np.ascontiguousarray(busy_ns, dtype=np.int64)
-    replications = busy.shape[1]
-    end = np.empty_like(busy)
-    for first in range(0, replications, _BLOCK):
-        _ends(graph, busy, first, min(first + _BLOCK, replications), end)
+    end = _end_times(graph, busy)
     chain_end = last_ends(graph, end)
     makespan = chain_end.max(axis=0, initial=0)
     start = end - busy
     latest = np.empty_like(busy)
     _latest_ends(graph, busy, makespan, latest)
     waited, critical, critical_edge = explain(graph, start, end)
+    slack = latest - end
     return Completions(
-        start,
-        end,
-        makespan,
-        chain_end,
-        waited,
-        critical,
-        critical_edge,
-        latest - end,
+        start, end, makespan, chain_end, waited, critical, critical_edge, slack
     )
 
 
-_BLOCK = 64
-"""Replications computed together: their ends of all nodes of a cell stay in the cache."""
+def _end_times(graph: PrecedenceArrays, busy: Nanoseconds) -> Nanoseconds:
+    end = np.empty_like(busy)
+    for first in range(0, busy.shape[1], _BLOCK):
+        _ends(graph, busy, first, min(first + _BLOCK, busy.shape[1]), end)
+    return end
 
 
 @njit(cache=True, nogil=True)

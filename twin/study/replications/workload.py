@@ -19,6 +19,7 @@ from twin.engine.bulk.flat_graph import PrecedenceArrays
 from twin.engine.bulk.max_plus import completions
 from twin.engine.bulk.policy_graph import policy_graph
 from twin.engine.engine import Simulator
+from twin.engine.messages import Messages
 from twin.run.run_record import DeadlockError, Policy, Run
 from twin.study.replications.experiment import Block
 from twin.study.replications.replication_rows import ERROR, ReplicationRows, empty_rows
@@ -37,7 +38,7 @@ class Workload:
         durations: of skills.
         disturbances: what may go wrong.
         seed: names the draws.
-        queue_depth, report_latency_s, release_latency_s: of messages; see simulate.
+        messages: between robots and dispatcher.
         reasons: why only the event engine can execute it; empty where both can.
     """
 
@@ -46,9 +47,7 @@ class Workload:
     durations: SkillDurations
     disturbances: Disturbances
     seed: int
-    queue_depth: int = 1
-    report_latency_s: float = 0.0
-    release_latency_s: float = 0.0
+    messages: Messages = field(default_factory=Messages)
     reasons: tuple[str, ...] = ()
 
 
@@ -182,9 +181,7 @@ class Engines:
             load.tpg,
             load.durations,
             policy=load.policy,
-            queue_depth=load.queue_depth,
-            report_latency_s=load.report_latency_s,
-            release_latency_s=load.release_latency_s,
+            messages=load.messages,
             disturbances=load.disturbances,
         )
 

@@ -26,9 +26,7 @@ def simulator(
         tpg,
         VARIED,
         policy=policy,  # type: ignore[arg-type]
-        queue_depth=depth,
-        report_latency_s=report,
-        release_latency_s=release,
+        messages=Messages.of_seconds(depth, report, release),
         disturbances=Disturbances(
             stalls=Stalls(count_per_robot=1, duration_s=(0.5, 3.0))
         ),

@@ -1,0 +1,35 @@
+"""One run of a graph, with everything said in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.engine.engine import Simulator
+from twin.engine.messages import Messages
+from twin.recorders.observers import Recorder
+from twin.run.run_record import Policy, Run
+from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.skill_durations import SkillDurations
+
+
+def simulate(
+    tpg: TemporalPlanGraph,
+    durations: SkillDurations,
+    *,
+    seed: int,
+    replication: int = 0,
+    policy: Policy = "asynchronous",
+    messages: Messages | None = None,
+    disturbances: Disturbances | None = None,
+    recorders: Sequence[Recorder] = (),
+) -> Run:
+    """Execute a graph once."""
+    simulator = Simulator(
+        tpg,
+        durations,
+        policy=policy,
+        messages=messages,
+        disturbances=disturbances,
+    )
+    return simulator.run(seed=seed, replication=replication, recorders=recorders)
