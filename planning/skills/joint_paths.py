@@ -33,7 +33,6 @@ class SkillPath:
         path: its reference path after the start, shape (w, n).
         change_at: waypoint of ``[lead[-1], *path]`` at which an object changes hands, None if
             none does.
-        support: index of the pre-pose for supports, 0 otherwise.
     """
 
     skill: str
@@ -41,7 +40,6 @@ class SkillPath:
     lead: Array
     path: Array
     change_at: int | None = None
-    support: int = 0
 
     @property
     def waypoints(self) -> Array:
@@ -145,8 +143,6 @@ def resolve_skill(
     robot: PlacedRobot,
     targets: SkillTargets,
     check: Callable[[SkillPath], Obstruction | None],
-    *,
-    support: int = 0,
 ) -> SkillPath | Obstruction:
     """Return the skill in joint space, in the posture nearest to HOME that is free.
 
@@ -154,13 +150,12 @@ def resolve_skill(
         robot: who does it.
         targets: poses to reach in order.
         check: returns what is in the way of a path.
-        support: index of the pre-pose, kept in the result.
 
     Returns:
         The path, or why the posture nearest to HOME that came furthest failed.
     """
     reason: Obstruction | None = None
-    for path in skill_postures(robot, targets, support=support):
+    for path in skill_postures(robot, targets):
         found = path if isinstance(path, Obstruction) else check(path)
         if found is None:
             assert isinstance(path, SkillPath)
@@ -170,7 +165,7 @@ def resolve_skill(
 
 
 def skill_postures(
-    robot: PlacedRobot, targets: SkillTargets, *, support: int = 0
+    robot: PlacedRobot, targets: SkillTargets
 ) -> Iterator[SkillPath | Obstruction]:
     """Yield the skill in every posture found to start in, nearest to HOME first.
 
@@ -188,7 +183,6 @@ def skill_postures(
             chain[: targets.lead],
             chain[targets.lead :],
             _change_at(targets),
-            support,
         )
 
 

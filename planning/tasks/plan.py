@@ -44,16 +44,6 @@ class StepChoice:
         return self.primary.grasp
 
     @property
-    def support_robot(self) -> str | None:
-        """The support robot, if any."""
-        return self.support.robot if self.support else None
-
-    @property
-    def support_pose(self) -> int | None:
-        """Number of the support pose, if any."""
-        return self.support.pose if self.support else None
-
-    @property
     def cost(self) -> float:
         """Joint-space distance of both robots."""
         return self.primary.cost + (self.support.cost if self.support else 0.0)
@@ -77,60 +67,6 @@ class TaskPlan:
         return replace(
             self, choices=(*self.choices[:at], choice, *self.choices[at + 1 :])
         )
-
-
-def plan_cost(problem: AssignmentProblem, plan: TaskPlan) -> float:
-    """Return the objective (1) of Appendix B: motion plus lambda times the imbalance."""
-    imbalance = 0
-    for window in problem.windows():
-        load = dict.fromkeys(problem.robots, 0)
-        for step in window:
-            choice = plan[step]
-            load[choice.robot] += 1
-            if choice.support is not None:
-                load[choice.support.robot] += 1
-        imbalance += max(load.values()) - min(load.values())
-    motion = sum(choice.cost for choice in plan.choices)
-    return motion + problem.balance_weight * imbalance
-
-
-def plan_violations(problem: AssignmentProblem, plan: TaskPlan) -> list[str]:
-    """Return every constraint (2)-(6) of Appendix B, and every "after", that a plan breaks."""
-    out = []
-    used: dict[str, int] = {}
-    if len(plan.choices) != len(problem.steps):
-        out.append(f"{len(plan.choices)} choices for {len(problem.steps)} steps")
-    primaries, supports = set(problem.primaries), set(problem.supports)
-    incompatible = {
-        (problem.primaries[p], problem.supports[s]) for p, s in problem.incompatible
-    }
-    for number, choice in enumerate(plan.choices, start=1):
-        if choice.step != number or choice.primary not in primaries:
-            out.append(f"step {number}: not a candidate of this step")
-            continue
-        support = choice.support
-        if (support is not None) != problem.needs_support[number - 1]:
-            out.append(f"step {number}: support needed or not, but not as planned")
-        if support is not None:
-            if support not in supports or support.step != number:
-                out.append(f"step {number}: not a support candidate of this step")
-            if support.robot == choice.robot:
-                out.append(f"step {number}: {choice.robot} would support itself")
-            if choice.primary.partner not in (None, support.robot):
-                out.append(f"step {number}: {support.robot} is not the partner")
-            if (choice.primary, support) in incompatible:
-                out.append(f"step {number}: primary and support collide")
-        for other in sorted(choice.primary.after):
-            if other not in used:
-                out.append(f"step {number}: {other} is still in the way")
-        if choice.object not in problem.unlimited:
-            if choice.object in used:
-                out.append(
-                    f"step {number}: {choice.object} was used in step "
-                    f"{used[choice.object]}"
-                )
-            used.setdefault(choice.object, number)
-    return out
 
 
 def alternatives(

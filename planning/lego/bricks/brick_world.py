@@ -19,7 +19,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.catalogue import brick_type
-from planning.lego.bricks.grid import box_pose, box_size, neighbours, top_pose
+from planning.lego.bricks.grid import box_pose, box_size, bricks_above, top_pose
 from planning.lego.bricks.grips import MOST_OFFSETS, check_press, presses
 from planning.lego.bricks.stations import source_of
 from planning.transforms import Transform, readonly
@@ -154,7 +154,7 @@ class BrickWorld:
             name = todo.pop()
             item = self.stock[name]
             others = self.stock_beside(name)
-            upper = neighbours(item.cell, self.kind(item.brick), others).above
+            upper = bricks_above(item.cell, self.kind(item.brick), others)
             todo += [k for k in upper if k not in out]
             out.update(upper)
         return frozenset(out)

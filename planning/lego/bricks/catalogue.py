@@ -44,13 +44,3 @@ def brick_type(name: str, bricks: Mapping[str, BrickType] = BRICKS) -> BrickType
         raise ScenarioError(
             f"unknown brick type {name!r}", choices=tuple(sorted(bricks))
         ) from None
-
-
-def stud_count(brick: BrickType) -> int:
-    """Return the number of studs on top of a brick."""
-    return brick.studs[0] * brick.studs[1]
-
-
-def is_square(brick: BrickType) -> bool:
-    """Return True when turning the brick by 90 degrees changes nothing but its grips."""
-    return brick.studs[0] == brick.studs[1]

@@ -13,7 +13,6 @@ from typing import Literal
 
 from planning.lego.bricks.assembly import BrickType, Cell
 from planning.lego.bricks.contacts import PlacedBrick
-from planning.lego.bricks.grid import footprint
 
 EMPTY = "."
 """Marks a stud without a brick."""
@@ -119,37 +118,6 @@ def read_elevation(
                 at, size = (x, y + column, layer), (depth, len(patch))
             _add(drawing, letter, at, size, (number, column), types)
     return drawing
-
-
-def draw_layers(
-    bricks: Sequence[tuple[Cell, BrickType]],
-) -> tuple[tuple[int, int], tuple[str, ...]]:
-    """Return the drawing of a structure: the inverse of ``read_layer``.
-
-    Args:
-        bricks: cell and type of every brick; none may overlap.
-
-    Returns:
-        Stud of the lower left character, and the layers from the first one up.
-    """
-    if not bricks:
-        return (0, 0), ()
-    areas = [_studs(cell, kind) for cell, kind in bricks]
-    left, right = min(a[0].start for a in areas), max(a[0].stop for a in areas)
-    low, high = min(a[1].start for a in areas), max(a[1].stop for a in areas)
-    top = max(cell.z for cell, _ in bricks)
-    layers = []
-    for z in range(1, top + 1):
-        grid = [[EMPTY] * (right - left) for _ in range(high - low)]
-        here = [a for a, (cell, _) in zip(areas, bricks, strict=True) if cell.z == z]
-        for xs, ys in sorted(here, key=lambda a: (-a[1].stop, a[0].start)):
-            rows = range(high - ys.stop, high - ys.start)
-            columns = range(xs.start - left, xs.stop - left)
-            letter = _free_letter(grid, rows, columns)
-            for row in rows:
-                grid[row][columns.start : columns.stop] = letter * len(columns)
-        layers.append("".join("".join(row) + "\n" for row in grid))
-    return (left, low), tuple(layers)
 
 
 def name_bricks(drawn: Iterable[DrawnBrick]) -> tuple[PlacedBrick, ...]:
@@ -261,22 +229,3 @@ def _add(
         return
     kind, turned = found
     drawing.bricks.append(DrawnBrick(letter, kind, Cell(*at, turned), spot))
-
-
-def _studs(cell: Cell, kind: BrickType) -> tuple[range, range]:
-    nx, ny = footprint(cell, kind)
-    return range(cell.x, cell.x + nx), range(cell.y, cell.y + ny)
-
-
-def _free_letter(grid: Sequence[Sequence[str]], rows: range, columns: range) -> str:
-    """Return the first letter that no character beside a rectangle has."""
-    beside = {(i, j) for i in rows for j in (columns.start - 1, columns.stop)}
-    beside |= {(i, j) for j in columns for i in (rows.start - 1, rows.stop)}
-    taken = {
-        grid[i][j] for i, j in beside if 0 <= i < len(grid) and 0 <= j < len(grid[0])
-    }
-    return next(
-        c
-        for c in "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz"
-        if c not in taken
-    )

@@ -137,20 +137,6 @@ def press_cell(cell: Cell, brick: BrickType, press: Press, *, up: bool) -> Cell:
     return Cell(x, y, cell.z - 1 if up else cell.z + 1, not along_y)
 
 
-def contact_press(contact: Cell, press: Press) -> Press:
-    """Return the grip on a 1 x 2 contact cell that a press of a brick corresponds to.
-
-    The tool stands on a long edge of the cell: the one that faces out of the pressed brick.
-
-    Args:
-        contact: the 1 x 2 cell, its ``turned`` being the press orientation.
-        press: the press of the brick itself.
-    """
-    _check_side(press.side)
-    low = (1, 3) if contact.turned else (1, 2)
-    return Press(1 if press.side in low else 4, 0)
-
-
 def _check_side(side: int) -> None:
     if side not in SIDES:
         raise ScenarioError(

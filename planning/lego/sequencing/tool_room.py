@@ -166,26 +166,6 @@ def place_up_blocked(
     return first or blocking(_moved(item, contact, targets.subgoals[:2]), others)
 
 
-def support_blocked(
-    tool: BrickTool,
-    support: Support,
-    others: BrickBoxes,
-    *,
-    top: bool,
-    clearance: float = 0.0,
-) -> str | None:
-    """Return what leaves no room for a supporting tool, None when there is room.
-
-    Args:
-        tool: the tool.
-        support: cell and orientation.
-        others: boxes of bricks.
-        top: True for a support-top, False for a support-bottom.
-        clearance: distance to keep from those bricks [m].
-    """
-    return blocking(support_boxes(tool, support, top=top), others, clearance=clearance)
-
-
 def support_boxes(tool: BrickTool, support: Support, *, top: bool) -> Array:
     """Return boxes around a supporting tool, before and while it supports, (k, 2, 3) [m]."""
     targets = (support_top_targets if top else support_bottom_targets)(GRID, support)

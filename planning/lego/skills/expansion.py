@@ -54,16 +54,6 @@ def expand_step(
     return expander.builder.build()
 
 
-def expand_plan(candidates: LegoCandidates, plan: TaskPlan) -> list[StepTasks]:
-    """Return the tasks of all steps, numbered on from 0."""
-    out: list[StepTasks] = []
-    count = 0
-    for choice in plan.choices:
-        out.append(expand_step(candidates, plan, choice.step, count))
-        count += len(out[-1].tasks)
-    return out
-
-
 def link_steps(candidates: LegoCandidates, steps: Sequence[StepTasks]) -> Indices:
     """Return all dependencies of a plan: those within the steps, and those between them.
 

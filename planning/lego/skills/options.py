@@ -318,7 +318,7 @@ class SkillOptions:
         reason: Obstruction | None = None
         for back, k in product(_DRAWN_BACK, range(len(targets.pre))):
             skill = _drawn_back(support_skill(targets, pre=k), back)
-            option = self._resolve(robot, skill, scene, world.loose_stock, support=k)
+            option = self._resolve(robot, skill, scene, world.loose_stock)
             if isinstance(option, SkillOption):
                 return option
             reason = reason or option
@@ -331,13 +331,11 @@ class SkillOptions:
         targets: SkillTargets,
         scene: SkillScene,
         loose: Iterable[str],
-        *,
-        support: int = 0,
     ) -> SkillOption | Obstruction:
         """Return a path clear of everything, or else of everything that will be gone."""
         trials: list[SkillTrial | Obstruction] = []
         reason: Obstruction | None = None
-        for path in skill_postures(robot, targets, support=support):
+        for path in skill_postures(robot, targets):
             if isinstance(path, Obstruction):
                 trials.append(path)
                 reason = nearer_reason(reason, path)

@@ -19,10 +19,6 @@ from planning.lego.skills.support import SupportTargets
 from planning.skills.subgoals import SkillTargets, Subgoal
 from planning.transforms import Transform, inverse, rotation, translation
 
-FRAMES = ("tool", "disassemble", "assemble", "handover_assemble", "alt", "alt_assemble")
-"""Tool frames a robot needs: grip from above; axes of the twists that pick up, put down and hand
-over; side studs that hold a brick from below, and the axis of their twist."""
-
 DEFAULT_TWIST: Mapping[str, float] = {
     "pick": np.radians(16.0),
     "place-down": np.radians(16.0),

@@ -19,8 +19,8 @@ from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.lego.skills.options import SkillOption, StandingSupport
 from planning.skills.joint_paths import Obstruction, SkillPath
 from planning.tasks.highs_solver import HighsAssignmentSolver
-from planning.tasks.plan import plan_violations
 from tests.planning.lego.overhang import STEPS, STOCK, overhang
+from tests.planning.tasks.assignment_oracle import plan_violations
 
 DATA = Path(
     os.environ.get("ASSEMBLY_TWIN_APEX_DATA")
@@ -187,7 +187,7 @@ def test_the_published_cliff_gets_the_published_robots() -> None:
     plan = HighsAssignmentSolver().assign(found.problem)
     published = json.loads((DATA / "steps/cliff_seq.json").read_text())
     names = {0: None, 1: "left", 2: "right"}
-    assert [(c.robot, c.support_robot) for c in plan.choices] == [
+    assert [(c.robot, c.support and c.support.robot) for c in plan.choices] == [
         (names[step["robot_id"]], names[step["sup_robot_id"]])
         for step in published.values()
     ]

@@ -12,7 +12,7 @@ from planning.lego.bricks.assembly import Cell, LegoStep, Press, StockBrick
 from planning.lego.bricks.grid import box_pose
 from planning.lego.bricks.grips import grip_pose
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
-from planning.lego.skills.expansion import expand_plan, link_steps
+from planning.lego.skills.expansion import expand_step, link_steps
 from planning.lego.skills.work import lego_work
 from planning.tasks.highs_solver import HighsAssignmentSolver
 from planning.tasks.plan import StepChoice, TaskPlan
@@ -29,6 +29,16 @@ from planning.tasks.work import StepExpansions
 from planning.tasks.world_progress import apply_handlings, move_robot
 from planning.transforms import Transform
 from tests.planning.lego.overhang import overhang
+
+
+def expand_plan(candidates: LegoCandidates, plan: TaskPlan) -> list[StepTasks]:
+    """Return the tasks of all steps, numbered on from 0."""
+    out: list[StepTasks] = []
+    count = 0
+    for choice in plan.choices:
+        out.append(expand_step(candidates, plan, choice.step, count))
+        count += len(out[-1].tasks)
+    return out
 
 
 @pytest.fixture(scope="module")

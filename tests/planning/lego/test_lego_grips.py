@@ -13,7 +13,6 @@ from planning.lego.bricks.catalogue import BRICKS
 from planning.lego.bricks.grid import top_pose
 from planning.lego.bricks.grips import (
     check_press,
-    contact_press,
     grip_pose,
     offsets,
     press_cell,
@@ -86,6 +85,19 @@ def test_the_next_offset_is_one_stud_along_the_edge(
             grip_pose(top, brick, moved),
             atol=1e-12,
         )
+
+
+def contact_press(contact: Cell, press: Press) -> Press:
+    """Return the grip on a 1 x 2 contact cell that a press of a brick corresponds to.
+
+    The tool stands on a long edge of the cell: the one that faces out of the pressed brick.
+
+    Args:
+        contact: the 1 x 2 cell, its ``turned`` being the press orientation.
+        press: the press of the brick itself.
+    """
+    low = (1, 3) if contact.turned else (1, 2)
+    return Press(1 if press.side in low else 4, 0)
 
 
 @given(cells, gripped(), st.booleans())

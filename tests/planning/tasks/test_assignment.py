@@ -18,13 +18,8 @@ from planning.tasks.assignment_problem import (
     SupportCandidate,
 )
 from planning.tasks.highs_solver import HighsAssignmentSolver
-from planning.tasks.plan import (
-    StepChoice,
-    TaskPlan,
-    alternatives,
-    plan_cost,
-    plan_violations,
-)
+from planning.tasks.plan import StepChoice, TaskPlan, alternatives
+from tests.planning.tasks.assignment_oracle import plan_violations
 
 ROBOTS = ("ada", "bob", "cy")
 
@@ -124,7 +119,9 @@ def objective(problem: AssignmentProblem, plan: TaskPlan) -> float:
     n = len(problem.robots)
     for start in range(len(plan.choices) - n + 1):
         window = plan.choices[start : start + n]
-        busy = [c.robot for c in window] + [c.support_robot for c in window]
+        busy = [c.robot for c in window] + [
+            c.support.robot for c in window if c.support
+        ]
         load = [busy.count(robot) for robot in problem.robots]
         total += problem.balance_weight * (max(load) - min(load))
     return total
@@ -142,7 +139,6 @@ def test_solver_finds_what_trying_everything_finds(problem: AssignmentProblem) -
     found = HighsAssignmentSolver().assign(problem)
     assert plan_violations(problem, found) == []
     assert objective(problem, found) == pytest.approx(best, abs=1e-6)
-    assert plan_cost(problem, found) == pytest.approx(best, abs=1e-6)
 
 
 @settings(max_examples=80, deadline=None)

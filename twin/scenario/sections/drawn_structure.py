@@ -23,7 +23,6 @@ from planning.lego.bricks.drawing import (
     read_elevation,
     read_layer,
 )
-from planning.lego.bricks.grid import occupied_studs
 from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=64)]
@@ -184,8 +183,3 @@ def mark_of_spot(document: YamlDocument, path: KeyPath, spot: Spot | None) -> Ma
     block = [line for line in document.lines[mark.line :] if line.strip()]
     indent = len(block[0]) - len(block[0].lstrip(" ")) if block else 0
     return Mark(row + 1, indent + spot[1] + 1)
-
-
-def occupied(brick: PlacedBrick) -> frozenset[tuple[int, int, int]]:
-    """Return the places on the grid that a brick fills."""
-    return occupied_studs(brick.cell, brick.brick)

@@ -1,0 +1,45 @@
+"""What an assignment must keep to, checked constraint by constraint."""
+
+from __future__ import annotations
+
+from planning.tasks.assignment_problem import AssignmentProblem
+from planning.tasks.plan import TaskPlan
+
+
+def plan_violations(problem: AssignmentProblem, plan: TaskPlan) -> list[str]:
+    """Return every constraint (2)-(6) of Appendix B, and every "after", that a plan breaks."""
+    out = []
+    used: dict[str, int] = {}
+    if len(plan.choices) != len(problem.steps):
+        out.append(f"{len(plan.choices)} choices for {len(problem.steps)} steps")
+    primaries, supports = set(problem.primaries), set(problem.supports)
+    incompatible = {
+        (problem.primaries[p], problem.supports[s]) for p, s in problem.incompatible
+    }
+    for number, choice in enumerate(plan.choices, start=1):
+        if choice.step != number or choice.primary not in primaries:
+            out.append(f"step {number}: not a candidate of this step")
+            continue
+        support = choice.support
+        if (support is not None) != problem.needs_support[number - 1]:
+            out.append(f"step {number}: support needed or not, but not as planned")
+        if support is not None:
+            if support not in supports or support.step != number:
+                out.append(f"step {number}: not a support candidate of this step")
+            if support.robot == choice.robot:
+                out.append(f"step {number}: {choice.robot} would support itself")
+            if choice.primary.partner not in (None, support.robot):
+                out.append(f"step {number}: {support.robot} is not the partner")
+            if (choice.primary, support) in incompatible:
+                out.append(f"step {number}: primary and support collide")
+        for other in sorted(choice.primary.after):
+            if other not in used:
+                out.append(f"step {number}: {other} is still in the way")
+        if choice.object not in problem.unlimited:
+            if choice.object in used:
+                out.append(
+                    f"step {number}: {choice.object} was used in step "
+                    f"{used[choice.object]}"
+                )
+            used.setdefault(choice.object, number)
+    return out
