@@ -1,16 +1,10 @@
-"""Tasks, what may touch whom during them, and the graph that orders them (APEX-MR IV-A)."""
+"""Tasks, what changes hands in them, and what may touch whom meanwhile (APEX-MR IV-A)."""
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-import networkx as nx
-
-from planning.errors import PlanInvariantError
-from planning.transforms import Array, Indices, Transform
+from planning.transforms import Array, Transform
 
 TRANSIT = "transit"
 SKILLS = (
@@ -84,116 +78,3 @@ class AllowedContact:
     first: str
     second: str
     tasks: frozenset[int]
-
-
-def task_node(index: int) -> tuple[str, int]:
-    """Return the node of a task in the task graph."""
-    return ("task", index)
-
-
-def object_node(name: str, occurrence: int) -> tuple[str, str, int]:
-    """Return the node of an object at rest or offered: 0 at the start, 1 once put down..."""
-    return ("object", name, occurrence)
-
-
-def build_task_graph(
-    tasks: Sequence[Task],
-    dependencies: Iterable[tuple[int, int]] | Indices,
-    *,
-    later: Collection[str] = (),
-) -> nx.DiGraph[Any]:
-    """Build the task graph of APEX-MR IV-A.
-
-    Task nodes carry ``task``, object nodes ``pose`` (world, or in the flange of the robot it is
-    handed to). Edges carry ``kind``: ``"order"`` between consecutive tasks of a robot,
-    ``"dependency"`` between tasks, ``"attached"`` from an object to the task that begins with
-    it in hand, ``"detached"`` from a task to the object it leaves or lets come up.
-
-    Args:
-        tasks: of the sequential plan, indices in rising order.
-        dependencies: pairs (a, b) of task indices: a must be complete before b starts.
-        later: objects that are not there at the start, see ``CellObject.later``.
-
-    Raises:
-        PlanInvariantError: a dependency names no task, an object is handled by a robot that
-            does not have it, or the graph has a cycle, which the message names.
-    """
-    graph: nx.DiGraph[Any] = nx.DiGraph()
-    of_robot: dict[str, list[Task]] = defaultdict(list)
-    for task in tasks:
-        graph.add_node(task_node(task.index), task=task)
-        before = of_robot[task.robot]
-        if before:
-            graph.add_edge(
-                task_node(before[-1].index), task_node(task.index), kind="order"
-            )
-        before.append(task)
-    for first, second in dependencies:
-        for index in (first, second):
-            if task_node(int(index)) not in graph:
-                raise PlanInvariantError(
-                    f"dependency ({first}, {second}) names task {index}, which is not there"
-                )
-        graph.add_edge(task_node(int(first)), task_node(int(second)), kind="dependency")
-    _add_objects(graph, tasks, of_robot, later)
-    if not nx.is_directed_acyclic_graph(graph):
-        cycle = " -> ".join(
-            _label(graph, edge[0]) for edge in nx.find_cycle(graph, orientation=None)
-        )
-        raise PlanInvariantError(f"the task graph has a cycle: {cycle}")
-    return graph
-
-
-def _add_objects(
-    graph: nx.DiGraph[Any],
-    tasks: Sequence[Task],
-    of_robot: dict[str, list[Task]],
-    later: Collection[str],
-) -> None:
-    """Add a node for every place where an object rests, with its edges."""
-    occurrence: dict[str, int] = defaultdict(int)
-    holder: dict[str, str | None] = {}
-    for task in tasks:
-        for handling in task.handlings:
-            name = handling.object
-            node = object_node(name, occurrence[name])
-            held_by = holder.get(name)
-            if held_by not in (None, task.robot):
-                raise PlanInvariantError(
-                    f"task {task.index} ({task.label}) handles {name}, which {held_by} holds"
-                )
-            if held_by is None and name in later and name not in holder:
-                graph.add_node(node, pose=handling.pose)
-                graph.add_edge(task_node(task.index), node, kind="detached")
-            elif held_by is None:
-                if handling.holder is None:
-                    raise PlanInvariantError(
-                        f"task {task.index} ({task.label}) puts down {name}, which nobody holds"
-                    )
-                graph.add_edge(node, task_node(task.index), kind="attached")
-            if held_by is not None:
-                occurrence[name] += 1
-                node = object_node(name, occurrence[name])
-                graph.add_node(node, pose=handling.pose)
-                graph.add_edge(task_node(task.index), node, kind="detached")
-                taker = _next_task(of_robot, handling.holder, task.index)
-                if taker is not None:
-                    graph.add_edge(node, task_node(taker.index), kind="attached")
-            holder[name] = handling.holder
-
-
-def _next_task(
-    of_robot: dict[str, list[Task]], robot: str | None, index: int
-) -> Task | None:
-    """Return the first task of a robot after a given index."""
-    if robot is None:
-        return None
-    return next((t for t in of_robot[robot] if t.index > index), None)
-
-
-def _label(graph: nx.DiGraph[Any], node: tuple[object, ...]) -> str:
-    """Return a node in words."""
-    if node[0] == "object":
-        return str(node[1])
-    task = graph.nodes[node]["task"]
-    return f"{task.index} ({task.robot}: {task.label})"

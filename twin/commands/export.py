@@ -16,7 +16,7 @@ Names = Annotated[
     typer.Option(
         "--format",
         "-f",
-        help="csv, parquet, perfetto, joint-trajectory, graphml, dot or mermaid; "
+        help="csv, parquet, perfetto, joint-trajectory, graphml, dot, task-graph or mermaid; "
         "may be given several times.",
         metavar="FORMAT",
     ),

@@ -16,6 +16,7 @@ FORMATS = (
     "joint-trajectory",
     "graphml",
     "dot",
+    "task-graph",
     "mermaid",
 )
 
@@ -62,6 +63,10 @@ def exported_files(
             from twin.exports.graphs import dot_files
 
             return dot_files(run, nodes=nodes)
+        case "task-graph":
+            from twin.exports.task_graph import task_graph_files
+
+            return task_graph_files(run)
         case "mermaid":
             from twin.exports.mermaid import mermaid_files
 

@@ -20,6 +20,8 @@ from twin.run.lanes import LANE_COLOURS, OTHER_COLOUR
 
 if TYPE_CHECKING:
     Graph = nx.DiGraph[str]
+else:
+    Graph = nx.DiGraph
 
 SAME_ROBOT, DEPENDENCY, CONFLICT = "same robot", "task dependency", "motion conflict"
 """Causes of edges: type 1, and the two of type 2."""
@@ -29,9 +31,14 @@ _STYLES = {SAME_ROBOT: "bold", DEPENDENCY: "solid", CONFLICT: "dashed"}
 
 def graphml_files(run: RecordedRun, *, nodes: bool) -> Mapping[str, bytes]:
     """Return ``tpg.graphml``."""
+    return {"tpg.graphml": graphml(run_graph(run, nodes=nodes))}
+
+
+def graphml(graph: Graph) -> bytes:
+    """Return a graph as the content of a GraphML file."""
     buffer = BytesIO()
-    nx.write_graphml(run_graph(run, nodes=nodes), buffer)
-    return {"tpg.graphml": buffer.getvalue() + b"\n"}
+    nx.write_graphml(graph, buffer)
+    return buffer.getvalue() + b"\n"
 
 
 def dot_files(run: RecordedRun, *, nodes: bool) -> Mapping[str, bytes]:
@@ -63,7 +70,7 @@ def _add_nodes(graph: Graph, run: RecordedRun) -> None:
             index = int(chain.task[k])
             graph.add_node(
                 f"{chain.robot}/{k}",
-                **_task_attributes(tpg, index),
+                **task_attributes(tpg, index),
                 node=k,
                 skill=bool(chain.skill[k]),
                 duration_s=float(chain.duration[k]),
@@ -92,10 +99,10 @@ def _add_tasks(graph: Graph, run: RecordedRun) -> None:
         previous = None
         for index in dict.fromkeys(chain.task.tolist()):
             mine = chain.task == index
-            name = _task_name(index)
+            name = task_name(index)
             graph.add_node(
                 name,
-                **_task_attributes(tpg, index),
+                **task_attributes(tpg, index),
                 nodes=int(mine.sum()),
                 duration_s=float(chain.duration[mine].sum()),
                 **_executed(int(times[0][mine][0]), int(times[1][mine][-1])),
@@ -106,8 +113,8 @@ def _add_tasks(graph: Graph, run: RecordedRun) -> None:
                 )
             previous = name
     for (before, source, after, target), cause in _edges(tpg):
-        first = _task_name(int(tpg.chains[before].task[source]))
-        second = _task_name(int(tpg.chains[after].task[target]))
+        first = task_name(int(tpg.chains[before].task[source]))
+        second = task_name(int(tpg.chains[after].task[target]))
         conflict = int(cause == MOTION_CONFLICT)
         if not graph.has_edge(first, second):
             graph.add_edge(first, second, type=2, cause=CONFLICT, count=0, conflicts=0)
@@ -122,11 +129,13 @@ def _edges(tpg: TemporalPlanGraph) -> list[tuple[list[int], int]]:
     return list(zip(tpg.edges.tolist(), tpg.cause.tolist(), strict=True))
 
 
-def _task_name(index: int) -> str:
+def task_name(index: int) -> str:
+    """Return the name of the node that stands for a task."""
     return f"task {index}"
 
 
-def _task_attributes(tpg: TemporalPlanGraph, index: int) -> dict[str, Any]:
+def task_attributes(tpg: TemporalPlanGraph, index: int) -> dict[str, Any]:
+    """Return what is known of a task, as attributes of a node."""
     task = tpg.tasks[index]
     return {
         "robot": task.robot,

@@ -44,6 +44,7 @@ FILES = {
     "joint-trajectory": ["joint_trajectories.json"],
     "graphml": ["tpg.graphml"],
     "dot": ["tpg.dot"],
+    "task-graph": ["task_graph.graphml"],
     "mermaid": ["gantt.mmd"],
 }
 
