@@ -13,27 +13,20 @@ A structure whose score is 0 stands without any friction, up to 1 it stands, abo
 
 from __future__ import annotations
 
-import math
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 
-from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import STUD_PITCH
 from planning.lego.bricks.contacts import (
     LAYER,
     Joint,
     PlacedBrick,
     SideContact,
-    by_name,
     centre,
-    filled_places,
     is_narrow,
-    joints,
     knob_points,
-    side_contacts,
 )
 from planning.lego.stability.equilibrium import Equilibrium
 
@@ -114,54 +107,6 @@ class StabilityReport:
     brick: str | None
 
 
-def stability(
-    structure: Iterable[PlacedBrick],
-    *,
-    loads: Sequence[Load] = (),
-    holds: Sequence[Hold] = (),
-    loose: frozenset[str] = frozenset(),
-    strength: JointStrength = JointStrength(),
-    limit: float = 1.0,
-) -> StabilityReport:
-    """Return whether a structure on a plate stands, and how much friction it needs.
-
-    Args:
-        structure: its bricks; those of layer 1 stand on the plate, which does not move.
-        loads: forces besides gravity.
-        holds: tools that stand still against bricks.
-        loose: bricks that are just being pressed into place; their joints push but do not
-            pull yet.
-        strength: what joints bear.
-        limit: largest score that counts as stable.
-
-    Raises:
-        ScenarioError: bricks overlap or a name is used twice; a load or a hold names a brick
-            that the structure does not have.
-    """
-    bricks = by_name(structure)
-    for name in chain((v.brick for v in loads), (v.brick for v in holds), loose):
-        if name not in bricks:
-            raise ScenarioError(
-                f"the structure has no brick {name!r}", choices=tuple(bricks)
-            )
-    filled = filled_places(bricks)
-    knobs = joints(bricks, filled)
-    if not bricks:
-        return StabilityReport(True, 0.0, None)
-    if not holds and (loose_end := _floating(bricks, knobs)) is not None:
-        return StabilityReport(False, math.inf, loose_end)
-    program = bodies(bricks.values())
-    for joint in knobs:
-        free = joint.upper in loose or joint.lower in loose
-        pull = 0.0 if free else strength.pull(bricks[joint.upper])
-        add_joint(program, joint, bricks[joint.upper], pull, strength.sideways)
-    for side in side_contacts(bricks, filled):
-        add_side(program, side)
-    add_loads(program, loads, holds)
-    result = program.solve()
-    return StabilityReport(result.score <= limit + 1e-9, result.score, result.brick)
-
-
 def bodies(bricks: Iterable[PlacedBrick]) -> Equilibrium:
     """Return a linear program with these bricks as rigid bodies and no contacts yet."""
     items = tuple(bricks)
@@ -225,19 +170,3 @@ def add_loads(
     for load in loads:
         point = np.array(load.point) / STUD_PITCH
         program.add_load(load.brick, np.array(load.force), point)
-
-
-def _floating(bricks: Mapping[str, PlacedBrick], knobs: Sequence[Joint]) -> str | None:
-    """Return the first brick that no chain of joints connects to the plate."""
-    linked: dict[str | None, set[str | None]] = {name: set() for name in bricks}
-    linked[None] = set()
-    for joint in knobs:
-        linked[joint.lower].add(joint.upper)
-        linked[joint.upper].add(joint.lower)
-    held: set[str | None] = {None}
-    front: list[str | None] = [None]
-    while front:
-        for name in linked[front.pop()] - held:
-            held.add(name)
-            front.append(name)
-    return next((name for name in bricks if name not in held), None)

@@ -21,14 +21,12 @@ from planning.tasks.task_graph import (
     SKILLS,
     TRANSIT,
     Task,
-    build_task_graph,
-    object_node,
-    task_node,
 )
 from planning.tasks.work import StepExpansions
 from planning.tasks.world_progress import apply_handlings, move_robot
 from planning.transforms import Transform
 from tests.planning.lego.overhang import overhang
+from tests.planning.tasks.task_order import task_order
 
 
 def expand_plan(candidates: LegoCandidates, plan: TaskPlan) -> list[StepTasks]:
@@ -163,12 +161,12 @@ def test_support_comes_before_the_place_and_leaves_after_it(
 def test_places_and_supports_follow_the_place_before(
     tasks: list[Task], waits: set[tuple[int, int]]
 ) -> None:
-    graph = build_task_graph(tasks, waits)
+    graph = task_order(tasks, waits)
     for step in (2, 3):
         before = of_kind(tasks, step - 1, "place-down", "place-up")
         for kinds in (("place-down", "place-up"), ("support-bottom", "support-top")):
             later = of_kind(tasks, step, *kinds)
-            assert nx.has_path(graph, task_node(before.index), task_node(later.index))
+            assert nx.has_path(graph, before.index, later.index)
 
 
 def test_the_receiver_is_ready_and_takes_the_brick_away_after(
@@ -182,10 +180,7 @@ def test_the_receiver_is_ready_and_takes_the_brick_away_after(
     assert (ready.index, given.index) in waits
     assert (given.index, taken.index) in waits
     assert given.handlings[0].holder == receiver
-    graph = build_task_graph(tasks, waits)
-    name = given.object
-    assert name == "small"
-    assert graph.has_edge(object_node(name, 1), task_node(taken.index))
+    assert given.object == "small"
 
 
 def test_stacked_stock_goes_from_the_top() -> None:

@@ -35,7 +35,8 @@ from planning.lego.sequencing.sequencing import (
 )
 from planning.lego.sequencing.tool_room import GRID, BrickTool, support_face
 from planning.lego.stability.partial_structures import PartialStructures
-from planning.lego.stability.stability import Hold, Load, stability
+from planning.lego.stability.stability import Hold, Load
+from tests.planning.lego.whole_stability import stability
 
 _DATA = Path(
     os.environ.get(

@@ -19,8 +19,8 @@ from planning.lego.stability.stability import (
     Hold,
     JointStrength,
     Load,
-    stability,
 )
+from tests.planning.lego.whole_stability import stability
 
 
 def _brick(

@@ -17,10 +17,11 @@ from planning.parts.work import pick_place_work
 from planning.robots.registry import robot_model
 from planning.tasks.highs_solver import HighsAssignmentSolver
 from planning.tasks.plan import TaskPlan
-from planning.tasks.task_graph import TRANSIT, build_task_graph
+from planning.tasks.task_graph import TRANSIT
 from planning.tasks.work import StepExpansions
 from planning.transforms import Transform, from_rpy
 from tests.planning.tasks.assignment_oracle import plan_violations
+from tests.planning.tasks.task_order import task_order
 
 ON_TABLE = 0.0125
 RODS = {
@@ -118,7 +119,7 @@ def test_only_parts_that_touch_wait_for_each_other(
     }
     dependencies = work.link(steps)
     assert {tuple(pair) for pair in dependencies.tolist()} == expected
-    build_task_graph(tasks, dependencies)
+    task_order(tasks, dependencies)
 
 
 def test_a_step_carries_its_part_over_home(

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from planning.errors import PlanInvariantError
-from planning.tasks.task_graph import build_task_graph, object_node, task_node
 from planning.transforms import translation
 from scheduling.build_tpg import build_tpg
 from scheduling.conflicts.derived_tpg import DerivedTpg
@@ -17,6 +16,7 @@ from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.verification.graph_structure import check_structure
 from scheduling.verification.verify import verify_plan
 from twin.audit.audit import audit_run
+from twin.exports.task_graph import task_graph
 from twin.planning.pipeline import Planned, plan_scenario
 from twin.run.trajectory import object_placements
 from twin.scenario.file import load_scenario
@@ -245,15 +245,10 @@ def test_a_brick_that_comes_up_elsewhere_is_a_violation(
 
 
 def test_the_task_graph_shows_where_bricks_come_from(planned: Planned) -> None:
-    plan = planned.motion_plan
-    later = [o.name for o in plan.cell.objects if o.later]
-    graph = build_task_graph(plan.tasks, plan.dependencies, later=later)
-    picks = {t.object: t for t in plan.tasks if t.kind == "pick"}
-    node = object_node("near.2", 0)
-    assert graph.edges[task_node(picks["near.1"].index), node]["kind"] == "detached"
-    assert graph.edges[node, task_node(picks["near.2"].index)]["kind"] == "attached"
-    with pytest.raises(PlanInvariantError, match=r"near\.2, which nobody holds"):
-        build_task_graph(plan.tasks, plan.dependencies)
+    graph = task_graph(planned.tpg)
+    picks = {t.object: f"task {t.index}" for t in planned.tpg.tasks if t.kind == "pick"}
+    assert graph.edges[picks["near.1"], "near.2 0"]["kind"] == "detached"
+    assert graph.edges["near.2 0", picks["near.2"]]["kind"] == "attached"
 
 
 def test_nothing_is_picked_before_it_is_there(planned: Planned) -> None:
