@@ -20,7 +20,7 @@ from planning.tasks.assignment_problem import (
 from planning.tasks.plan import TaskPlan
 from planning.tasks.steps import StepTasks
 from planning.tasks.work import AssemblyWork
-from planning.transforms import Array, Indices, Transform
+from planning.transforms import Array, Transform
 
 _MOST = 12
 """Configurations tried for one pose of a tool."""
@@ -96,17 +96,12 @@ def prepare_goals(cell: Workcell, goals: Sequence[RobotGoal]) -> AssemblyWork:
         build.transit(choice.robot, goal, f"to goal {step}", None, goal=True)
         return build.build()
 
-    return AssemblyWork(problem, expand, _link)
+    return AssemblyWork(problem, expand)
 
 
 def _nothing(step: int) -> str:
     """Return the name of the object that a step is about: there is none, so one of its own."""
     return f"goal {step}"
-
-
-def _link(steps: Sequence[StepTasks]) -> Indices:
-    """Return no dependencies: what must be kept in order follows from collisions."""
-    return np.empty((0, 2), dtype=np.int64)
 
 
 def _configurations(cell: Workcell, goal: RobotGoal, near: Array) -> list[Array]:

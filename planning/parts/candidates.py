@@ -6,23 +6,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from planning.cell.workcell import Attachment, PlacedRobot, Workcell, WorldState
-from planning.geometry.scene_checker import SceneChecker, entity
+from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import frame_in_flange
 from planning.motion.sequential import MARGIN
 from planning.parts.assembly import PickPlaceAssembly
 from planning.parts.part_world import PartWorld
 from planning.parts.targets import pick_targets, place_targets
+from planning.skills.contacts import NOTHING, SkillContacts, gripped, touching
 from planning.skills.joint_paths import (
     Obstruction,
-    Pairs,
-    Phase,
-    SkillContacts,
     SkillPath,
-    check_skill,
     joint_distance,
     resolve_skill,
 )
 from planning.skills.subgoals import SkillTargets
+from planning.skills.surroundings import SkillScene, find_obstruction
 from planning.tasks.assignment_problem import (
     AssignmentProblem,
     PrimaryCandidate,
@@ -33,8 +31,6 @@ from planning.transforms import Array, Transform, inverse, readonly
 
 MOST_OVERLAP = 0.002
 """Deepest that a goal may be in what it touches: rounding of poses in files [m]."""
-
-_NOTHING: Pairs = frozenset()
 
 
 @dataclass(frozen=True)
@@ -109,16 +105,6 @@ def held_pose(robot: PlacedRobot, frame: str, grip: Transform) -> Transform:
     return readonly(tool @ inverse(grip))
 
 
-def gripped(robot: str, part: str) -> Pairs:
-    """Return the contact of a tool with the part it handles."""
-    return frozenset({frozenset((entity(robot, "tool"), part))})
-
-
-def touching(part: str, others: Mapping[str, float]) -> Pairs:
-    """Return the contacts of a part with what it touches."""
-    return frozenset(frozenset((part, other)) for other in others)
-
-
 class _Search:
     """Gathers candidates of one step and robot after another."""
 
@@ -162,10 +148,7 @@ class _Search:
 
 
 class _GripOptions:
-    """How one robot does one step with each of its grips.
-
-    Most grips are checked in the same few scenes: each collision checker is made once.
-    """
+    """How one robot does one step with each of its grips."""
 
     def __init__(self, world: PartWorld, step: int, robot: PlacedRobot) -> None:
         self.world = world
@@ -175,11 +158,8 @@ class _GripOptions:
         self.held = gripped(robot.name, self.part.name)
         self._at_start = touching(self.part.name, world.at_start(step))
         self._at_goal = touching(self.part.name, world.at_goal(step))
-        self._attachments = {
-            name: attachment for name, (_, attachment) in world.around(step).items()
-        }
+        self._around = world.around(step)
         self._home: dict[str, Array] = {r.name: r.home for r in world.cell.robots}
-        self._checkers: dict[tuple[bytes, Pairs], SceneChecker] = {}
 
     def pick(self, grip: Transform) -> SkillPath | Obstruction:
         """Return how the part is picked."""
@@ -190,7 +170,7 @@ class _GripOptions:
             assembly.approach,
             assembly.leave,
         )
-        contacts = SkillContacts(_NOTHING, self.held | self._at_start, self.held)
+        contacts = SkillContacts(NOTHING, self.held | self._at_start, self.held)
         lying = Attachment(None, self.part.start)
         return self._resolve(targets, contacts, lying, self._in_hand(grip))
 
@@ -200,13 +180,21 @@ class _GripOptions:
         targets = place_targets(
             assembly.grips.frame, self.goal @ grip, assembly.approach, assembly.leave
         )
-        contacts = SkillContacts(self.held, self.held | self._at_goal, _NOTHING)
+        contacts = SkillContacts(self.held, self.held | self._at_goal, NOTHING)
         lying = Attachment(None, self.goal)
         return self._resolve(targets, contacts, self._in_hand(grip), lying)
 
     def at_home(self, grip: Transform) -> Obstruction | None:
         """Return what is in the way of standing at HOME with the part."""
-        checker = self._checker(self._in_hand(grip), self.held)
+        objects = {**self._around, self.part.name: (self.part, self._in_hand(grip))}
+        attachments = {name: at for name, (_, at) in objects.items()}
+        checker = SceneChecker(
+            self.world.cell,
+            self.robot.name,
+            WorldState(self._home, attachments),
+            self.held,
+            margin=MARGIN,
+        )
         contact = checker.contact(self.robot.home)
         return None if contact is None else Obstruction(str(contact))
 
@@ -218,35 +206,17 @@ class _GripOptions:
         after: Attachment,
     ) -> SkillPath | Obstruction:
         """Return a skill, given where the part is before and after it changes hands."""
-
-        def checker_of(phase: Phase) -> SceneChecker:
-            match phase:
-                case Phase.BEFORE:
-                    return self._checker(before, contacts.before)
-                case Phase.UNTIL_CHANGE:
-                    return self._checker(before, contacts.during)
-                case Phase.SINCE_CHANGE:
-                    return self._checker(after, contacts.during)
-                case Phase.AFTER:
-                    return self._checker(after, contacts.after)
-
-        return resolve_skill(
-            self.robot, targets, lambda path: check_skill(path, checker_of)
+        name = self.part.name
+        scene = SkillScene(
+            self.world.cell,
+            {**self._around, name: (self.part, before)},
+            self._home,
+            contacts,
+            (name, after),
         )
-
-    def _checker(self, part: Attachment, allowed: Pairs) -> SceneChecker:
-        """Return the checker of a scene with the part where it is given."""
-        key = (part.pose.tobytes(), allowed)
-        if key not in self._checkers:
-            attachments = {**self._attachments, self.part.name: part}
-            self._checkers[key] = SceneChecker(
-                self.world.cell,
-                self.robot.name,
-                WorldState(self._home, attachments),
-                allowed,
-                margin=MARGIN,
-            )
-        return self._checkers[key]
+        return resolve_skill(
+            self.robot, targets, lambda path: find_obstruction(path, scene)
+        )
 
     def _in_hand(self, grip: Transform) -> Attachment:
         frame = self.world.assembly.grips.frame

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 
-import numpy as np
-
-from planning.parts.candidates import (
-    PickPlaceCandidates,
-    gripped,
-    held_pose,
-    touching,
-)
+from planning.parts.candidates import PickPlaceCandidates, held_pose
+from planning.skills.contacts import gripped, touching
 from planning.skills.step_builder import StepBuilder
 from planning.tasks.plan import TaskPlan
 from planning.tasks.steps import StepTasks
 from planning.tasks.task_graph import Task
-from planning.transforms import Indices
+from planning.tasks.work import AssemblyWork
 
 
-def expand_step(
+def pick_place_work(candidates: PickPlaceCandidates) -> AssemblyWork:
+    """Return what the planner needs of candidates that have been found."""
+    return AssemblyWork(
+        candidates.problem,
+        partial(_expand_step, candidates),
+        partial(_waits, candidates),
+    )
+
+
+def _expand_step(
     candidates: PickPlaceCandidates, plan: TaskPlan, step: int, first_index: int
 ) -> StepTasks:
     """Return the tasks of a step as the plan chooses it.
@@ -38,13 +42,11 @@ def expand_step(
     grip = world.grips(step)[choice.grasp].pose
     pick, place = candidates.pick(choice), candidates.place(choice)
     build = StepBuilder(step, first_index)
-    for goal in pick.lead:
-        build.transit(robot.name, goal, f"to {part}", None)
+    build.lead_in(pick, f"to {part}", None)
     held = held_pose(robot, world.assembly.grips.frame, grip)
     picked = build.skill(pick, f"pick {part}", part, robot.name, held)
     build.transit(robot.name, robot.home, f"HOME with {part}", part)
-    for goal in place.lead:
-        build.transit(robot.name, goal, f"{part} to its place", part)
+    build.lead_in(place, f"{part} to its place", part)
     placed = build.skill(place, f"place {part}", part, None, world.goal(step))
     build.transit(robot.name, robot.home, "HOME", None)
     carrying = build.of_robot(robot.name, picked, placed)
@@ -54,36 +56,31 @@ def expand_step(
     return build.build()
 
 
-def link_steps(candidates: PickPlaceCandidates, steps: Sequence[StepTasks]) -> Indices:
-    """Return all dependencies of a plan.
+def _waits(
+    candidates: PickPlaceCandidates, steps: Sequence[StepTasks]
+) -> Iterator[tuple[Task, Task]]:
+    """Yield what waits for what.
 
     A part is placed after those that it touches in its place, and picked after those that it
     touched in the stock and that were placed before it. Steps that do not touch need not wait
     for each other: what else must be kept in order follows from collisions.
-
-    Returns:
-        Pairs (a, b) of task indices, shape (e, 2), sorted: a must be complete before b starts.
     """
-    world = candidates.world
-    pairs = {pair for step in steps for pair in step.dependencies}
-    picks: dict[str, Task] = {}
-    places: dict[str, Task] = {}
+    done: dict[str, dict[str, Task]] = {"pick": {}, "place-down": {}}
     start_contacts = _stock_contacts(candidates)
     for step in steps:
         for task in step.tasks:
-            if task.object is None or task.kind not in ("pick", "place-down"):
+            if task.object is None or task.kind not in done:
                 continue
-            if task.kind == "pick":
-                touched, before = start_contacts[task.object], picks
-            else:
-                touched, before = frozenset(world.at_goal(step.step)), places
-            pairs |= {
-                (before[name].index, task.index)
-                for name in touched
-                if name in before and before[name].robot != task.robot
-            }
+            touched = (
+                start_contacts[task.object]
+                if task.kind == "pick"
+                else candidates.world.at_goal(step.step)
+            )
+            before = done[task.kind]
+            for name in touched:
+                if name in before:
+                    yield before[name], task
             before[task.object] = task
-    return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
 
 
 def _stock_contacts(candidates: PickPlaceCandidates) -> dict[str, frozenset[str]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from itertools import pairwise
 
 import numpy as np
@@ -12,14 +11,12 @@ import numpy as np
 from planning.cell.workcell import PlacedRobot
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import follow_poses, inverse_kinematics
+from planning.skills.contacts import Phase
 from planning.skills.subgoals import SkillTargets, Subgoal
 from planning.transforms import Array
 
 LARGEST_TURN = 1.2
 """Most that a joint may turn between two subgoals of a skill; more is another arm posture [rad]."""
-
-Pairs = frozenset[frozenset[str]]
-"""Unordered pairs of entities that may touch."""
 
 
 @dataclass(frozen=True)
@@ -54,27 +51,6 @@ class SkillPath:
 
 
 @dataclass(frozen=True)
-class SkillContacts:
-    """Who may touch whom around a skill.
-
-    Attributes:
-        before: in the transits before it.
-        during: in the skill.
-        after: in the transit after it.
-    """
-
-    before: Pairs
-    during: Pairs
-    after: Pairs
-
-    def in_phase(self, phase: Phase) -> Pairs:
-        """Return who may touch whom in a phase."""
-        if phase is Phase.BEFORE:
-            return self.before
-        return self.after if phase is Phase.AFTER else self.during
-
-
-@dataclass(frozen=True)
 class Obstruction:
     """Why a skill cannot be done as it is.
 
@@ -85,30 +61,6 @@ class Obstruction:
 
     words: str
     by: str | None = None
-
-
-class Phase(Enum):
-    """A part of a skill in which who may touch whom, and where things are, stays the same."""
-
-    BEFORE = "before"
-    UNTIL_CHANGE = "until the object changes hands"
-    SINCE_CHANGE = "since the object changed hands"
-    AFTER = "after"
-
-
-def check_skill(
-    path: SkillPath, checker_of: Callable[[Phase], SceneChecker]
-) -> Obstruction | None:
-    """Return what first stands in the way of a skill, None when nothing does.
-
-    Checked are the goals of the transits before it, every stretch of its reference path, and
-    its last configuration, from which the next transit starts.
-
-    Args:
-        path: of the skill.
-        checker_of: returns the collision checker of the robot in a phase of the skill.
-    """
-    return next(obstructions(path, checker_of), None)
 
 
 def obstructions(

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planning.cell.workcell import CellObject
-from planning.skills.joint_paths import Pairs, SkillPath
+from planning.skills.contacts import Pairs
+from planning.skills.joint_paths import SkillPath
 from planning.tasks.steps import StepTasks
 from planning.tasks.task_graph import TRANSIT, AllowedContact, Handling, Task
 from planning.transforms import Array, Transform, readonly
@@ -84,6 +85,11 @@ class StepBuilder:
             item,
         )
         return self._append(task)
+
+    def lead_in(self, path: SkillPath, label: str, carries: str | None) -> None:
+        """Append the transits to where a skill starts."""
+        for goal in path.lead:
+            self.transit(path.robot, goal, label, carries)
 
     def depend(self, before: int, after: int) -> None:
         """Let one task wait for another."""

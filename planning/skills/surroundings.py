@@ -14,13 +14,8 @@ from planning.geometry.robot_bodies import flange_pose, robot_bodies
 from planning.geometry.scene_checker import SceneChecker
 from planning.geometry.standing import StandingBoxes, stand_boxes
 from planning.motion.sequential import MARGIN
-from planning.skills.joint_paths import (
-    Obstruction,
-    Phase,
-    SkillContacts,
-    SkillPath,
-    obstructions,
-)
+from planning.skills.contacts import Phase, SkillContacts
+from planning.skills.joint_paths import Obstruction, SkillPath, obstructions
 from planning.transforms import Array
 
 Placed = tuple[CellObject, Attachment]
@@ -179,5 +174,9 @@ class SkillTrial:
 
 
 def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:
-    """Return what first stands in the way of a skill; see ``skill_paths.check_skill``."""
+    """Return what first stands in the way of a skill, None when nothing does.
+
+    Checked are the goals of the transits before it, every stretch of its reference path, and
+    its last configuration, from which the next transit starts.
+    """
     return SkillTrial(path, scene).found

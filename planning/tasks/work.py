@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
+
+import numpy as np
 
 from planning.tasks.assignment_problem import AssignmentProblem
 from planning.tasks.plan import TaskPlan, alternatives
 from planning.tasks.steps import StepTasks
+from planning.tasks.task_graph import Task
 from planning.transforms import Indices
 
 
@@ -20,13 +23,25 @@ class AssemblyWork:
         problem: who can do which step with what.
         expand: returns the tasks of a step of a plan: given the plan, the step (from 1) and the
             index of its first task.
-        link: returns all dependencies between tasks, shape (e, 2), given the tasks of all
-            steps; a pair (a, b) means that task a must be complete before b starts.
+        waits: yields pairs of tasks, given those of all steps: the second waits for the first.
     """
 
     problem: AssignmentProblem
     expand: Callable[[TaskPlan, int, int], StepTasks]
-    link: Callable[[Sequence[StepTasks]], Indices]
+    waits: Callable[[Sequence[StepTasks]], Iterable[tuple[Task, Task]]] = lambda _: ()
+
+    def link(self, steps: Sequence[StepTasks]) -> Indices:
+        """Return all dependencies between tasks, those within the steps included.
+
+        Returns:
+            Pairs (a, b) of task indices, shape (e, 2), sorted: a must be complete before b
+            starts. Tasks of one robot are in order anyway.
+        """
+        pairs = {pair for step in steps for pair in step.dependencies}
+        pairs |= {
+            (a.index, b.index) for a, b in self.waits(steps) if a.robot != b.robot
+        }
+        return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
 
 
 @dataclass

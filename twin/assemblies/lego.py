@@ -118,7 +118,8 @@ class LegoKind(AssemblyKind):
         """
         from planning.lego.sequencing.borne_steps import borne_steps
         from planning.lego.sequencing.reachability import check_reach
-        from planning.lego.skills.work import prepare_lego
+        from planning.lego.skills.candidates import find_candidates
+        from planning.lego.skills.expansion import lego_work
         from twin.assemblies.in_turns import ASSIGNMENT, plan_in_turns
 
         robots = len(cell.robots)
@@ -132,7 +133,7 @@ class LegoKind(AssemblyKind):
                 rules = sequencing_rules(self.section, robots=robots)
                 assembly = borne_steps(assembly, rules)
             check_reach(cell, assembly)
-            work = prepare_lego(cell, assembly)
+            work = lego_work(find_candidates(cell, assembly))
         return plan_in_turns(cell, assembly, work, settings, watch)
 
 

@@ -57,12 +57,13 @@ class PickPlaceKind(AssemblyKind):
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
     ) -> PlannedMotions:
         """Find the candidates, choose, and plan one task after another."""
-        from planning.parts.work import prepare_pick_place
+        from planning.parts.candidates import find_candidates
+        from planning.parts.expansion import pick_place_work
         from twin.assemblies.in_turns import ASSIGNMENT, plan_in_turns
 
         assembly = build_pick_place(self.section)
         with watch.stage("assignment", ASSIGNMENT):
-            work = prepare_pick_place(cell, assembly)
+            work = pick_place_work(find_candidates(cell, assembly))
         return plan_in_turns(cell, assembly, work, settings, watch)
 
     def _check_steps(self) -> Iterator[tuple[KeyPath, str]]:

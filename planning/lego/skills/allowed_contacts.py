@@ -13,7 +13,7 @@ from planning.geometry.scene_checker import entity
 from planning.lego.bricks.assembly import LAYER_HEIGHT, BrickType, Cell, Support
 from planning.lego.bricks.grid import occupied_studs
 from planning.lego.skills.support import supported_cell
-from planning.skills.joint_paths import Pairs
+from planning.skills.contacts import Pairs, gripped, touching
 from planning.transforms import Transform, inverse
 
 _TOUCH = 0.001
@@ -21,62 +21,36 @@ _TOUCH = 0.001
 
 Bricks = Mapping[str, tuple[Cell, BrickType]]
 
-
-def pair(first: str, second: str) -> frozenset[str]:
-    """Return an unordered pair."""
-    return frozenset((first, second))
+Seat = tuple[Cell, BrickType, Transform]
+"""Where a brick sits: cell, type, and pose of the centre of its box in the world."""
 
 
-def tool_of(robot: str) -> str:
-    """Return the name of a robot's tool among the entities."""
-    return entity(robot, "tool")
+def contacts_at_rest(
+    robot: str, brick: str, seat: Seat, others: Bricks, fixtures: Iterable[Fixture]
+) -> Pairs:
+    """Return what a brick and the tool on it may touch where the brick is picked or placed.
 
-
-def gripped(robot: str, brick: str) -> Pairs:
-    """Return the contact of a tool with the brick it handles."""
-    return frozenset({pair(tool_of(robot), brick)})
-
-
-def seated(brick: str, cell: Cell, kind: BrickType, others: Bricks) -> Pairs:
-    """Return the contacts of a brick with the bricks around it where it sits.
+    That is each other; the bricks around; the fixtures that the brick stands on, plate, and
+    table if level; for the tool the bricks beside: its lever wall reaches down along the gripped
+    edge, and turns against what stands there.
 
     Args:
+        robot: who picks or places.
         brick: its name.
-        cell: where it sits.
-        kind: its type.
+        seat: where it is then.
         others: all other bricks at rest.
-    """
-    around = _bordering(occupied_studs(cell, kind), (-1, 0, 1), others)
-    return frozenset(pair(brick, other) for other in around if other != brick)
-
-
-def grounded(brick: str, pose: Transform, fixtures: Iterable[Fixture]) -> Pairs:
-    """Return the contacts of a brick with the fixtures it stands on: plate, and table if level.
-
-    Args:
-        brick: its name.
-        pose: of the centre of its box in the world.
         fixtures: of the cell.
     """
-    bottom = pose[:3, 3] - pose[:3, 2] * LAYER_HEIGHT / 2
-    out = set()
-    for fixture in fixtures:
-        away = inverse(fixture.pose)
-        local = away[:3, :3] @ bottom + away[:3, 3]
-        half = fixture.size / 2
-        inside = bool((abs(local[:2]) <= half[:2]).all())
-        if inside and abs(local[2] - half[2]) <= _TOUCH:
-            out.add(pair(brick, fixture.name))
-    return frozenset(out)
-
-
-def beside_tool(robot: str, cell: Cell, kind: BrickType, others: Bricks) -> Pairs:
-    """Return the contacts of a tool with the bricks beside the one it grips or places.
-
-    Its lever wall reaches down along the gripped edge, and turns against what stands there.
-    """
-    around = _bordering(occupied_studs(cell, kind), (0,), others)
-    return frozenset(pair(tool_of(robot), name) for name in around)
+    cell, kind, pose = seat
+    studs = occupied_studs(cell, kind)
+    around = [name for name in _bordering(studs, (-1, 0, 1), others) if name != brick]
+    under = [item.name for item in fixtures if _carries(item, pose)]
+    beside = _bordering(studs, (0,), others)
+    return (
+        gripped(robot, brick)
+        | touching(brick, [*around, *under])
+        | touching(entity(robot, "tool"), beside)
+    )
 
 
 def supporting(robot: str, support: Support, bricks: Bricks) -> Pairs:
@@ -87,9 +61,8 @@ def supporting(robot: str, support: Support, bricks: Bricks) -> Pairs:
         support: where; a support-top presses on layer z - 1, a support-bottom on z + 1.
         bricks: all bricks, the one being placed included.
     """
-    tip = {(c.x, c.y, c.z) for c in supported_cell(support)}
-    around = _bordering(frozenset(tip), (-1, 0, 1), bricks)
-    return frozenset(pair(tool_of(robot), name) for name in around)
+    tip = frozenset((c.x, c.y, c.z) for c in supported_cell(support))
+    return touching(entity(robot, "tool"), _bordering(tip, (-1, 0, 1), bricks))
 
 
 def _bordering(
@@ -112,3 +85,12 @@ def _bordering(
         for name, (cell, kind) in bricks.items()
         if not border.isdisjoint(occupied_studs(cell, kind))
     ]
+
+
+def _carries(fixture: Fixture, pose: Transform) -> bool:
+    bottom = pose[:3, 3] - pose[:3, 2] * LAYER_HEIGHT / 2
+    away = inverse(fixture.pose)
+    local = away[:3, :3] @ bottom + away[:3, 3]
+    half = fixture.size / 2
+    inside = bool((abs(local[:2]) <= half[:2]).all())
+    return inside and bool(abs(local[2] - half[2]) <= _TOUCH)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-
-import numpy as np
+from collections.abc import Iterator, Sequence
+from functools import partial
 
 from planning.cell.workcell import CellObject
 from planning.kinematics.kinematics import frame_pose
@@ -13,26 +12,31 @@ from planning.lego.bricks.assembly import BrickType, Cell, Plate
 from planning.lego.bricks.brick_world import BrickWorld
 from planning.lego.bricks.grid import box_from_top
 from planning.lego.bricks.stations import copy_name, next_copy, object_names, source_of
-from planning.lego.skills.allowed_contacts import (
-    beside_tool,
-    gripped,
-    grounded,
-    seated,
-    supporting,
-)
+from planning.lego.skills.allowed_contacts import contacts_at_rest, supporting
 from planning.lego.skills.candidates import LegoCandidates
-from planning.skills.joint_paths import Pairs, SkillPath
+from planning.skills.contacts import gripped
+from planning.skills.joint_paths import SkillPath
 from planning.skills.step_builder import StepBuilder
 from planning.tasks.plan import StepChoice, TaskPlan
 from planning.tasks.steps import StepTasks
 from planning.tasks.task_graph import Task
-from planning.transforms import Array, Indices, Transform, inverse
+from planning.tasks.work import AssemblyWork
+from planning.transforms import Array, Transform, inverse
 
 PLACES = ("place-down", "place-up")
 SUPPORTS = ("support-bottom", "support-top")
 
 
-def expand_step(
+def lego_work(candidates: LegoCandidates) -> AssemblyWork:
+    """Return what the planner needs of candidates that have been found."""
+    return AssemblyWork(
+        candidates.problem,
+        partial(_expand_step, candidates),
+        partial(_waits, candidates),
+    )
+
+
+def _expand_step(
     candidates: LegoCandidates, plan: TaskPlan, step: int, first_index: int
 ) -> StepTasks:
     """Return the tasks of a step as the plan chooses it.
@@ -54,38 +58,30 @@ def expand_step(
     return expander.builder.build()
 
 
-def link_steps(candidates: LegoCandidates, steps: Sequence[StepTasks]) -> Indices:
-    """Return all dependencies of a plan: those within the steps, and those between them.
+def _waits(
+    candidates: LegoCandidates, steps: Sequence[StepTasks]
+) -> Iterator[tuple[Task, Task]]:
+    """Yield what waits for what between steps.
 
-    Between steps, a place waits for the place before it, and so does a support; a brick of the
-    stock is picked after those that stood on it, a station's after the one before it.
-
-    Returns:
-        Pairs (a, b) of task indices, shape (e, 2), sorted: a must be complete before b starts.
+    A place waits for the place before it, and so does a support; a brick of the stock is picked
+    after those that stood on it, a station's after the one before it.
     """
-    pairs = {pair for step in steps for pair in step.dependencies}
+    world = candidates.world
     last_place: Task | None = None
     picked: dict[str, Task] = {}
     for step in steps:
         place: Task | None = None
         for task in step.tasks:
-            waits_for: list[Task] = []
             if task.kind in PLACES:
                 place = task
             if task.kind in (*PLACES, *SUPPORTS) and last_place is not None:
-                waits_for.append(last_place)
+                yield last_place, task
             if task.kind == "pick" and task.object is not None:
-                source = source_of(task.object, candidates.world.stations)
-                earlier = sorted({*candidates.world.above(source), source})
-                waits_for += [picked[name] for name in earlier if name in picked]
+                source = source_of(task.object, world.stations)
+                for name in {*world.above(source), source} & picked.keys():
+                    yield picked[name], task
                 picked[source] = task
-            pairs |= {
-                (before.index, task.index)
-                for before in waits_for
-                if before.robot != task.robot
-            }
         last_place = place or last_place
-    return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
 
 
 class _Expander:
@@ -148,7 +144,7 @@ class _Expander:
         held = 0
         if support is not None:
             held = self._support(support)
-        self._transit(place.lead, robot, f"{self.brick} to its place", self.brick)
+        build.lead_in(place, f"{self.brick} to its place", self.brick)
         placed = self._place(place, f"place {self.brick}")
         carrying = build.of_robot(robot, picked, placed)
         build.allow(gripped(robot, self.brick), *carrying)
@@ -169,9 +165,7 @@ class _Expander:
         build.transit(receiver, handover.pre_receive, "to the handover", None)
         ready = build.transit(receiver, handover.receive, "ready to receive", None)
         build.transit(giver, handover.rest, f"{self.brick} to the handover", self.brick)
-        self._transit(
-            handover.give.lead, giver, f"{self.brick} to {receiver}", self.brick
-        )
+        build.lead_in(handover.give, f"{self.brick} to {receiver}", self.brick)
         box = box_from_top(handover.top)
         in_hand = inverse(self._flange(receiver, handover.receive)) @ box
         given = build.skill(
@@ -187,7 +181,7 @@ class _Expander:
             receiver, handover.pre_receive, f"take {self.brick}", self.brick
         )
         build.depend(given, taken)
-        self._transit(place.lead, receiver, f"{self.brick} to its place", self.brick)
+        build.lead_in(place, f"{self.brick} to its place", self.brick)
         held = self._support(support)
         placed = self._place(place, f"place {self.brick} from below")
         carrying = build.of_robot(receiver, taken, placed)
@@ -199,7 +193,7 @@ class _Expander:
         """Write transit, pick and the way HOME; return the pick."""
         build, brick = self.builder, self.brick
         path = self.candidates.pick(self.choice)
-        self._transit(path.lead, robot, f"to {brick}", None)
+        build.lead_in(path, f"to {brick}", None)
         start = self.world.stock_at_rest[self.choice.object][1].pose
         flange = self._flange(robot, path.contact)
         picked = build.skill(
@@ -211,8 +205,11 @@ class _Expander:
             self.refill,
         )
         cell = self.world.stock[self.choice.object].cell
-        touching = self._touching(robot, cell, start, self.beside_source)
-        build.allow(touching, picked)
+        seat = (cell, self.kind, start)
+        fixtures = self.world.cell.fixtures
+        build.allow(
+            contacts_at_rest(robot, brick, seat, self.beside_source, fixtures), picked
+        )
         self._home(robot, brick)
         return picked
 
@@ -220,13 +217,16 @@ class _Expander:
         """Write the place itself; return it."""
         goal = self.world.goal(self.choice.step)[1].pose
         placed = self.builder.skill(path, label, self.brick, None, goal)
-        touching = self._touching(path.robot, self.work.cell, goal, self.others)
-        self.builder.allow(touching, placed)
+        seat, fixtures = (self.work.cell, self.kind, goal), self.world.cell.fixtures
+        self.builder.allow(
+            contacts_at_rest(path.robot, self.brick, seat, self.others, fixtures),
+            placed,
+        )
         return placed
 
     def _support(self, path: SkillPath) -> int:
         """Write transit and support; return the support."""
-        self._transit(path.lead, path.robot, "to its support", None)
+        self.builder.lead_in(path, "to its support", None)
         return self.builder.skill(path, f"support step {self.choice.step}", None)
 
     def _retract(self, path: SkillPath, held: int, placed: int) -> None:
@@ -246,25 +246,6 @@ class _Expander:
         build.allow(touched, held, *ways_back)
         # What the placing robot brings touches the standing tool as well.
         build.allow(touched & gripped(robot, self.brick), placed)
-
-    def _touching(
-        self,
-        robot: str,
-        cell: Cell,
-        pose: Transform,
-        others: Mapping[str, tuple[Cell, BrickType]],
-    ) -> Pairs:
-        """Return what a brick and the tool on it may touch where it sits."""
-        fixtures = self.world.cell.fixtures
-        touching = seated(self.brick, cell, self.kind, others)
-        touching |= grounded(self.brick, pose, fixtures)
-        return touching | beside_tool(robot, cell, self.kind, others)
-
-    def _transit(
-        self, goals: Array, robot: str, label: str, carries: str | None
-    ) -> None:
-        for goal in goals:
-            self.builder.transit(robot, goal, label, carries)
 
     def _home(self, robot: str, carries: str | None = None) -> int:
         label = f"HOME with {carries}" if carries else "HOME"

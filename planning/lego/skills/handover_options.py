@@ -10,19 +10,18 @@ from planning.cell.workcell import Attachment, PlacedRobot, Workcell
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.brick_world import BrickWorld, Placed, goal_name, press_of
 from planning.lego.bricks.grips import grip_pose
-from planning.lego.skills.allowed_contacts import gripped
 from planning.lego.skills.meeting_points import ReceivePose, giver_rest, receive_poses
-from planning.lego.skills.options import NOTHING, SkillOptions
+from planning.lego.skills.options import SkillOptions
 from planning.lego.skills.targets import (
     handover_targets,
     held_box,
     place_up_contact,
     received_top,
 )
+from planning.skills.contacts import NOTHING, SkillContacts, gripped
 from planning.skills.joint_paths import (
     LARGEST_TURN,
     Obstruction,
-    SkillContacts,
     SkillPath,
     resolve_skill,
 )

@@ -21,10 +21,7 @@ from planning.lego.bricks.brick_world import (
 )
 from planning.lego.bricks.grips import grip_pose
 from planning.lego.skills.allowed_contacts import (
-    beside_tool,
-    gripped,
-    grounded,
-    seated,
+    contacts_at_rest,
     supporting,
 )
 from planning.lego.skills.support import support_bottom_targets, support_top_targets
@@ -38,9 +35,9 @@ from planning.lego.skills.targets import (
     place_up_targets,
     support_skill,
 )
+from planning.skills.contacts import NOTHING, Pairs, SkillContacts, gripped
 from planning.skills.joint_paths import (
     Obstruction,
-    SkillContacts,
     SkillPath,
     nearer_reason,
     skill_postures,
@@ -49,8 +46,6 @@ from planning.skills.joint_paths import (
 from planning.skills.subgoals import SkillTargets, Subgoal
 from planning.skills.surroundings import SkillScene, SkillTrial
 from planning.transforms import Array, translation
-
-NOTHING: frozenset[frozenset[str]] = frozenset()
 
 _DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
 """How far behind the pre-pose a support may start [m]."""
@@ -150,10 +145,10 @@ class SkillOptions:
         )
         others = world.stock_beside(stock)
         grip = gripped(robot.name, stock)
-        touching = grip | seated(stock, cell, kind, others)
-        touching |= beside_tool(robot.name, cell, kind, others)
-        start = world.stock_at_rest[stock][1].pose
-        touching |= grounded(stock, start, world.cell.fixtures)
+        seat = (cell, kind, world.stock_at_rest[stock][1].pose)
+        touching = contacts_at_rest(
+            robot.name, stock, seat, others, world.cell.fixtures
+        )
         held = held_box(frames, "tool", grip_pose(top, kind, press), top)
         above = world.above(stock)
         goals = world.goals(range(1, len(world.assembly.steps) + 1))
@@ -254,10 +249,9 @@ class SkillOptions:
         others = world.cells_during(step)
         kind = world.kind(work.brick)
         grip = gripped(robot, name)
-        touching = grip | seated(name, work.cell, kind, others)
-        touching |= beside_tool(robot, work.cell, kind, others)
         goal, at_goal = world.goal(step)
-        touching |= grounded(name, at_goal.pose, world.cell.fixtures)
+        seat = (work.cell, kind, at_goal.pose)
+        touching = contacts_at_rest(robot, name, seat, others, world.cell.fixtures)
         standing = dict(self.home)
         if beside is not None:
             held = self.support(beside.robot, step, beside.choice)
@@ -290,9 +284,7 @@ class SkillOptions:
         assert reason is not None
         return reason
 
-    def supported(
-        self, robot: str, step: int, choice: int = 0
-    ) -> frozenset[frozenset[str]]:
+    def supported(self, robot: str, step: int, choice: int = 0) -> Pairs:
         """Return what a supporting tool may touch, the brick of the step included."""
         world = self.world
         bricks = {**world.cells_during(step), **world.goal_cells([step])}

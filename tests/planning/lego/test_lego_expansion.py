@@ -12,8 +12,7 @@ from planning.lego.bricks.assembly import Cell, LegoStep, Press, StockBrick
 from planning.lego.bricks.grid import box_pose
 from planning.lego.bricks.grips import grip_pose
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
-from planning.lego.skills.expansion import expand_step, link_steps
-from planning.lego.skills.work import lego_work
+from planning.lego.skills.expansion import lego_work
 from planning.tasks.highs_solver import HighsAssignmentSolver
 from planning.tasks.plan import StepChoice, TaskPlan
 from planning.tasks.steps import StepTasks
@@ -34,7 +33,7 @@ def expand_plan(candidates: LegoCandidates, plan: TaskPlan) -> list[StepTasks]:
     out: list[StepTasks] = []
     count = 0
     for choice in plan.choices:
-        out.append(expand_step(candidates, plan, choice.step, count))
+        out.append(lego_work(candidates).expand(plan, choice.step, count))
         count += len(out[-1].tasks)
     return out
 
@@ -61,7 +60,7 @@ def tasks(steps: list[StepTasks]) -> list[Task]:
 
 @pytest.fixture(scope="module")
 def waits(found: LegoCandidates, steps: list[StepTasks]) -> set[tuple[int, int]]:
-    return {(int(a), int(b)) for a, b in link_steps(found, steps)}
+    return {(int(a), int(b)) for a, b in lego_work(found).link(steps)}
 
 
 def of_kind(tasks: list[Task], step: int, *kinds: str) -> Task:
@@ -201,7 +200,7 @@ def test_stacked_stock_goes_from_the_top() -> None:
     tasks = [task for step in steps for task in step.tasks]
     first, second = (of_kind(tasks, step, "pick") for step in (1, 2))
     assert (first.object, second.object) == ("upper", "lower")
-    pairs = {(int(a), int(b)) for a, b in link_steps(found, steps)}
+    pairs = {(int(a), int(b)) for a, b in lego_work(found).link(steps)}
     places = (of_kind(tasks, step, "place-down") for step in (1, 2))
     assert pairs == {
         (first.index, second.index),

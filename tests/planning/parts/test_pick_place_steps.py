@@ -13,7 +13,7 @@ from planning.errors import InfeasibleStepError
 from planning.kinematics.kinematics import frame_pose
 from planning.parts.assembly import GripRules, PickPlaceAssembly
 from planning.parts.candidates import PickPlaceCandidates, find_candidates
-from planning.parts.work import pick_place_work
+from planning.parts.expansion import pick_place_work
 from planning.robots.registry import robot_model
 from planning.tasks.highs_solver import HighsAssignmentSolver
 from planning.tasks.plan import TaskPlan

@@ -1,0 +1,54 @@
+"""Who may touch whom while a robot does a skill, phase by phase."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+
+from planning.geometry.scene_checker import entity
+
+Pairs = frozenset[frozenset[str]]
+"""Unordered pairs of entities that may touch."""
+
+NOTHING: Pairs = frozenset()
+
+
+class Phase(Enum):
+    """A part of a skill in which who may touch whom, and where things are, stays the same."""
+
+    BEFORE = "before"
+    UNTIL_CHANGE = "until the object changes hands"
+    SINCE_CHANGE = "since the object changed hands"
+    AFTER = "after"
+
+
+@dataclass(frozen=True)
+class SkillContacts:
+    """Who may touch whom around a skill.
+
+    Attributes:
+        before: in the transits before it.
+        during: in the skill.
+        after: in the transit after it.
+    """
+
+    before: Pairs
+    during: Pairs
+    after: Pairs
+
+    def in_phase(self, phase: Phase) -> Pairs:
+        """Return who may touch whom in a phase."""
+        if phase is Phase.BEFORE:
+            return self.before
+        return self.after if phase is Phase.AFTER else self.during
+
+
+def gripped(robot: str, item: str) -> Pairs:
+    """Return the contact of a robot's tool with the object that it handles."""
+    return touching(entity(robot, "tool"), [item])
+
+
+def touching(one: str, others: Iterable[str]) -> Pairs:
+    """Return the contacts of one thing with others."""
+    return frozenset(frozenset((one, other)) for other in others)
