@@ -82,13 +82,13 @@ def step_section(item: SequencedStep) -> dict[str, Any]:
         out["turned"] = True
     if step.up:
         out["place"] = "up"
-    out["press"] = _press(item.presses[0])
-    if len(item.presses) > 1:
-        out["presses"] = [_press(press) for press in item.presses]
-    if item.supports:
-        out["support"] = _support(item.supports[0])
-    if len(item.supports) > 1:
-        out["supports"] = [_support(support) for support in item.supports]
+    out["press"] = _press(item.step.presses[0])
+    if len(item.step.presses) > 1:
+        out["presses"] = [_press(press) for press in item.step.presses]
+    if item.step.supports:
+        out["support"] = _support(item.step.supports[0])
+    if len(item.step.supports) > 1:
+        out["supports"] = [_support(support) for support in item.step.supports]
     if step.attack != 1:
         out["attack"] = step.attack
     return out
@@ -122,14 +122,14 @@ def _print_table(found: SequencedStructure) -> None:
         cell = f"{step.cell.x}, {step.cell.y}, {step.cell.z}"
         cell += " turned" if step.cell.turned else ""
         press = "" if step.press is None else f"{step.press.side}/{step.press.offset}"
-        if len(item.presses) > 1:
-            press += f" (of {len(item.presses)})"
+        if len(item.step.presses) > 1:
+            press += f" (of {len(item.step.presses)})"
         support = ""
         if step.support is not None:
             s = step.support
             support = f"{s.x}, {s.y}, {s.z} way {s.orientation}"
-            if len(item.supports) > 1:
-                support += f" (of {len(item.supports)})"
+            if len(item.step.supports) > 1:
+                support += f" (of {len(item.step.supports)})"
         table.add_row(
             str(number),
             item.name,

@@ -141,6 +141,14 @@ class LegoStep:
     presses: tuple[Press, ...] = ()
     supports: tuple[Support, ...] = ()
 
+    @property
+    def words(self) -> str:
+        """What it does, such as ``"place-down of 2x4 at [3, 4, 1] turned"``."""
+        turned = " turned" if self.cell.turned else ""
+        how = "place-up" if self.up else "place-down"
+        at = f"[{self.cell.x}, {self.cell.y}, {self.cell.z}]"
+        return f"{how} of {self.brick} at {at}{turned}"
+
 
 @dataclass(frozen=True)
 class LegoAssembly:

@@ -51,9 +51,7 @@ def borne_steps(
     fixed = scaffold(assembly)
     checker = _StepChecker(
         assembly,
-        PartialStructures(
-            [*bricks, *fixed], strength=rules.strength, limit=rules.limit
-        ),
+        PartialStructures([*bricks, *fixed]),
         rules,
     )
     names = frozenset(item.name for item in fixed)
@@ -64,7 +62,7 @@ def borne_steps(
         names |= {brick.name}
         narrowed = checker.borne(names, brick.name, step)
         if isinstance(narrowed, str):
-            faults.append(f"step {number} ({step_words(step)}): {narrowed}")
+            faults.append(f"step {number} ({step.words}): {narrowed}")
         else:
             steps.append(narrowed)
     if faults:
@@ -72,14 +70,6 @@ def borne_steps(
         shown = [*faults[:_MOST], *([f"and {more} more steps"] if more > 0 else [])]
         raise InfeasibleStepError("\n".join(shown))
     return replace(assembly, steps=tuple(steps))
-
-
-def step_words(step: LegoStep) -> str:
-    """Return a step in words, such as ``"place-down of 2x4 at [3, 4, 1] turned"``."""
-    turned = " turned" if step.cell.turned else ""
-    how = "place-up" if step.up else "place-down"
-    cell = step.cell
-    return f"{how} of {step.brick} at [{cell.x}, {cell.y}, {cell.z}]{turned}"
 
 
 class _StepChecker:
@@ -94,7 +84,7 @@ class _StepChecker:
         self._assembly = assembly
         self._structures = structures
         self._rules = rules
-        self._insertion = InsertionRules(structures, tool=rules.tool, force=rules.force)
+        self._insertion = InsertionRules(structures, force=rules.force)
 
     def borne(self, names: Names, brick: str, step: LegoStep) -> LegoStep | str:
         """Return a step with what the structure bears, or why it bears nothing.

@@ -25,7 +25,6 @@ from planning.lego.bricks.grid import footprint, occupied_studs
 from planning.lego.bricks.grips import press_cell, presses
 from planning.lego.sequencing.tool_room import (
     BrickBoxes,
-    BrickTool,
     attack_side,
     blocking,
     brick_box,
@@ -37,7 +36,6 @@ from planning.lego.sequencing.tool_room import (
 from planning.lego.skills.support import ORIENTATIONS
 from planning.lego.stability.partial_structures import Names, PartialStructures
 from planning.lego.stability.stability import Hold, Load, StabilityReport
-from planning.transforms import Array
 
 PLAIN, SUPPORTED, FROM_BELOW = "plain", "supported", "from below"
 WAYS = (PLAIN, SUPPORTED, FROM_BELOW)
@@ -76,7 +74,6 @@ class InsertionRules:
 
     Args:
         structures: the partial structures of the design.
-        tool: the tool that presses and supports.
         force: insertion force [N].
     """
 
@@ -84,14 +81,10 @@ class InsertionRules:
         self,
         structures: PartialStructures,
         *,
-        tool: BrickTool,
         force: float = INSERTION_FORCE,
     ) -> None:
         self._structures = structures
-        self._tool = tool
         self._force = force
-        self._faces: dict[tuple[Support, bool], Array] = {}
-        self._rooms: dict[tuple[Support, bool], Array] = {}
         self._boxes = {n: brick_box(item) for n, item in structures.bricks.items()}
 
     def insertions(self, names: Names, brick: str, way: str) -> Iterator[Insertion]:
@@ -177,7 +170,7 @@ class InsertionRules:
         return tuple(
             press
             for press in self._ordered_presses(names, item, up=up)
-            if blocked(self._tool, item, press, others) is None
+            if blocked(item, press, others) is None
         )
 
     def blocker(self, names: Names, brick: str, *, up: bool) -> str:
@@ -185,7 +178,7 @@ class InsertionRules:
         item = self._structures.bricks[brick]
         others = self._boxes_of(names - {brick})
         blocked = place_up_blocked if up else place_down_blocked
-        found = (blocked(self._tool, item, p, others) for p in presses(item.brick))
+        found = (blocked(item, p, others) for p in presses(item.brick))
         return next((name for name in found if name is not None), "nothing")
 
     def _roomy_supports(
@@ -212,7 +205,7 @@ class InsertionRules:
             touched = {hold.brick for hold in holds}
             if support.z < 1 or not touched or brick in touched:
                 continue
-            room = self._tool_boxes(support, top=up)
+            room = support_boxes(support, top=up)
             if blocking(room, boxes) is not None:
                 continue
             tight = blocking(room, boxes.without(touched), clearance=_CLEARANCE)
@@ -238,7 +231,6 @@ class InsertionRules:
             ),
             support=insertion.support,
             attack=attack_side(
-                self._tool,
                 item,
                 insertion.press,
                 self._boxes_of(names - {brick}),
@@ -260,19 +252,14 @@ class InsertionRules:
             if up
             else self._structures.below(names, item.name)
         )
-        own = occupied_studs(item.cell, item.brick)
-        if None in onto:
-            studs = {(x, y) for x, y, _ in own}
-        else:
-            studs = {
+        studs = {(x, y) for x, y, _ in occupied_studs(item.cell, item.brick)}
+        if None not in onto:
+            bricks = [self._structures.bricks[name] for name in onto if name]
+            studs &= {
                 (x, y)
-                for other in onto
-                if other is not None
-                for x, y, _ in occupied_studs(
-                    self._structures.bricks[other].cell,
-                    self._structures.bricks[other].brick,
-                )
-            } & {(x, y) for x, y, _ in own}
+                for other in bricks
+                for x, y, _ in occupied_studs(other.cell, other.brick)
+            }
         mx = sum(x + 0.5 for x, _ in studs) / len(studs) * STUD_PITCH
         my = sum(y + 0.5 for _, y in studs) / len(studs) * STUD_PITCH
 
@@ -313,7 +300,7 @@ class InsertionRules:
 
     def _holds(self, names: Names, support: Support, *, top: bool) -> tuple[Hold, ...]:
         """Return where a supporting tool touches bricks: the corners of what they share."""
-        low, high = self._face(support, top=top)
+        low, high = support_face(support, top=top)
         layer = support.z - 1 if top else support.z + 1
         height = (support.z - 1 if top else support.z) * LAYER_HEIGHT
         xs = range(int(low[0] // STUD_PITCH), int(high[0] // STUD_PITCH) + 1)
@@ -330,18 +317,6 @@ class InsertionRules:
                     for x, y in product((x0, x1), (y0, y1))
                 ]
         return tuple(out)
-
-    def _face(self, support: Support, *, top: bool) -> Array:
-        key = support, top
-        if key not in self._faces:
-            self._faces[key] = support_face(self._tool, support, top=top)
-        return self._faces[key]
-
-    def _tool_boxes(self, support: Support, *, top: bool) -> Array:
-        key = support, top
-        if key not in self._rooms:
-            self._rooms[key] = support_boxes(self._tool, support, top=top)
-        return self._rooms[key]
 
     @cached_property
     def _filled(self) -> dict[tuple[int, int, int], str]:

@@ -14,7 +14,6 @@ from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld, press_of
-from planning.lego.sequencing.borne_steps import step_words
 from planning.lego.skills.options import SkillOptions
 from planning.lego.skills.support import support_bottom_targets, support_top_targets
 from planning.lego.skills.targets import (
@@ -48,7 +47,7 @@ def check_reach(cell: Workcell, assembly: LegoAssembly) -> None:
     faults = []
     for number, step in enumerate(assembly.steps, start=1):
         for fault in reach.faults(number):
-            faults.append(f"step {number} ({step_words(step)}): {fault}")
+            faults.append(f"step {number} ({step.words}): {fault}")
     if faults:
         more = len(faults) - _MOST
         shown = [*faults[:_MOST], *([f"and {more} more"] if more > 0 else [])]

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import groupby, product
 
 from planning.errors import InfeasibleStepError
-from planning.lego.bricks.assembly import LegoStep, Press, Support
+from planning.lego.bricks.assembly import LegoStep
 from planning.lego.bricks.contacts import PlacedBrick
 from planning.lego.sequencing.disassembly import Removal, find_assembly_sequence
 from planning.lego.sequencing.insertion import (
@@ -26,9 +26,7 @@ from planning.lego.sequencing.insertion import (
     Insertion,
     InsertionRules,
 )
-from planning.lego.sequencing.tool_room import BrickTool
 from planning.lego.stability.partial_structures import Names, PartialStructures
-from planning.lego.stability.stability import JointStrength
 
 _MOST_REASONS = 6
 """How many bricks of a dead end are named."""
@@ -36,16 +34,13 @@ _MOST_REASONS = 6
 
 @dataclass(frozen=True)
 class SequencingRules:
-    """What an assembly sequence may do, and what the structure bears.
+    """What an assembly sequence may do, and what the structure must bear.
 
     Attributes:
         support: a second robot may hold the structure from below.
         place_up: a brick may be handed over and pressed on from below, a second robot pressing
             against it from above.
         force: force with which a brick is pressed into place [N].
-        strength: what joints bear.
-        limit: largest stability score that is accepted.
-        tool: the tool on every robot.
         search_limit: how many partial structures to look at, in each order of preference, beyond
             those on the straight way to a sequence.
     """
@@ -53,9 +48,6 @@ class SequencingRules:
     support: bool = True
     place_up: bool = True
     force: float = INSERTION_FORCE
-    strength: JointStrength = JointStrength()  # noqa: RUF009 - frozen
-    limit: float = 1.0
-    tool: BrickTool = field(default_factory=BrickTool)
     search_limit: int = 150
 
 
@@ -65,20 +57,17 @@ class SequencedStep:
 
     Attributes:
         name: the brick's name in the structure.
-        step: the step, with the preferred press and support.
+        step: the step. Its presses are all that have room and that the structure bears (with
+            the chosen support, where there is one), its supports all that would do with the
+            chosen press.
         reason: in words.
         score: bound of the stability score while the brick is pressed.
-        presses: all presses that have room and that the structure bears (with the chosen
-            support, where there is one), the chosen one first.
-        supports: all supports that would do with the chosen press, the chosen one first.
     """
 
     name: str
     step: LegoStep
     reason: str
     score: float
-    presses: tuple[Press, ...]
-    supports: tuple[Support, ...]
 
 
 @dataclass(frozen=True)
@@ -98,10 +87,7 @@ class SequencedStructure:
     @property
     def steps(self) -> tuple[LegoStep, ...]:
         """The steps as an assembly takes them, with their alternatives."""
-        return tuple(
-            replace(item.step, presses=item.presses, supports=item.supports)
-            for item in self.sequence
-        )
+        return tuple(item.step for item in self.sequence)
 
 
 def sequence_structure(
@@ -130,9 +116,7 @@ def sequence_structure(
     """
     rules = rules or SequencingRules()
     fixed = tuple(scaffold)
-    structures = PartialStructures(
-        [*structure, *fixed], strength=rules.strength, limit=rules.limit
-    )
+    structures = PartialStructures([*structure, *fixed])
     sequencer = _Sequencer(structures, frozenset(b.name for b in fixed), rules)
     sequencer.check_finished(frozenset(structures.bricks))
     sequencer.check_hanging(frozenset(structures.bricks))
@@ -164,7 +148,7 @@ class _Sequencer:
         self.fixed = fixed
         self._structures = structures
         self._rules = rules
-        self._insertion = InsertionRules(structures, tool=rules.tool, force=rules.force)
+        self._insertion = InsertionRules(structures, force=rules.force)
         self._ways = tuple(
             way
             for way, allowed in zip(
@@ -240,13 +224,13 @@ class _Sequencer:
     def describe(self, names: Names, brick: str, chosen: Insertion) -> SequencedStep:
         """Return a step of the sequence with all its alternatives."""
         with_press = self._insertion.supported(names, brick, chosen.way, chosen.press)
-        return SequencedStep(
-            name=brick,
-            step=self._insertion.step(names, brick, chosen),
-            reason=self._reason(names, brick, chosen.way),
-            score=chosen.score,
+        step = replace(
+            self._insertion.step(names, brick, chosen),
             presses=self._insertion.presses_with(names, brick, chosen),
             supports=tuple(i.support for i in with_press if i.support is not None),
+        )
+        return SequencedStep(
+            brick, step, self._reason(names, brick, chosen.way), chosen.score
         )
 
     def explain(self, parts: Names, *, complete: bool) -> str:

@@ -8,7 +8,8 @@ the corners of the round parts. Arms are left to motion planning.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -22,14 +23,11 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.contacts import PlacedBrick
 from planning.lego.bricks.grid import box_size, top_pose
+from planning.lego.bricks.grips import side_contact_pose
 from planning.lego.skills.support import support_bottom_targets, support_top_targets
-from planning.lego.skills.targets import (
-    place_down_targets,
-    place_up_contact,
-    place_up_targets,
-)
+from planning.lego.skills.targets import place_down_targets, place_up_targets
 from planning.skills.subgoals import Subgoal
-from planning.transforms import Array, Transform, inverse, translation
+from planning.transforms import Array, Transform, inverse, readonly, translation
 
 PLATE = "the plate"
 """Name that stands for the plate where a blocking brick is named."""
@@ -43,50 +41,47 @@ TOUCH = 0.0005
 KEPT = 0.0006
 """What planning keeps between a robot and what it must not touch, and a bit [m]."""
 
-_CONE_SLICES = 8
+_FRAMES: Mapping[str, Transform] = MappingProxyType(
+    {
+        "tool": translation(0.0, 0.0, 0.111),
+        "assemble": translation(0.0078, 0.0, 0.1105),
+        "disassemble": translation(0.0, 0.0, 0.120),
+        "handover_assemble": translation(0.0078, 0.0, 0.1095),
+        "alt": translation(-0.0174, 0.0, 0.1064),
+        "alt_assemble": translation(-0.0078, 0.0, 0.1064),
+    }
+)
+"""Frames of the LEGO tool LT-V2 of APEX-MR (Fig. 5c) on its force sensor, in the flange frame.
+
+Boxes of the tool are in the frame ``"tool"``: z out of it, origin in the grip plane, x towards the
+middle of a brick gripped from above."""
+
+_TIP = ((-0.008, -0.008, -0.0165), (0.008, 0.008, 0.0))
+_LEVER = ((-0.008, -0.008, 0.0), (0.0, 0.008, 0.0032))
+"""Least and greatest corner of the tip, and of the wall beside the grip [m]."""
 
 
-@dataclass(frozen=True)
-class BrickTool:
-    """The tool on a robot's flange, as far as bricks are concerned.
+def _cone(slices: int = 8) -> list[list[list[float]]]:
+    heights = np.linspace(-0.0505, -0.0165, slices + 1)
+    radii = np.linspace(0.0393, 0.011, slices + 1)
+    return [_upright(heights[k], heights[k + 1], radii[k]) for k in range(slices)]
 
-    The default is the LEGO tool LT-V2 of APEX-MR (Fig. 5c) on its force sensor, with the
-    published dimensions. Box coordinates are in the frame ``"tool"``: z out of the tool, origin
-    in the grip plane, x towards the middle of a brick gripped from above.
 
-    Attributes:
-        frames: the tool's frames in the flange frame.
-        slices: least and greatest corners of the boxes it is made of, shape (m, 2, 3) [m].
-        tip: least and greatest x, y, z of the tip.
-        lever: those of the wall beside the grip.
-    """
+def _upright(low: float, high: float, half: float) -> list[list[float]]:
+    return [[-half, -half, low], [half, half, high]]
 
-    frames: Mapping[str, Transform] = field(default_factory=lambda: _FRAMES)
-    slices: Array = field(default_factory=lambda: _slices(), repr=False)
-    tip: tuple[tuple[float, float, float], tuple[float, float, float]] = (
-        (-0.008, -0.008, -0.0165),
-        (0.008, 0.008, 0.0),
-    )
-    lever: tuple[tuple[float, float, float], tuple[float, float, float]] = (
-        (-0.008, -0.008, 0.0),
-        (0.0, 0.008, 0.0032),
-    )
 
-    def poses(self, subgoals: Iterable[Subgoal]) -> tuple[Transform, ...]:
-        """Return the pose of the frame ``"tool"`` at each subgoal."""
-        tool = self.frames["tool"]
-        return tuple(g.pose @ inverse(self.frames[g.frame]) @ tool for g in subgoals)
-
-    def boxes(self, poses: Sequence[Transform]) -> Array:
-        """Return boxes along the outer axes around the slices at each pose, (k, 2, 3)."""
-        low, high = self.slices[:, 0], self.slices[:, 1]
-        middle, half = (low + high) / 2, (high - low) / 2
-        out = []
-        for pose in poses:
-            centre = middle @ pose[:3, :3].T + pose[:3, 3]
-            reach = half @ np.abs(pose[:3, :3]).T
-            out.append(np.stack([centre - reach, centre + reach], axis=1))
-        return np.concatenate(out)
+_SLICES = readonly(
+    [
+        _upright(-0.111, -0.0605, 0.0472),
+        _upright(-0.0605, -0.0505, 0.040),
+        *_cone(),
+        _upright(-0.0165, 0.0, 0.008),
+        _LEVER,
+        [[-0.008, -0.046, -0.0605], [0.008, -0.038, -0.0165]],
+    ]
+)
+"""Corners of the boxes that the tool is made of, with the published dimensions, (m, 2, 3) [m]."""
 
 
 @dataclass(frozen=True)
@@ -138,80 +133,72 @@ def blocking(boxes: Array, bricks: BrickBoxes, *, clearance: float = 0.0) -> str
 
 
 def place_down_blocked(
-    tool: BrickTool, item: PlacedBrick, press: Press, others: BrickBoxes
+    item: PlacedBrick, press: Press, others: BrickBoxes
 ) -> str | None:
     """Return what leaves no room to put a brick down, None when there is room.
 
     Args:
-        tool: the tool.
         item: the brick and its goal.
         press: the grip.
         others: boxes of the bricks that are there already.
     """
-    targets = place_down_targets(tool.frames, item.brick, _top(item), press)
-    first = blocking(tool.boxes(tool.poses(targets.subgoals)), others)
+    targets = place_down_targets(_FRAMES, item.brick, _top(item), press)
+    first = blocking(_tool_boxes(targets.subgoals), others)
     return first or blocking(_above(item), others)
 
 
-def place_up_blocked(
-    tool: BrickTool, item: PlacedBrick, press: Press, others: BrickBoxes
-) -> str | None:
+def place_up_blocked(item: PlacedBrick, press: Press, others: BrickBoxes) -> str | None:
     """Return what leaves no room to bring a brick in from below, None when there is room."""
-    contact = place_up_contact(_top(item), item.brick, press)
-    targets = place_up_targets(tool.frames, contact)
-    boxes = tool.boxes(tool.poses(targets.subgoals))
+    contact = side_contact_pose(_top(item), item.brick, press)
+    targets = place_up_targets(_FRAMES, contact)
+    boxes = _tool_boxes(targets.subgoals)
     # Only what stands beside the brick may be touched; from the others planning keeps off.
     aloof = others.without(_beside(item, others))
     first = blocking(boxes, others) or blocking(boxes, aloof, clearance=KEPT)
     return first or blocking(_moved(item, contact, targets.subgoals[:2]), others)
 
 
-def support_boxes(tool: BrickTool, support: Support, *, top: bool) -> Array:
+@lru_cache(maxsize=20_000)
+def support_boxes(support: Support, *, top: bool) -> Array:
     """Return boxes around a supporting tool, before and while it supports, (k, 2, 3) [m]."""
     targets = (support_top_targets if top else support_bottom_targets)(GRID, support)
-    return tool.boxes(tool.poses((targets.pre[0], targets.support)))
+    return readonly(_tool_boxes((targets.pre[0], targets.support)))
 
 
-def support_face(tool: BrickTool, support: Support, *, top: bool) -> Array:
+@lru_cache(maxsize=20_000)
+def support_face(support: Support, *, top: bool) -> Array:
     """Return the rectangle in which a supporting tool touches bricks, (2, 3) [m].
 
     That is the side of the tip that looks up for a support-bottom, the end of the lever wall
     for a support-top; in the plate's frame, its least and greatest corner.
     """
     targets = (support_top_targets if top else support_bottom_targets)(GRID, support)
-    (pose,) = tool.poses((targets.support,))
-    (x0, y0, z0), (x1, y1, z1) = tool.lever if top else tool.tip
+    pose = _tool_pose(targets.support)
+    (x0, y0, z0), (x1, y1, z1) = _LEVER if top else _TIP
     ends = [[x0, y0, z1], [x1, y1, z1]] if top else [[x1, y0, z0], [x1, y1, z1]]
     corners = np.array(ends) @ pose[:3, :3].T + pose[:3, 3]
-    return np.stack([corners.min(axis=0), corners.max(axis=0)])
+    return readonly(np.stack([corners.min(axis=0), corners.max(axis=0)]))
 
 
 def attack_side(
-    tool: BrickTool,
-    item: PlacedBrick,
-    press: Press,
-    others: BrickBoxes,
-    *,
-    up: bool,
+    item: PlacedBrick, press: Press, others: BrickBoxes, *, up: bool
 ) -> int:
     """Return +1 or -1: the side to come from, past no neighbour if there is one, else +1.
 
     Args:
-        tool: the tool.
         item: the brick and its goal.
         press: the grip.
         others: boxes of the bricks that are there already.
         up: True for a place-up.
     """
-    contact = place_up_contact(_top(item), item.brick, press)
+    top = _top(item)
+    contact = side_contact_pose(top, item.brick, press)
     for attack in (1, -1):
         if up:
-            targets = place_up_targets(tool.frames, contact, attack=attack)
+            targets = place_up_targets(_FRAMES, contact, attack=attack)
             way, goal = targets.subgoals[1:3], contact
         else:
-            targets = place_down_targets(
-                tool.frames, item.brick, _top(item), press, attack=attack
-            )
+            targets = place_down_targets(_FRAMES, item.brick, top, press, attack=attack)
             way, goal = targets.subgoals[:2], targets.subgoals[2].pose
         if blocking(_moved(item, goal, way), others) is None:
             return attack
@@ -253,29 +240,18 @@ def _moved(item: PlacedBrick, goal: Transform, way: Iterable[Subgoal]) -> Array:
     return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])[None]
 
 
-def _slices() -> Array:
-    def upright(low: float, high: float, half: float) -> list[list[float]]:
-        return [[-half, -half, low], [half, half, high]]
-
-    out = [upright(-0.111, -0.0605, 0.0472), upright(-0.0605, -0.0505, 0.040)]
-    heights = np.linspace(-0.0505, -0.0165, _CONE_SLICES + 1)
-    radii = np.linspace(0.0393, 0.011, _CONE_SLICES + 1)
-    out += [upright(heights[k], heights[k + 1], radii[k]) for k in range(_CONE_SLICES)]
-    out.append(upright(-0.0165, 0.0, 0.008))
-    out.append([[-0.008, -0.008, 0.0], [0.0, 0.008, 0.0032]])
-    out.append([[-0.008, -0.046, -0.0605], [0.008, -0.038, -0.0165]])
-    slices = np.array(out)
-    slices.setflags(write=False)
-    return slices
+def _tool_boxes(subgoals: Sequence[Subgoal]) -> Array:
+    """Return boxes along the plate's axes around the tool at each subgoal, (k, 2, 3) [m]."""
+    low, high = _SLICES[:, 0], _SLICES[:, 1]
+    middle, half = (low + high) / 2, (high - low) / 2
+    out = []
+    for pose in map(_tool_pose, subgoals):
+        centre = middle @ pose[:3, :3].T + pose[:3, 3]
+        reach = half @ np.abs(pose[:3, :3]).T
+        out.append(np.stack([centre - reach, centre + reach], axis=1))
+    return np.concatenate(out)
 
 
-_FRAMES: Mapping[str, Transform] = MappingProxyType(
-    {
-        "tool": translation(0.0, 0.0, 0.111),
-        "assemble": translation(0.0078, 0.0, 0.1105),
-        "disassemble": translation(0.0, 0.0, 0.120),
-        "handover_assemble": translation(0.0078, 0.0, 0.1095),
-        "alt": translation(-0.0174, 0.0, 0.1064),
-        "alt_assemble": translation(-0.0078, 0.0, 0.1064),
-    }
-)
+def _tool_pose(subgoal: Subgoal) -> Transform:
+    """Return the pose of the frame ``"tool"`` at a subgoal."""
+    return subgoal.pose @ inverse(_FRAMES[subgoal.frame]) @ _FRAMES["tool"]

@@ -114,7 +114,7 @@ def find_candidates(
             collector.add_down(number)
     problem = AssignmentProblem(
         robots=tuple(robot.name for robot in cell.robots),
-        steps=tuple(_words(world, k) for k in range(1, len(assembly.steps) + 1)),
+        steps=tuple(step.words for step in assembly.steps),
         needs_support=tuple(s.up or s.support is not None for s in assembly.steps),
         primaries=tuple(collector.primaries),
         supports=tuple(collector.supports),
@@ -328,10 +328,3 @@ def _path(found: SkillOption | Obstruction) -> SkillPath:
 def _grip(grasp: int) -> str:
     press = press_of(grasp)
     return f"grip {press.side}/{press.offset}"
-
-
-def _words(world: BrickWorld, step: int) -> str:
-    work = world.step(step)
-    turned = " turned" if work.cell.turned else ""
-    how = "place-up" if work.up else "place-down"
-    return f"{how} of {work.brick} at [{work.cell.x}, {work.cell.y}, {work.cell.z}]{turned}"

@@ -9,13 +9,12 @@ import numpy as np
 from planning.cell.workcell import Attachment, PlacedRobot, Workcell
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.brick_world import BrickWorld, Placed, goal_name, press_of
-from planning.lego.bricks.grips import grip_pose
+from planning.lego.bricks.grips import grip_pose, side_contact_pose
 from planning.lego.skills.meeting_points import ReceivePose, giver_rest, receive_poses
 from planning.lego.skills.options import SkillOptions
 from planning.lego.skills.targets import (
     handover_targets,
     held_box,
-    place_up_contact,
     received_top,
 )
 from planning.skills.contacts import NOTHING, SkillContacts, gripped
@@ -104,7 +103,7 @@ class HandoverOptions:
         world, press = self.world, press_of(grasp)
         kind = world.kind(world.step(step).brick)
         goal = world.goal_top(step)
-        contact = place_up_contact(goal, kind, press)
+        contact = side_contact_pose(goal, kind, press)
         top = received_top(receiver.model.frames, place.receive.pose, goal, contact)
         targets = handover_targets(
             giver.model.frames,

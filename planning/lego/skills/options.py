@@ -19,7 +19,7 @@ from planning.lego.bricks.brick_world import (
     grasp_number,
     press_of,
 )
-from planning.lego.bricks.grips import grip_pose
+from planning.lego.bricks.grips import grip_pose, side_contact_pose
 from planning.lego.skills.allowed_contacts import (
     contacts_at_rest,
     supporting,
@@ -31,7 +31,6 @@ from planning.lego.skills.targets import (
     held_box,
     pick_targets,
     place_down_targets,
-    place_up_contact,
     place_up_targets,
     support_skill,
 )
@@ -200,7 +199,7 @@ class SkillOptions:
             press_of(grasp),
         )
         if work.up:
-            contact = place_up_contact(top, kind, press)
+            contact = side_contact_pose(top, kind, press)
             return place_up_targets(
                 frames,
                 contact,
@@ -228,7 +227,7 @@ class SkillOptions:
             press_of(grasp),
         )
         if work.up:
-            contact = place_up_contact(top, kind, press)
+            contact = side_contact_pose(top, kind, press)
             return Attachment(robot, held_box(frames, "alt", contact, top))
         tool = grip_pose(top, kind, press)
         return Attachment(robot, held_box(frames, "tool", tool, top))

@@ -14,7 +14,7 @@ import numpy as np
 from planning.errors import RobotModelError
 from planning.lego.bricks.assembly import BrickType, Press
 from planning.lego.bricks.grid import box_from_top
-from planning.lego.bricks.grips import grip_pose, side_contact_pose
+from planning.lego.bricks.grips import grip_pose
 from planning.lego.skills.support import SupportTargets
 from planning.skills.subgoals import SkillTargets, Subgoal
 from planning.transforms import Transform, inverse, rotation, translation
@@ -120,7 +120,7 @@ def place_up_targets(
 
     Args:
         frames: the robot's tool frames in its flange frame.
-        contact: goal pose of the frame ``"alt"`` in the world, see ``place_up_contact``.
+        contact: goal pose of the frame ``"alt"`` in the world, see ``grips.side_contact_pose``.
         attack: +1 or -1, sign of the sideways offset of the approach.
         twist: angle of the twist that releases it [rad].
     """
@@ -179,17 +179,6 @@ def support_skill(targets: SupportTargets, *, pre: int = 0) -> SkillTargets:
     return SkillTargets(targets.skill, (targets.pre[pre], targets.support))
 
 
-def place_up_contact(top: Transform, brick: BrickType, press: Press) -> Transform:
-    """Return the goal pose of frame ``"alt"`` that puts a brick in place from below.
-
-    Args:
-        top: goal pose of the centre of the brick's top face in the world.
-        brick: its type.
-        press: the side and studs by which it is held.
-    """
-    return side_contact_pose(top, brick, press)
-
-
 def received_top(
     frames: Mapping[str, Transform],
     tool: Transform,
@@ -202,7 +191,7 @@ def received_top(
         frames: the receiver's tool frames in its flange frame.
         tool: pose of the receiver's frame ``"tool"`` in the world as it receives.
         top: goal pose of the centre of the brick's top face in the world.
-        contact: goal pose of the receiver's frame ``"alt"``, see ``place_up_contact``.
+        contact: goal pose of the receiver's frame ``"alt"``, see ``grips.side_contact_pose``.
     """
     return _via(frames, tool, "tool", "alt") @ inverse(contact) @ top
 

@@ -53,6 +53,10 @@ Names = frozenset[str]
 _AT_REST = StabilityReport(True, 0.0, None)
 _UP = np.array([0.0, 0.0, 1.0])
 
+_STRENGTH = JointStrength()
+_LIMIT = 1.0 + 1e-9
+"""Largest score that counts as stable."""
+
 _SMALL = 40
 """Up to so many bricks that touch each other are at once judged together."""
 
@@ -71,20 +75,10 @@ class PartialStructures:
 
     Args:
         design: all bricks, scaffolding included.
-        strength: what joints bear.
-        limit: largest score that counts as stable.
     """
 
-    def __init__(
-        self,
-        design: Iterable[PlacedBrick],
-        *,
-        strength: JointStrength = JointStrength(),  # noqa: B008 - frozen
-        limit: float = 1.0,
-    ) -> None:
+    def __init__(self, design: Iterable[PlacedBrick]) -> None:
         self.bricks = by_name(design)
-        self._strength = strength
-        self._limit = limit
         filled = filled_places(self.bricks)
         self._joints = joints(self.bricks, filled)
         self._under: dict[str, list[Joint]] = defaultdict(list)
@@ -176,7 +170,7 @@ class PartialStructures:
                 inside, kept = _absorb(inside, [s for s, _ in settled])
                 settled = [(s, v) for s, v in settled if s in kept]
                 enough = self._solve(names, inside, pressing, outside_pushes=True)
-                if enough.score <= self._limit + 1e-9:
+                if enough.score <= _LIMIT:
                     settled.append((inside, enough.score))
                     if enough.score > worst.score:
                         worst = StabilityReport(True, enough.score, enough.brick)
@@ -185,7 +179,7 @@ class PartialStructures:
                 if len(grown) > _SMALL:
                     grown = inside | self._next_to(names, inside)
                 needed = self._solve(names, inside, pressing, outside_pushes=False)
-                if needed.score > self._limit + 1e-9 or grown == inside:
+                if needed.score > _LIMIT or grown == inside:
                     return StabilityReport(False, needed.score, needed.brick)
                 inside = grown
         return worst
@@ -231,7 +225,7 @@ class PartialStructures:
                     if joint.upper not in names:
                         continue
                     upper = self.bricks[joint.upper]
-                    pull = self._strength.pull(upper)
+                    pull = _STRENGTH.pull(upper)
                     if loose in (joint.lower, joint.upper) and loose is not None:
                         pull = 0.0
                     add_joint(
@@ -239,7 +233,7 @@ class PartialStructures:
                         joint,
                         upper,
                         pull,
-                        self._strength.sideways,
+                        _STRENGTH.sideways,
                         fixed=border,
                     )
             for side in self._sides_of(inside):

@@ -25,14 +25,13 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.grid import top_pose
-from planning.lego.bricks.grips import press_cell
+from planning.lego.bricks.grips import press_cell, side_contact_pose
 from planning.lego.skills.meeting_points import giver_rest, receive_poses
 from planning.lego.skills.support import support_bottom_targets, support_top_targets
 from planning.lego.skills.targets import (
     handover_targets,
     pick_targets,
     place_down_targets,
-    place_up_contact,
     place_up_targets,
     received_top,
 )
@@ -227,7 +226,7 @@ def test_handovers_and_place_ups(task: str) -> None:
     assert len(raised) == 1
     for s in raised:
         receiver, giver = s.bases[s.main], s.bases[s.helper]
-        contact = place_up_contact(s.goal, s.brick, s.press)
+        contact = side_contact_pose(s.goal, s.brick, s.press)
         up = place_up_targets(s.frames, contact, attack=s.attack)
         assert_reached(s, s.main, up.subgoals, [17, 18, 21, 22, 23, 24])
         # The first candidate is the published place of the handover.

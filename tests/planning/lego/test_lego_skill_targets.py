@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from planning.errors import RobotModelError
 from planning.lego.bricks.assembly import BrickType, Plate, Press, Support
 from planning.lego.bricks.catalogue import BRICKS
-from planning.lego.bricks.grips import presses
+from planning.lego.bricks.grips import presses, side_contact_pose
 from planning.lego.skills.meeting_points import giver_rest, receive_poses
 from planning.lego.skills.support import support_bottom_targets
 from planning.lego.skills.targets import (
@@ -21,7 +21,6 @@ from planning.lego.skills.targets import (
     held_box,
     pick_targets,
     place_down_targets,
-    place_up_contact,
     place_up_targets,
     received_top,
     support_skill,
@@ -95,7 +94,7 @@ def test_a_brick_passes_through_two_hands_to_its_goal(
 ) -> None:
     """Giver's press, receiver's carry and place-up agree on where the brick is."""
     brick, press = grip
-    contact = place_up_contact(goal, brick, press)
+    contact = side_contact_pose(goal, brick, press)
     top = received_top(FRAMES, ready, goal, contact)
     give = handover_targets(FRAMES, brick, top, press)
     up = place_up_targets(FRAMES, contact)
@@ -114,7 +113,7 @@ def test_a_brick_passes_through_two_hands_to_its_goal(
 def test_waypoints_and_handlings_of_each_skill() -> None:
     pick = pick_targets(FRAMES, BRICK, TOP, Press(1, 1))
     down = place_down_targets(FRAMES, BRICK, TOP, Press(1, 1))
-    up = place_up_targets(FRAMES, place_up_contact(TOP, BRICK, Press(1, 1)))
+    up = place_up_targets(FRAMES, side_contact_pose(TOP, BRICK, Press(1, 1)))
     give = handover_targets(FRAMES, BRICK, TOP, Press(1, 1))
     held = support_skill(
         support_bottom_targets(Plate(np.eye(4)), Support(9, 9, 9, 0)), pre=3
@@ -147,7 +146,7 @@ def test_every_twist_turns_by_its_angle_about_its_axis(
     top: Transform, grip: tuple[BrickType, Press], twist: float
 ) -> None:
     brick, press = grip
-    contact = place_up_contact(top, brick, press)
+    contact = side_contact_pose(top, brick, press)
     for targets, before, after, axis in (
         (pick_targets(FRAMES, brick, top, press, twist=twist), 2, 3, "disassemble"),
         (place_down_targets(FRAMES, brick, top, press, twist=twist), 2, 4, "assemble"),
@@ -181,7 +180,7 @@ def test_attack_mirrors_the_approach(
     top: Transform, grip: tuple[BrickType, Press]
 ) -> None:
     brick, press = grip
-    contact = place_up_contact(top, brick, press)
+    contact = side_contact_pose(top, brick, press)
     pairs = (
         [place_down_targets(FRAMES, brick, top, press, attack=a) for a in (1, -1)],
         [place_up_targets(FRAMES, contact, attack=a) for a in (1, -1)],

@@ -33,7 +33,7 @@ from planning.lego.sequencing.sequencing import (
     SequencingRules,
     sequence_structure,
 )
-from planning.lego.sequencing.tool_room import GRID, BrickTool, support_face
+from planning.lego.sequencing.tool_room import GRID, support_face
 from planning.lego.stability.partial_structures import PartialStructures
 from planning.lego.stability.stability import Hold, Load
 from tests.planning.lego.whole_stability import stability
@@ -80,9 +80,9 @@ def _replay(structure, found: SequencedStructure, scaffold=(), force=15.0) -> No
             assert not above
             assert below or step.cell.z == 1
         there.append(brick)
-        assert item.presses[0] == step.press
-        assert set(item.presses) <= set(presses(brick.brick))
-        for press in item.presses:
+        assert item.step.presses[0] == step.press
+        assert set(item.step.presses) <= set(presses(brick.brick))
+        for press in item.step.presses:
             loads = _loads(brick, press, force, up=step.up)
             holds = [] if step.support is None else _holds(there, step)
             assert (step.support is None) == (not holds)
@@ -112,7 +112,7 @@ def _loads(brick, press, force, *, up):
 
 def _holds(there, step):
     """Return where the support touches, found by sampling its face."""
-    (x0, y0, _), (x1, y1, _) = support_face(BrickTool(), step.support, top=step.up)
+    (x0, y0, _), (x1, y1, _) = support_face(step.support, top=step.up)
     layer = step.support.z - 1 if step.up else step.support.z + 1
     filled = {p: i.name for i in there for p in occupied_studs(i.cell, i.brick)}
     n = 9
@@ -149,7 +149,7 @@ def test_an_overhang_is_supported_from_below():
     hand = by_name["hand"]
     assert hand.step.support is not None
     assert "give way" in hand.reason
-    assert hand.supports[0] == hand.step.support
+    assert hand.step.supports[0] == hand.step.support
     assert hand.step.support.z == 9  # under the arm, which the hand is pressed onto
     with pytest.raises(InfeasibleStepError, match=r"'hand'.*support is not allowed"):
         sequence_structure(structure, rules=SequencingRules(support=False))
@@ -305,7 +305,7 @@ def test_published_structures_get_the_published_ways(task):
         assert item.step.up == (published.get("place") == "up")
         assert (item.step.support is not None) == ("support" in published)
         side, offset = published["press"]["side"], published["press"]["offset"]
-        assert Press(side, offset) in item.presses
+        assert Press(side, offset) in item.step.presses
 
 
 @pytest.mark.skipif(not _DATA.exists(), reason="published task files not found")
@@ -314,9 +314,7 @@ def test_published_structures_get_the_published_ways(task):
 def test_published_sequences_have_support_exactly_where_it_is_needed(task, force):
     """In the published order, with the published presses and supports."""
     steps, structure, scaffold = _published(task)
-    rules = InsertionRules(
-        PartialStructures([*structure, *scaffold]), tool=BrickTool(), force=force
-    )
+    rules = InsertionRules(PartialStructures([*structure, *scaffold]), force=force)
     names = frozenset(item.name for item in scaffold)
     for item in structure:
         names |= {item.name}
