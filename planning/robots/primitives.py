@@ -1,19 +1,12 @@
-"""Convex polyhedra that contain round shapes, and the tool cone of our GP4 as a mesh.
-
-``python -m planning.robots.primitives`` writes the committed mesh anew.
-"""
+"""Convex polyhedra that contain round shapes."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 
 from planning.transforms import Array
 
 _SIDES = 24
-
-CONE_MESH = Path(__file__).parent / "urdf" / "meshes" / "tool_cone.obj"
 
 
 def frustum(
@@ -52,21 +45,3 @@ def sphere(radius: float, sides: int = _SIDES) -> Array:
         [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]
     )
     return np.asarray(np.unique(radius / np.cos(np.pi / sides) ** 2 * unit, axis=0))
-
-
-def cone_obj() -> str:
-    """Return the tool cone (radius 39 mm to 11 mm over 34 mm) as Wavefront OBJ text."""
-    sides = _SIDES
-    corners = frustum(0.039, 0.011, 0.0, 0.034, sides)
-    lines = ["# cone of the GP4's tool: metres, axis z; planning/robots/primitives.py"]
-    lines += [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in corners]
-    for k in range(sides):
-        a, b = k + 1, (k + 1) % sides + 1
-        lines += [f"f {a} {b} {b + sides}", f"f {a} {b + sides} {a + sides}"]
-    for k in range(2, sides):
-        lines += [f"f 1 {k + 1} {k}", f"f {sides + 1} {sides + k} {sides + k + 1}"]
-    return "\n".join(lines) + "\n"
-
-
-if __name__ == "__main__":
-    CONE_MESH.write_text(cone_obj())

@@ -10,14 +10,14 @@ import pytest
 
 from planning.cell.workcell import PlacedRobot
 from planning.kinematics.kinematics import frame_pose
-from planning.robots.lattice import MESHES, crane_meshes
 from planning.robots.registry import robot_model
 from planning.robots.urdf_file import mesh_places
 from planning.transforms import Array, identity
+from tests.planning.robots.drawn_meshes import MESHES, own_meshes
 
 
-def test_committed_lattices_are_what_the_code_draws() -> None:
-    for name, text in crane_meshes().items():
+def test_committed_meshes_are_what_the_code_draws() -> None:
+    for name, text in own_meshes().items():
         assert (MESHES / name).read_text() == text
 
 

@@ -18,9 +18,9 @@ from planning.errors import RobotModelError
 from planning.kinematics.chain import joint_poses
 from planning.robots.convex_parts import shape_vertices
 from planning.robots.load_urdf import load_urdf
-from planning.robots.primitives import CONE_MESH, cone_obj
 from planning.robots.registry import ROBOTS, robot_model
 from planning.transforms import Array
+from tests.planning.robots.drawn_meshes import cone_obj
 
 NAMES = sorted(ROBOTS)
 
@@ -199,10 +199,6 @@ def test_polyhedra_contain_round_shapes(shape: Any) -> None:
         np.linalg.norm(loose, axis=1).max()
         < 1.02 * np.linalg.norm(points, axis=1).max()
     )
-
-
-def test_cone_mesh_is_the_generated_one() -> None:
-    assert CONE_MESH.read_text() == cone_obj()
 
 
 # -- descriptions of users ---------------------------------------------------------------

@@ -1,6 +1,6 @@
-"""Lattice girders as meshes: what the tower crane is drawn with.
+"""The meshes of our own robots: lattice girders of the tower crane, and the tool cone of the GP4.
 
-``python -m planning.robots.lattice`` writes the committed meshes anew.
+``python -m tests.planning.robots.drawn_meshes`` writes the committed meshes anew.
 """
 
 from __future__ import annotations
@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from planning.robots.primitives import frustum
 from planning.transforms import Array
 
-MESHES = Path(__file__).parent / "urdf" / "meshes"
+MESHES = Path(__file__).parents[3] / "planning" / "robots" / "urdf" / "meshes"
 
 Strut = tuple[Array, Array, float]
 """Both ends and the thickness of a square bar [m]."""
@@ -75,7 +76,7 @@ def jib_struts(rear: float, front: float, half: float, apex: float) -> Iterator[
 
 def obj_text(struts: Iterator[Strut], title: str) -> str:
     """Return square bars as Wavefront OBJ text."""
-    lines = [f"# {title}: metres; planning/robots/lattice.py"]
+    lines = [f"# {title}: metres; tests/planning/robots/drawn_meshes.py"]
     count = 0
     for first, second, thickness in struts:
         corners = _bar(first, second, thickness)
@@ -104,14 +105,31 @@ def _bar(first: Array, second: Array, thickness: float) -> Array:
     )
 
 
-def crane_meshes() -> dict[str, str]:
-    """Return the crane's meshes by file name, as Wavefront OBJ text."""
+def cone_obj() -> str:
+    """Return the tool cone (radius 39 mm to 11 mm over 34 mm) as Wavefront OBJ text."""
+    sides = 24
+    corners = frustum(0.039, 0.011, 0.0, 0.034, sides)
+    lines = [
+        "# cone of the GP4's tool: metres, axis z; tests/planning/robots/drawn_meshes.py"
+    ]
+    lines += [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in corners]
+    for k in range(sides):
+        a, b = k + 1, (k + 1) % sides + 1
+        lines += [f"f {a} {b} {b + sides}", f"f {a} {b + sides} {a + sides}"]
+    for k in range(2, sides):
+        lines += [f"f 1 {k + 1} {k}", f"f {sides + 1} {sides + k} {sides + k + 1}"]
+    return "\n".join(lines) + "\n"
+
+
+def own_meshes() -> dict[str, str]:
+    """Return all meshes by file name, as Wavefront OBJ text."""
     return {
         "crane_mast.obj": obj_text(mast_struts(0.3, 3.3, 0.16), "mast of the crane"),
         "crane_jib.obj": obj_text(jib_struts(-1.4, 4.2, 0.17, 1.3), "jib of the crane"),
+        "tool_cone.obj": cone_obj(),
     }
 
 
 if __name__ == "__main__":
-    for name, text in crane_meshes().items():
+    for name, text in own_meshes().items():
         (MESHES / name).write_text(text)
