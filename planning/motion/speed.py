@@ -39,15 +39,13 @@ class JointSpeed:
 
     Attributes:
         velocity: joint speed limits, shape (n,) [rad/s or m/s].
-        scale: share of the limits that is used, (0, 1].
     """
 
     velocity: Array
-    scale: float = 1.0
 
     def duration(self, q_a: Array, q_b: Array) -> float:
         """Return the time that the slowest joint needs [s]."""
-        return float(np.max(np.abs(q_b - q_a) / (self.velocity * self.scale)))
+        return float(np.max(np.abs(q_b - q_a) / self.velocity))
 
 
 def path_duration(path: Array, speed: SpeedModel) -> float:

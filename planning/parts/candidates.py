@@ -58,9 +58,7 @@ class PickPlaceCandidates:
         return self.paths[choice.step, choice.robot, choice.grasp][1]
 
 
-def find_candidates(
-    cell: Workcell, assembly: PickPlaceAssembly, *, balance: float = 1.0
-) -> PickPlaceCandidates:
+def find_candidates(cell: Workcell, assembly: PickPlaceAssembly) -> PickPlaceCandidates:
     """Find every robot and grip that can do a step, with its cost.
 
     Both skills are reachable in one posture each and free of contacts among the parts as they
@@ -70,7 +68,6 @@ def find_candidates(
     Args:
         cell: its objects are the parts.
         assembly: goals and steps.
-        balance: see AssignmentProblem.
 
     Raises:
         InfeasibleStepError: a part would hang in the air, or goes where something is.
@@ -87,7 +84,6 @@ def find_candidates(
         needs_support=(False,) * len(assembly.steps),
         primaries=tuple(search.primaries),
         supports=(),
-        balance=balance,
         rejections=tuple(search.rejections),
     )
     return PickPlaceCandidates(world, problem, search.paths)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from itertools import permutations
+from itertools import permutations, product
 
 from planning.cell.workcell import Workcell
 from planning.kinematics.kinematics import inverse_kinematics
@@ -77,7 +78,6 @@ def find_candidates(
     cell: Workcell,
     assembly: LegoAssembly,
     *,
-    balance: float = 1.0,
     alternatives: int | None = None,
 ) -> LegoCandidates:
     """Find every feasible way to do every step, with its cost.
@@ -92,11 +92,11 @@ def find_candidates(
     Args:
         cell: its objects are the stock of the assembly.
         assembly: the structure and its steps.
-        balance: see AssignmentProblem.
         alternatives: for each robot and step, at most so many grips, and so many supports, become
-            candidates; by default two, and one in assemblies of more than 100 steps. Grips are tried in the order of their joint distance from HOME, supports
-            in that of the step, until enough work. The best plan may lie outside when a grip
-            that is far for the place is near for the pick.
+            candidates; by default two, and one in assemblies of more than 100 steps. Grips are
+            tried in the order of their joint distance from HOME, supports in that of the step,
+            until enough work. The best plan may lie outside when a grip that is far for the
+            place is near for the pick.
 
     Raises:
         ScenarioError: a step cannot be understood.
@@ -108,10 +108,7 @@ def find_candidates(
         alternatives = 2 if len(assembly.steps) <= _MANY_STEPS else 1
     collector = _Collector(world, skills, handovers, alternatives)
     for number in range(1, len(assembly.steps) + 1):
-        if world.step(number).up:
-            collector.add_up(number)
-        else:
-            collector.add_down(number)
+        collector.add(number)
     problem = AssignmentProblem(
         robots=tuple(robot.name for robot in cell.robots),
         steps=tuple(step.words for step in assembly.steps),
@@ -120,7 +117,6 @@ def find_candidates(
         supports=tuple(collector.supports),
         incompatible=frozenset(collector.incompatible),
         unlimited=world.stations,
-        balance=balance,
         rejections=tuple(collector.rejections),
     )
     return LegoCandidates(world, problem, skills, collector.handovers)
@@ -147,10 +143,15 @@ class _Collector:
         self._names = [robot.name for robot in world.cell.robots]
         self._home = skills.home
 
-    def add_down(self, step: int) -> None:
-        """Add the candidates of a place-down."""
+    def add(self, step: int) -> None:
+        """Add the candidates of a step: primary robot, giver for a place-up, brick and grip."""
         supports = self._add_supports(step)
-        for robot in self._names:
+        ways: Iterable[tuple[str, str | None]] = (
+            permutations(self._names, 2)
+            if self.world.step(step).up
+            else product(self._names, [None])
+        )
+        for robot, giver in ways:
             count = 0
             for grasp in self._ordered_grasps(robot, step):
                 if count == self._most:
@@ -158,39 +159,33 @@ class _Collector:
                 place = self._place(robot, step, grasp, supports)
                 if place is None:
                     continue
-                first = len(self.primaries)
                 cost = self._cost(place.path)
+                if giver is not None:
+                    handover = self.handovers.handover(giver, robot, step, grasp)
+                    if isinstance(handover, Obstruction):
+                        what = f"{giver} hands it to {robot}, {_grip(grasp)}"
+                        self._reject(step, what, handover)
+                        continue
+                    cost += self._cost(handover.give)
+                    cost += joint_distance(self._home[robot], handover.receive)
+                first = len(self.primaries)
+                after = place.after
                 for stock in self.world.usable_stock(step):
-                    self._add_primary(step, robot, stock, grasp, place, cost)
+                    pick = self._pick(step, giver or robot, stock, grasp)
+                    if pick is not None:
+                        self.primaries.append(
+                            PrimaryCandidate(
+                                step,
+                                robot,
+                                stock,
+                                grasp,
+                                cost + self._cost(pick.path),
+                                giver,
+                                (after | pick.after) - {stock},
+                            )
+                        )
                 count += len(self.primaries) > first
                 self._add_clashes(step, robot, grasp, supports, first)
-
-    def add_up(self, step: int) -> None:
-        """Add the candidates of a place-up: receiver, giver, brick and grip."""
-        supports = self._add_supports(step)
-        for receiver, giver in permutations(self._names, 2):
-            count = 0
-            for grasp in self._ordered_grasps(receiver, step):
-                if count == self._most:
-                    break
-                place = self._place(receiver, step, grasp, supports)
-                if place is None:
-                    continue
-                handover = self.handovers.handover(giver, receiver, step, grasp)
-                if isinstance(handover, Obstruction):
-                    self._reject(
-                        step,
-                        f"{giver} hands it to {receiver}, {_grip(grasp)}",
-                        handover,
-                    )
-                    continue
-                first = len(self.primaries)
-                cost = self._cost(place.path) + self._cost(handover.give)
-                cost += joint_distance(self._home[receiver], handover.receive)
-                for stock in self.world.usable_stock(step):
-                    self._add_primary(step, receiver, stock, grasp, place, cost, giver)
-                count += len(self.primaries) > first
-                self._add_clashes(step, receiver, grasp, supports, first)
 
     def _ordered_grasps(self, robot: str, step: int) -> list[int]:
         """Return the grips of a step, those whose place is near to HOME first."""
@@ -243,53 +238,35 @@ class _Collector:
                 if item.robot != robot
                 and self.world.go_together(step, grasp, item.choice)
             ]
-            if not beside:
-                alone = Obstruction("no other robot can support it")
-                self._reject(step, words, alone)
-                return None
-        best: SkillOption | None = None
         reason: Obstruction | None = None
+        places = []
         for support in beside:
             option = self.skills.place(robot, step, grasp, support)
-            if isinstance(option, Obstruction):
+            if isinstance(option, SkillOption):
+                places.append(option)
+            else:
                 reason = reason or option
-            elif best is None or self._cost(option.path) < self._cost(best.path):
-                best = option
-        if best is None and reason is not None:
+        if not places:
+            reason = reason or Obstruction("no other robot can support it")
             self._reject(step, words, reason)
-        return best
+            return None
+        return min(places, key=lambda option: self._cost(option.path))
 
-    def _add_primary(
-        self,
-        step: int,
-        robot: str,
-        stock: str,
-        grasp: int,
-        place: SkillOption,
-        cost: float,
-        giver: str | None = None,
-    ) -> None:
-        picker = giver or robot
-        pick = self.skills.pick(picker, stock, grasp)
-        words = f"{picker} picks {stock}, {_grip(grasp)}"
-        if isinstance(pick, Obstruction):
-            self._reject(step, words, pick)
-            return
-        if pick.latest is not None and step > pick.latest:
-            blocked = Obstruction(f"the brick of step {pick.latest} is in the way")
-            self._reject(step, words, blocked)
-            return
-        self.primaries.append(
-            PrimaryCandidate(
-                step,
-                robot,
-                stock,
-                grasp,
-                cost + self._cost(pick.path),
-                giver,
-                (place.after | pick.after) - {stock},
-            )
-        )
+    def _pick(
+        self, step: int, robot: str, stock: str, grasp: int
+    ) -> SkillOption | None:
+        """Return how a robot picks a brick of the stock in time for a step."""
+        found = self.skills.pick(robot, stock, grasp)
+        if (
+            isinstance(found, SkillOption)
+            and found.latest is not None
+            and step > found.latest
+        ):
+            found = Obstruction(f"the brick of step {found.latest} is in the way")
+        if isinstance(found, Obstruction):
+            self._reject(step, f"{robot} picks {stock}, {_grip(grasp)}", found)
+            return None
+        return found
 
     def _add_clashes(
         self,

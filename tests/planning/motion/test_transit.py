@@ -99,5 +99,5 @@ def test_sampling_keeps_corners_goal_and_speed() -> None:
 
 
 def test_joint_speed_waits_for_the_slowest_joint() -> None:
-    model = JointSpeed(np.array([2.0, 0.5]), scale=0.5)
+    model = JointSpeed(np.array([1.0, 0.25]))
     assert model.duration(np.zeros(2), np.array([1.0, 0.5])) == pytest.approx(2.0)
