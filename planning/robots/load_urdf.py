@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,22 +15,15 @@ from planning.cell.robot_model import KinematicChain, LinkPart, RobotModel
 from planning.errors import RobotModelError
 from planning.robots.convex_parts import shape_vertices
 from planning.robots.self_collision import never_colliding_pairs
-from planning.robots.urdf_file import UrdfFile, read_urdf
-from planning.transforms import Array, Transform, identity, inverse, readonly
+from planning.robots.urdf_file import UrdfFile, UrdfOptions, read_urdf
+from planning.transforms import Array, inverse, readonly
 
 
 def load_urdf(
     path: Path,
+    options: UrdfOptions = UrdfOptions(),  # noqa: B008 - frozen
     *,
-    name: str | None = None,
-    package_dirs: Sequence[Path] = (),
-    home: Sequence[float] | None = None,
-    frozen: Mapping[str, float] | None = None,
-    flange_link: str | None = None,
-    flange_offset: Transform | None = None,
-    tool_links: Sequence[str] | None = None,
-    frames: Mapping[str, Transform] | None = None,
-    velocity: Sequence[float] | None = None,
+    package_dirs: tuple[Path, ...] = (),
 ) -> RobotModel:
     """Read a serial arm.
 
@@ -39,41 +32,31 @@ def load_urdf(
 
     Args:
         path: URDF file.
-        name: of the robot type; the file's stem by default.
+        options: HOME, flange, tool, and what else the file does not say.
         package_dirs: where meshes are looked up, after the file's folder and its parents.
-        home: HOME configuration, shape (n,); by default zero, clamped to the limits.
-        frozen: joints to hold still, such as gripper fingers, and their values [rad or m].
-        flange_link: link whose frame is the flange; by default the link called ``flange`` or
-            ``tool0``, else the last moved link.
-        flange_offset: pose of the flange in that link.
-        tool_links: links that are the tool; by default those that hang on the flange.
-        frames: tool frames in the flange frame; by default ``tool``, the frame of the last
-            link that hangs on the flange.
-        velocity: joint speed limits in place of the file's, shape (n,) [rad/s or m/s].
 
     Raises:
         RobotModelError: the description cannot be used.
     """
     path = Path(path)
-    held = dict(frozen or {})
-    description = read_urdf(path, tuple(package_dirs), frozenset(held))
-    model, geometry = _build(description, held)
-    flange_name = _flange_link(description, flange_link)
-    flange = _link_pose(model, flange_name) @ (
-        identity() if flange_offset is None else flange_offset
-    )
+    description = read_urdf(path, package_dirs, frozenset(options.frozen))
+    model, geometry = _build(description, options.frozen)
+    flange_name = _flange_link(description, options.flange_link)
+    flange = _link_pose(model, flange_name) @ options.flange_offset
     hanging = description.fixed_below(flange_name)
-    tool = set(hanging[1:] if tool_links is None else tool_links)
+    tool = set(hanging[1:] if options.tool_links is None else options.tool_links)
+    frames = options.frames
     if frames is None:
         frames = {"tool": inverse(flange) @ _link_pose(model, hanging[-1])}
     lower = readonly([joint.lower for joint in description.joints])
     upper = readonly([joint.upper for joint in description.joints])
     chain = _chain(description, model)
     parts = _parts(model, geometry, tool)
-    rest = np.clip(np.zeros(len(lower)) if home is None else home, lower, upper)
-    speeds = [j.velocity for j in description.joints] if velocity is None else velocity
+    home = np.zeros(len(lower)) if options.home is None else options.home
+    rest = np.clip(home, lower, upper)
+    speeds = options.velocity or [joint.velocity for joint in description.joints]
     return RobotModel(
-        name=name or path.stem,
+        name=options.name or path.stem,
         urdf=path,
         package_dirs=description.package_dirs,
         joint_names=tuple(joint.name for joint in description.joints),

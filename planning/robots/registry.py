@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,13 +13,14 @@ import numpy as np
 
 from planning.cell.robot_model import RobotModel
 from planning.errors import RobotModelError
-from planning.transforms import Transform, from_rpy, identity, translation
+from planning.robots.urdf_file import UrdfOptions
+from planning.transforms import from_rpy, identity, translation
 
 _OWN = Path(__file__).parent / "urdf"
 
 
-@dataclass(frozen=True)
-class RobotEntry:
+@dataclass(frozen=True, kw_only=True)
+class RobotEntry(UrdfOptions):
     """A registered robot type.
 
     Attributes:
@@ -27,15 +28,9 @@ class RobotEntry:
         source: where the description comes from.
         licence: of the description.
         note: one line on what it is.
-        home_deg: HOME of a robot with revolute joints only [deg].
-        tool_links: links whose parts form the group ``tool``.
-        frames: tool frames, in the flange frame.
+        home: HOME, joint by joint [rad or m].
         folder: returns the folder of the description.
         file: path of the description in that folder.
-        flange_link, flange_offset: where the flange is.
-        frozen: joints held still and their values [m or rad].
-        velocity_deg_s: speed limits where the description has none worth using [deg/s].
-        home_rad_or_m: HOME of any robot, joint by joint, in place of ``home_deg``.
         meshes: returns a further folder in which meshes are looked up.
     """
 
@@ -43,24 +38,14 @@ class RobotEntry:
     source: str
     licence: str
     note: str
-    home_deg: tuple[float, ...]
-    tool_links: tuple[str, ...]
-    frames: Mapping[str, Transform]
+    home: tuple[float, ...]
     folder: Callable[[], Path]
     file: str
-    flange_link: str
-    flange_offset: Transform = field(default_factory=identity)
-    frozen: Mapping[str, float] = field(default_factory=dict)
-    velocity_deg_s: tuple[float, ...] | None = None
-    home_rad_or_m: tuple[float, ...] | None = None
     meshes: Callable[[], Path] | None = None
 
-    @property
-    def home(self) -> tuple[float, ...]:
-        """HOME, joint by joint [rad or m]."""
-        if self.home_rad_or_m is not None:
-            return self.home_rad_or_m
-        return tuple(float(value) for value in np.radians(self.home_deg))
+
+def _radians(*degrees: float) -> tuple[float, ...]:
+    return tuple(float(value) for value in np.radians(degrees))
 
 
 def _own_folder() -> Path:
@@ -104,7 +89,7 @@ _ENTRIES = (
         source="own primitives within the measured outer dimensions",
         licence="MIT",
         note="Yaskawa GP4, 6 joints, with force sensor and LEGO tool",
-        home_deg=(0.0, -15.4560, -40.3566, 0.0, -65.0995, 0.0),
+        home=_radians(0.0, -15.4560, -40.3566, 0.0, -65.0995, 0.0),
         tool_links=("tool",),
         frames={
             key: translation(a6, 0.0, -d6 - _GP4_FLANGE_DEPTH)
@@ -119,7 +104,7 @@ _ENTRIES = (
         source="pybullet_data/franka_panda",
         licence="Apache-2.0",
         note="Franka Emika Panda, 7 joints, hand with fingers held 40 mm apart",
-        home_deg=(0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0),
+        home=_radians(0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0),
         tool_links=("panda_hand", "panda_leftfinger", "panda_rightfinger"),
         frames={"tool": from_rpy((0.0, 0.0, 0.105), (0.0, 0.0, -np.pi / 4))},
         folder=_pybullet_folder("franka_panda"),
@@ -132,22 +117,21 @@ _ENTRIES = (
         source="pybullet_data/kuka_iiwa",
         licence="BSD-2-Clause",
         note="KUKA LBR iiwa 14, 7 joints, bare flange; speeds of the data sheet",
-        home_deg=(0.0, 30.0, 0.0, -75.0, 0.0, 75.0, 0.0),
+        home=_radians(0.0, 30.0, 0.0, -75.0, 0.0, 75.0, 0.0),
         tool_links=(),
         frames={"tool": identity()},
         folder=_pybullet_folder("kuka_iiwa"),
         file="model.urdf",
         flange_link="lbr_iiwa_link_7",
         flange_offset=translation(0.0, 0.0, 0.045),
-        velocity_deg_s=(85.0, 85.0, 100.0, 75.0, 130.0, 135.0, 135.0),
+        velocity=_radians(85.0, 85.0, 100.0, 75.0, 130.0, 135.0, 135.0),
     ),
     RobotEntry(
         name="mobile-manipulator",
         source="own primitives",
         licence="MIT",
         note="holonomic platform with a 4-joint arm and a vacuum pad, 7 joints",
-        home_deg=(),
-        home_rad_or_m=(0.0, 0.0, 0.0, -0.5, 2.3, 1.341593, 0.0),
+        home=(0.0, 0.0, 0.0, -0.5, 2.3, 1.341593, 0.0),
         tool_links=("pad",),
         frames=_MOBILE_PAD,
         folder=_own_folder,
@@ -159,8 +143,7 @@ _ENTRIES = (
         source="own platform; arm from pybullet_data/kuka_iiwa",
         licence="MIT; arm BSD-2-Clause",
         note="KUKA LBR iiwa 14 on a holonomic platform, vacuum pad, 10 joints",
-        home_deg=(),
-        home_rad_or_m=(0.0, 0.0, 0.0, 0.0, -0.35, 0.0, -1.9, 0.0, 1.591593, 0.0),
+        home=(0.0, 0.0, 0.0, 0.0, -0.35, 0.0, -1.9, 0.0, 1.591593, 0.0),
         tool_links=("pad",),
         frames=_IIWA_PAD,
         folder=_own_folder,
@@ -173,8 +156,7 @@ _ENTRIES = (
         source="own primitives",
         licence="MIT",
         note="tower crane with a vacuum pad: slew, trolley, hoist and hook, 4 joints",
-        home_deg=(),
-        home_rad_or_m=(0.0, 2.0, 0.3, 0.0),
+        home=(0.0, 2.0, 0.3, 0.0),
         tool_links=("pad",),
         frames=_CRANE_PAD,
         folder=_own_folder,
@@ -215,20 +197,8 @@ def _registered(name: str) -> RobotModel:
 
     entry = ROBOTS[name]
     folder = entry.folder()
-    return load_urdf(
-        folder / entry.file,
-        name=name,
-        package_dirs=(folder,) if entry.meshes is None else (folder, entry.meshes()),
-        home=entry.home,
-        frozen=entry.frozen,
-        flange_link=entry.flange_link,
-        flange_offset=entry.flange_offset,
-        tool_links=entry.tool_links,
-        frames=entry.frames,
-        velocity=None
-        if entry.velocity_deg_s is None
-        else [float(value) for value in np.radians(entry.velocity_deg_s)],
-    )
+    dirs = (folder,) if entry.meshes is None else (folder, entry.meshes())
+    return load_urdf(folder / entry.file, entry, package_dirs=dirs)
 
 
 @lru_cache(maxsize=32)

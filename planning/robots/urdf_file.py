@@ -4,14 +4,42 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 
 from planning.errors import RobotModelError
+from planning.transforms import Transform, identity
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _CONTINUOUS_LIMIT = 2.0 * math.pi
+
+
+@dataclass(frozen=True, kw_only=True)
+class UrdfOptions:
+    """What a description does not say of a robot, or says otherwise than wanted.
+
+    Attributes:
+        name: of the robot type; the file's stem by default.
+        home: HOME, joint by joint; by default zero, clamped to the limits [rad or m].
+        frozen: joints to hold still, such as gripper fingers, and their values [rad or m].
+        flange_link: link whose frame is the flange; by default the link called ``flange`` or
+            ``tool0``, else the last moved link.
+        flange_offset: pose of the flange in that link.
+        tool_links: links that are the tool; by default those that hang on the flange.
+        frames: tool frames in the flange frame; by default ``tool``, the frame of the last
+            link that hangs on the flange.
+        velocity: joint speed limits in place of the file's [rad/s or m/s].
+    """
+
+    name: str | None = None
+    home: tuple[float, ...] | None = None
+    frozen: Mapping[str, float] = field(default_factory=dict)
+    flange_link: str | None = None
+    flange_offset: Transform = field(default_factory=identity)
+    tool_links: tuple[str, ...] | None = None
+    frames: Mapping[str, Transform] | None = None
+    velocity: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)

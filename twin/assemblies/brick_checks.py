@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from planning.lego.bricks.assembly import BrickType, Cell, Support
-from planning.lego.bricks.grid import occupied_studs
+from planning.lego.bricks.assembly import BrickType, Support
+from planning.lego.bricks.grid import Stud, joined_to_plate
 from planning.lego.skills.support import supported_cell
-from twin.assemblies.brick_types import brick_types
+from twin.assemblies.brick_types import brick_types, studs_of
 from twin.assemblies.structure_checks import find_structure_problems
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
@@ -20,9 +20,6 @@ from twin.scenario.sections.lego import (
 )
 
 Found = Iterator[tuple[KeyPath, str]]
-
-Stud = tuple[int, int, int]
-"""A place on the grid: stud in x and y from 0, layer from 1."""
 
 
 def find_lego_problems(assembly: LegoSection, document: YamlDocument) -> list[Problem]:
@@ -62,39 +59,37 @@ def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Foun
     """No two bricks in one place, nothing off the plate, nothing in the air."""
     studs = assembly.plate.studs
     owner: dict[str, StockSection] = {s.name: s for s in assembly.stock}
-    stock = list(enumerate(assembly.stock))
     taken: dict[Stud, str] = {}
-    if assembly.storage_plate is None:
-        yield from _check_stock(stock, types, studs, taken)
-    else:
-        scaffold = [(i, s) for i, s in stock if s.fixed]
-        yield from _check_stock(scaffold, types, studs, taken)
-        stored = [(i, s) for i, s in stock if not s.fixed]
-        yield from _check_stock(stored, types, assembly.storage_plate.studs, {})
+    storage = assembly.storage_plate
+    stock = list(enumerate(assembly.stock))
+    stored = [] if storage is None else [(i, s) for i, s in stock if not s.fixed]
+    here = [entry for entry in stock if entry not in stored]
+    yield from _check_stock(here, types, studs, taken)
+    if storage is not None:
+        yield from _check_stock(stored, types, storage.studs, {})
 
-    structure = {
-        cell for cell, name in taken.items() if name in owner and owner[name].fixed
-    }
+    structure = {cell for cell, name in taken.items() if owner[name].fixed}
     for k, step in enumerate(assembly.steps):
         at = ("assembly", "steps", k)
         label = f"step {k + 1}"
-        cells = _studs_of(step, types)
+        cells = studs_of(step, types)
         source = owner.get(step.stock or "")
         if source is not None and not source.station:
-            for cell in _studs_of(source, types):
+            for cell in studs_of(source, types):
                 if taken.get(cell) == source.name:
                     del taken[cell]
         if message := _off_plate(cells, studs):
             yield (*at, "at"), message
         if other := _first_taken(cells, taken):
             yield (*at, "at"), f"{label} goes where {other} already is"
-        elif step.place == "down" and not _touches(cells, structure, (-1,)):
-            if not _on_plate(cells):
-                yield (
-                    (*at, "at"),
-                    f"{label} would float: no stud of it is above the plate or a brick placed before",
-                )
-        elif step.place == "up" and not _touches(cells, structure, (1,)):
+        elif step.place == "down" and not (
+            step.at[2] == 1 or _touches(cells, structure, -1)
+        ):
+            yield (
+                (*at, "at"),
+                f"{label} would float: no stud of it is above the plate or a brick placed before",
+            )
+        elif step.place == "up" and not _touches(cells, structure, 1):
             yield (
                 (*at, "at"),
                 f"{label} is placed from below, but no brick placed before is above it",
@@ -150,7 +145,7 @@ def _check_stock(
     """Check the stock of one plate, and note the studs it takes."""
     for i, item in stock:
         at: KeyPath = ("assembly", "stock", i, "at")
-        cells = _studs_of(item, types)
+        cells = studs_of(item, types)
         if message := _off_plate(cells, studs):
             yield at, message
         if other := _first_taken(cells, taken):
@@ -165,7 +160,7 @@ def _check_stock_stands(
     taken: Mapping[Stud, str],
 ) -> Found:
     """Every stock brick must be joined to the plate through others, never through a station."""
-    cells = {s.name: _studs_of(s, types) for _, s in stock}
+    cells = {s.name: studs_of(s, types) for _, s in stock}
     for i, item in stock:
         below = {taken.get((x, y, z - 1)) for x, y, z in cells[item.name]}
         for _, other in stock:
@@ -174,15 +169,7 @@ def _check_stock_stands(
                     ("assembly", "stock", i, "at"),
                     f"{item.name} stands on the feeding station {other.name}",
                 )
-    held = {name for name, c in cells.items() if _on_plate(c)}
-    frontier = list(held)
-    while frontier:
-        for x, y, z in cells[frontier.pop()]:
-            for neighbour in ((x, y, z + 1), (x, y, z - 1)):
-                name = taken.get(neighbour)
-                if name is not None and name not in held:
-                    held.add(name)
-                    frontier.append(name)
+    held = joined_to_plate(cells)
     for i, item in stock:
         if item.name not in held and item.at[2] >= 1:
             yield (
@@ -228,13 +215,6 @@ def _check_supply(assembly: LegoSection) -> Found:
         used.setdefault(step.stock, k + 1)
 
 
-def _studs_of(
-    item: StockSection | StepSection, types: Mapping[str, BrickType]
-) -> frozenset[Stud]:
-    x, y, z = item.at
-    return occupied_studs(Cell(x, y, z, item.turned), types[item.brick])
-
-
 def _off_plate(cells: frozenset[Stud], studs: Sequence[int]) -> str:
     for x, y, z in sorted(cells):
         if z < 1:
@@ -246,21 +226,12 @@ def _off_plate(cells: frozenset[Stud], studs: Sequence[int]) -> str:
     return ""
 
 
-def _first_taken(
-    cells: Iterable[Stud],
-    taken: Mapping[Stud, str],
-) -> str:
+def _first_taken(cells: Iterable[Stud], taken: Mapping[Stud, str]) -> str:
     return next((taken[c] for c in cells if c in taken), "")
 
 
-def _on_plate(cells: frozenset[Stud]) -> bool:
-    return any(z == 1 for _, _, z in cells)
-
-
-def _touches(
-    cells: frozenset[Stud], structure: set[Stud], layers: Sequence[int]
-) -> bool:
-    return any((x, y, z + dz) in structure for x, y, z in cells for dz in layers)
+def _touches(cells: frozenset[Stud], structure: set[Stud], layers: int) -> bool:
+    return any((x, y, z + layers) in structure for x, y, z in cells)
 
 
 def _ordinal(n: int) -> str:

@@ -1,9 +1,12 @@
-"""The bricks that a scenario may name."""
+"""The bricks that a scenario may name, and the places on the grid that they fill."""
 
 from __future__ import annotations
 
-from planning.lego.bricks.assembly import BrickType
-from twin.scenario.sections.lego import LegoSection
+from collections.abc import Mapping
+
+from planning.lego.bricks.assembly import BrickType, Cell
+from planning.lego.bricks.grid import Stud, occupied_studs
+from twin.scenario.sections.lego import LegoSection, StepSection, StockSection
 
 
 def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
@@ -15,3 +18,11 @@ def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
         for name, brick in assembly.bricks.items()
     }
     return {**BRICKS, **own}
+
+
+def studs_of(
+    item: StockSection | StepSection, types: Mapping[str, BrickType]
+) -> frozenset[Stud]:
+    """Return the places on the grid that a brick of the stock or of a step fills."""
+    x, y, z = item.at
+    return occupied_studs(Cell(x, y, z, item.turned), types[item.brick])

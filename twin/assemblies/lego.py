@@ -190,13 +190,11 @@ def find_sequence(
     Raises:
         InfeasibleStepError: the structure does not stand, or no order leads to it.
     """
-    from planning.lego.sequencing.finished_structure import resequence, sequenced
+    from planning.lego.sequencing.finished_structure import sequenced
 
     assembly, structure = build_lego(lego), build_structure(lego)
     rules = sequencing_rules(lego, robots=robots)
     try:
-        if structure is None:
-            return resequence(assembly, rules)
         return sequenced(assembly, structure, rules)
     except InfeasibleStepError as error:
         if robots > 1:

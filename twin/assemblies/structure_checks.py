@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator, Mapping
 
-from planning.lego.bricks.assembly import BrickType, Cell
+from planning.lego.bricks.assembly import BrickType
 from planning.lego.bricks.contacts import PlacedBrick
 from planning.lego.bricks.drawing import Spot
-from planning.lego.bricks.grid import occupied_studs
+from planning.lego.bricks.grid import Stud, joined_to_plate, occupied_studs
+from twin.assemblies.brick_types import studs_of
 from twin.scenario.document.problems import Problem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.drawn_structure import (
@@ -53,12 +54,11 @@ def _check_places(
 ) -> Found:
     """No two bricks in one place, none off the plate or where the stock stands."""
     nx, ny = assembly.plate.studs
-    taken: dict[tuple[int, int, int], str] = {}
+    taken: dict[Stud, str] = {}
     for item in assembly.stock:
         if item.fixed or assembly.storage_plate is None:
-            x, y, z = item.at
-            for place in occupied_studs(Cell(x, y, z, item.turned), types[item.brick]):
-                taken[place] = f"{item.name} of the stock"
+            words = f"{item.name} of the stock"
+            taken.update(dict.fromkeys(studs_of(item, types), words))
     for brick, (path, spot) in zip(read.bricks, read.places, strict=True):
         places = occupied_studs(brick.cell, brick.brick)
         other = next((taken[p] for p in sorted(places) if p in taken), None)
@@ -87,27 +87,9 @@ def _check_joined(
     read: ReadStructure, assembly: LegoSection, types: Mapping[str, BrickType]
 ) -> Found:
     """Every brick must be joined to the plate, through others or through the scaffold."""
-    owner: dict[tuple[int, int, int], int] = {}
-    fixed: set[tuple[int, int, int]] = set()
-    for item in assembly.stock:
-        if item.fixed:
-            x, y, z = item.at
-            fixed |= occupied_studs(Cell(x, y, z, item.turned), types[item.brick])
-    for k, brick in enumerate(read.bricks):
-        owner.update(dict.fromkeys(occupied_studs(brick.cell, brick.brick), k))
-    joined: dict[int, set[int]] = defaultdict(set)
-    held = set()
-    for (x, y, z), k in owner.items():
-        if z == 1 or {(x, y, z - 1), (x, y, z + 1)} & fixed:
-            held.add(k)
-        if (other := owner.get((x, y, z + 1), k)) != k:
-            joined[k].add(other)
-            joined[other].add(k)
-    todo = list(held)
-    while todo:
-        new = joined[todo.pop()] - held
-        held |= new
-        todo += new
+    fixed = [studs_of(item, types) for item in assembly.stock if item.fixed]
+    studs = {k: occupied_studs(b.cell, b.brick) for k, b in enumerate(read.bricks)}
+    held = joined_to_plate(studs, frozenset().union(*fixed))
     for k, (brick, (path, spot)) in enumerate(
         zip(read.bricks, read.places, strict=True)
     ):

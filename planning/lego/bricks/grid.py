@@ -7,8 +7,9 @@ on each side than their share of the grid.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Hashable, Mapping
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,6 +21,11 @@ from planning.lego.bricks.assembly import (
     Plate,
 )
 from planning.transforms import Array, Transform, rotation, translation
+
+Stud = tuple[int, int, int]
+"""A place on the grid: stud in x and y from 0, layer from 1."""
+
+Key = TypeVar("Key", bound=Hashable)
 
 BRICK_GAP = 0.0002
 """A brick is this much shorter than its studs times the pitch [m]."""
@@ -72,7 +78,7 @@ def box_from_top(top: Transform) -> Transform:
 
 
 @lru_cache(maxsize=20_000)
-def occupied_studs(cell: Cell, brick: BrickType) -> frozenset[tuple[int, int, int]]:
+def occupied_studs(cell: Cell, brick: BrickType) -> frozenset[Stud]:
     """Return the (x, y, z) of every grid place that a brick fills."""
     nx, ny = footprint(cell, brick)
     return frozenset(
@@ -113,7 +119,7 @@ def bricks_above(
 
 
 def _names_at(
-    places: frozenset[tuple[int, int, int]],
+    places: frozenset[Stud],
     others: Mapping[str, tuple[Cell, BrickType]],
 ) -> tuple[str, ...]:
     return tuple(
@@ -123,3 +129,28 @@ def _names_at(
             if not places.isdisjoint(occupied_studs(cell, brick))
         )
     )
+
+
+def joined_to_plate(
+    studs: Mapping[Key, frozenset[Stud]], base: Collection[Stud] = ()
+) -> set[Key]:
+    """Return the bricks that are joined to the plate, or to others that are, one on the other.
+
+    Args:
+        studs: the places on the grid that each brick fills.
+        base: places that are filled by what stands in any case.
+    """
+    owner = {stud: key for key, own in studs.items() for stud in own}
+    held = {
+        owner[x, y, z]
+        for x, y, z in owner
+        if z == 1 or (x, y, z - 1) in base or (x, y, z + 1) in base
+    }
+    front = list(held)
+    while front:
+        own = studs[front.pop()]
+        beyond = ((x, y, z + dz) for x, y, z in own for dz in (-1, 1))
+        new = {owner[stud] for stud in beyond if stud in owner} - held
+        held |= new
+        front += new
+    return held

@@ -38,35 +38,20 @@ def scaffold(assembly: LegoAssembly) -> tuple[PlacedBrick, ...]:
 
 def sequenced(
     assembly: LegoAssembly,
-    structure: Sequence[PlacedBrick],
+    structure: Sequence[PlacedBrick] | None = None,
     rules: SequencingRules | None = None,
 ) -> tuple[LegoAssembly, SequencedStructure]:
     """Return an assembly with the steps that build a structure on its scaffold.
 
     Args:
-        assembly: plate and stock; its steps, if any, are forgotten.
-        structure: the finished structure.
+        assembly: plate and stock; of its steps, if any, only what they build counts.
+        structure: the finished structure, by default that which the steps build.
         rules: what a sequence may do.
 
     Raises:
         InfeasibleStepError: see ``sequence_structure``.
     """
+    if structure is None:
+        structure = finished_structure(assembly)
     found = sequence_structure(structure, scaffold=scaffold(assembly), rules=rules)
     return replace(assembly, steps=found.steps), found
-
-
-def resequence(
-    assembly: LegoAssembly, rules: SequencingRules | None = None
-) -> tuple[LegoAssembly, SequencedStructure]:
-    """Return an assembly with its steps planned anew from the finished structure alone.
-
-    Only type and cell of the given steps count. Stock that steps prescribe is forgotten.
-
-    Args:
-        assembly: the assembly.
-        rules: what a sequence may do.
-
-    Raises:
-        InfeasibleStepError: see ``sequence_structure``.
-    """
-    return sequenced(assembly, finished_structure(assembly), rules)

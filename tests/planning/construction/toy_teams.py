@@ -20,6 +20,7 @@ from planning.cell.workcell import (
     Workcell,
 )
 from planning.robots.load_urdf import load_urdf
+from planning.robots.urdf_file import UrdfOptions
 from planning.transforms import Array, rotation, translation
 
 SPEED = 0.5
@@ -79,7 +80,10 @@ def _model(name: str, joints: Sequence[_Joint], flange: Array) -> RobotModel:
         parent = joint.link
     path = Path(_FOLDER.name, f"{name}.urdf")
     path.write_text(f'<robot name="{name}">{text}\n</robot>')
-    return load_urdf(path, name=name, flange_offset=flange, tool_links=("cup", "lower"))
+    return load_urdf(
+        path,
+        UrdfOptions(name=name, flange_offset=flange, tool_links=("cup", "lower")),
+    )
 
 
 @cache

@@ -26,7 +26,7 @@ from planning.lego.bricks.catalogue import BRICKS
 from planning.lego.bricks.contacts import PlacedBrick
 from planning.lego.bricks.grid import occupied_studs
 from planning.lego.bricks.grips import press_cell, presses
-from planning.lego.sequencing.finished_structure import resequence
+from planning.lego.sequencing.finished_structure import sequenced
 from planning.lego.sequencing.insertion import InsertionRules
 from planning.lego.sequencing.sequencing import (
     SequencedStructure,
@@ -337,7 +337,7 @@ def test_an_assembly_is_planned_anew_from_its_goal():
     ]
     stock = (StockBrick("base", "2x4", Cell(20, 20, 1), fixed=True),)
     assembly = LegoAssembly(GRID, BRICKS, stock, tuple(steps), {})
-    planned, found = resequence(assembly)
+    planned, found = sequenced(assembly)
     assert [s.cell.z for s in planned.steps] == [2, 3]
     assert [q.name for q in found.sequence] == ["step 2", "step 1"]
     assert all(s.press is not None and s.stock is None for s in planned.steps)

@@ -19,6 +19,7 @@ from planning.kinematics.chain import joint_poses
 from planning.robots.convex_parts import shape_vertices
 from planning.robots.load_urdf import load_urdf
 from planning.robots.registry import ROBOTS, robot_model
+from planning.robots.urdf_file import UrdfOptions
 from planning.transforms import Array
 from tests.planning.robots.drawn_meshes import cone_obj
 
@@ -347,9 +348,9 @@ def test_missing_mesh_is_named(tmp_path: Path) -> None:
 def test_unknown_joint_to_freeze_and_unknown_flange(tmp_path: Path) -> None:
     path = write(tmp_path, joint("one", "a", "b"), links="ab")
     with pytest.raises(RobotModelError, match="no joint 'thumb'"):
-        load_urdf(path, frozen={"thumb": 0.0})
+        load_urdf(path, UrdfOptions(frozen={"thumb": 0.0}))
     with pytest.raises(RobotModelError, match="'hand' is no link"):
-        load_urdf(path, flange_link="hand")
+        load_urdf(path, UrdfOptions(flange_link="hand"))
 
 
 def test_models_cannot_be_changed() -> None:
