@@ -1,8 +1,9 @@
-"""Which node precedes which, found the plain way: sets of ancestors as bits of integers."""
+"""Order of the nodes, found the plain way: sets of ancestors as bits of integers."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 
@@ -39,32 +40,18 @@ def find_precedence(tpg: TemporalPlanGraph) -> Precedence | None:
             sources[first[a] + v].append(first[a] + v - 1)
     for a, u, b, v in tpg.edges.tolist():
         sources[first[b] + v].append(first[a] + u)
-    order = _topological(sources)
-    if order is None:
+    try:
+        order = list(TopologicalSorter(dict(enumerate(sources))).static_order())
+    except CycleError:
         return None
     complete = [[np.zeros(n, dtype=np.int64) for n in lengths] for _ in lengths]
     for a, length in enumerate(lengths):
         for start in range(0, length, _BLOCK):
             stop = min(start + _BLOCK, length)
             counts = _ancestors(sources, order, first[a] + start, first[a] + stop)
-            for b, _ in enumerate(lengths):
+            for b in range(len(lengths)):
                 complete[a][b] += counts[first[b] : first[b + 1]]
     return Precedence(tuple(tuple(row) for row in complete))
-
-
-def _topological(sources: list[list[int]]) -> list[int] | None:
-    targets: list[list[int]] = [[] for _ in sources]
-    missing = [len(s) for s in sources]
-    for v, found in enumerate(sources):
-        for u in found:
-            targets[u].append(v)
-    order = [v for v, count in enumerate(missing) if count == 0]
-    for u in order:  # grows while it is walked
-        for v in targets[u]:
-            missing[v] -= 1
-            if missing[v] == 0:
-                order.append(v)
-    return order if len(order) == len(sources) else None
 
 
 def _ancestors(

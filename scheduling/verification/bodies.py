@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from planning.cell.workcell import PlacedRobot, Workcell
+from planning.cell.workcell import PlacedRobot
 from planning.transforms import Array, Indices
-from scheduling.graph.temporal_plan_graph import NodeChain
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.verification.object_places import Carried
 from scheduling.verification.reference import Part, ReferenceRobot
 
@@ -82,6 +82,12 @@ class Body:
 class RobotBodies:
     """One robot of the plan.
 
+    Args:
+        tpg: the plan.
+        placed: the robot.
+        robot: its geometry.
+        carried: who carries what when.
+
     Attributes:
         name: of the robot.
         chain: index of its chain, None if it has no node.
@@ -93,29 +99,27 @@ class RobotBodies:
 
     def __init__(
         self,
-        cell: Workcell,
-        robot: ReferenceRobot,
+        tpg: TemporalPlanGraph,
         placed: PlacedRobot,
-        chain: NodeChain | None,
-        index: int | None,
+        robot: ReferenceRobot,
         carried: list[Carried],
     ) -> None:
-        self.name, self.chain = placed.name, index
+        self.name, self.chain = placed.name, tpg.chain_index.get(placed.name)
         self.robot = robot
         loads = [
-            (c, self.robot.load(c.object, cell.object(c.object).size, c.pose))
+            (c, robot.load(c.object, tpg.cell.object(c.object).size, c.pose))
             for c in carried
-            if c.chain == index
+            if c.chain == self.chain
         ]
-        if chain is None:
+        if self.chain is None:
             self.pieces = _standing_for_ever(placed.home)
         else:
             weights = np.array([p.weight for p in self.robot.parts])
             if loads:
                 weights = np.vstack([weights, [part.weight for _, part in loads]])
-            self.pieces = _cut(chain, weights)
+            self.pieces = _cut(tpg.chains[self.chain], weights)
         middle = 0.5 * (self.pieces.q_a + self.pieces.q_b)
-        self.frames = np.array([self.robot.joint_frames(q) for q in middle])
+        self.frames = robot.joint_frames_along(middle)
         everywhere = np.arange(len(self.pieces))
         self.bodies = [self._body(p, True, everywhere) for p in self.robot.parts]
         for c, part in loads:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Callable, Iterable
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -72,7 +72,6 @@ class ClearanceCheck:
     def run(self, precedence: Precedence) -> None:
         """Check that whatever may happen at once keeps apart."""
         tpg, cell = self.tpg, self.tpg.cell
-        index = {chain.robot: i for i, chain in enumerate(tpg.chains)}
         geometry = {placed.name: ReferenceRobot(placed) for placed in cell.robots}
 
         def flange(chain: int, node: int) -> Transform:
@@ -82,66 +81,53 @@ class ClearanceCheck:
 
         carried, resting = object_histories(tpg, flange)
         robots = [
-            RobotBodies(
-                cell,
-                geometry[placed.name],
-                placed,
-                tpg.chains[index[placed.name]] if placed.name in index else None,
-                index.get(placed.name),
-                carried,
-            )
+            RobotBodies(tpg, placed, geometry[placed.name], carried)
             for placed in cell.robots
         ]
         pairs = list(combinations(robots, 2))
-        for done, (a, b) in enumerate(pairs):
+        total = len(pairs) + len(robots)
+        for done, (a, b) in enumerate(pairs, 1):
             self._robots(a, b, precedence)
-            self._tell(done + 1, len(pairs) + len(robots))
-        for done, robot in enumerate(robots):
+            self._tell(done, total)
+        for done, robot in enumerate(robots, len(pairs) + 1):
             for rest in resting:
                 self._rest(robot, rest, precedence)
-            self._tell(len(pairs) + done + 1, len(pairs) + len(robots))
+            self._tell(done, total)
 
     def _tell(self, done: int, total: int) -> None:
         if self.progress is not None:
             self.progress(done, total)
 
     def _robots(self, a: RobotBodies, b: RobotBodies, precedence: Precedence) -> None:
-        past_a = over_before(
-            a, b, precedence
-        )  # per piece of b: ends of a that are over
+        # Per piece of one robot: nodes of the other that are over before it.
+        past_a = over_before(a, b, precedence)
         past_b = over_before(b, a, precedence)
         low = np.searchsorted(b.pieces.end, past_b)
         high = np.searchsorted(past_a, a.pieces.end, side="right")
         self.pairs += int(np.maximum(high - low, 0).sum())
         seen: dict[Key, Problem] = {}
         clearances = self.tpg.cell.clearances
-        for x in a.bodies:
-            for y in b.bodies:
+        for x, y in product(a.bodies, b.bodies):
+            both = x.robot and y.robot
+            limit = clearances.robot_robot if both else clearances.robot_object
+            for close in close_pairs(a.pieces, x, b.pieces, y, past_a, past_b, limit):
                 if len(self.problems) + len(seen) >= self.limit:
                     break
-                both = x.robot and y.robot
-                limit = clearances.robot_robot if both else clearances.robot_object
-                for close in close_pairs(
-                    a.pieces, x, b.pieces, y, past_a, past_b, limit
-                ):
-                    if len(self.problems) + len(seen) >= self.limit:
-                        break
-                    for i, j in unsettled(a, x, b, y, close, limit):
-                        key = key_of(a.pieces, i, b.pieces, j)
-                        if key in seen or self._may_touch(
-                            x.part.entity,
-                            y.part.entity,
-                            a.pieces.tasks[i].tolist(),
-                            b.pieces.tasks[j].tolist(),
-                        ):
-                            continue
-                        found = self._closer(
-                            (a, x.part, i), (b, y.part, j), limit, between_robots=both
-                        )
-                        if found is not None:
-                            first = moment_of(a, x.part, i)
-                            second = moment_of(b, y.part, j)
-                            seen[key] = conflict(first, second, found)
+                for i, j in unsettled(a, x, b, y, close, limit):
+                    key = key_of(a.pieces, i, b.pieces, j)
+                    if key in seen or self._may_touch(
+                        x.part.entity,
+                        y.part.entity,
+                        a.pieces.tasks[i].tolist(),
+                        b.pieces.tasks[j].tolist(),
+                    ):
+                        continue
+                    found = self._closer(
+                        (a, x.part, i), (b, y.part, j), limit, between_robots=both
+                    )
+                    if found is not None:
+                        first, second = moment_of(a, x.part, i), moment_of(b, y.part, j)
+                        seen[key] = conflict(first, second, found)
         self.problems += without_repeats(seen)
 
     def _rest(self, robot: RobotBodies, rest: Resting, precedence: Precedence) -> None:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from planning.transforms import Array, Transform
-from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import (
+    NodeChain,
+    NodeHandling,
+    TemporalPlanGraph,
+)
 
 
 @dataclass(frozen=True)
@@ -86,7 +91,7 @@ def object_histories(
     """
     carried: list[Carried] = []
     resting = [Resting(f.name, f.pose, f.size, None, None) for f in tpg.cell.fixtures]
-    index = {chain.robot: i for i, chain in enumerate(tpg.chains)}
+    index = tpg.chain_index
     for name, events in handled_objects(tpg).items():
         item = tpg.cell.object(name)
         holder: str | None = None
@@ -114,19 +119,10 @@ def object_histories(
                     hand = flange(chain, start[1]) @ pose
                     tasks = _tasks(tpg, chain, start[1])
                     resting.append(Resting(name, hand, item.size, put, leaves, tasks))
-                end, fetched = (chain, count, 0), False
-                if taken is not None:
-                    fetched = taken[0] != chain
-                    end = stand_during(tpg, chain, taken) if fetched else taken
-                if fetched:
-                    stood = None
-                    if end[1] > 0:
-                        first = tpg.chains[chain].first
-                        stood = (
-                            chain,
-                            end[1] - 1,
-                            int(first[end[1]] - first[end[1] - 1]),
-                        )
+                end, fetched = taken or (chain, count, 0), False
+                if taken is not None and taken[0] != chain:
+                    end, fetched = stand_during(tpg, chain, taken), True
+                    stood = _end_before(tpg.chains[chain], end)
                     hand = flange(chain, end[1]) @ pose
                     tasks = _tasks(tpg, chain, end[1])
                     resting.append(Resting(name, hand, item.size, stood, taken, tasks))
@@ -145,11 +141,20 @@ def stand_during(
 
     The result is a moment: the chain, the node before which it stands, and 0.
     """
+    nodes = range(len(tpg.chains[chain]))
     key = planned_key(tpg, moment[0], moment[1])
-    node = 0
-    while node < len(tpg.chains[chain]) and planned_key(tpg, chain, node) < key:
-        node += 1
+    node = bisect_left(nodes, key, key=lambda n: planned_key(tpg, chain, n))
     return chain, node, 0
+
+
+def _end_before(
+    chain: NodeChain, stand: tuple[int, int, int]
+) -> tuple[int, int, int] | None:
+    """Return the moment from which a robot stands before a node, None from the start on."""
+    index, node, _ = stand
+    if node == 0:
+        return None
+    return index, node - 1, int(chain.first[node] - chain.first[node - 1])
 
 
 def _tasks(tpg: TemporalPlanGraph, chain: int, node: int) -> tuple[int, ...]:
