@@ -1,8 +1,8 @@
-"""Who may touch whom, and the least distance otherwise, as arrays for compiled code."""
+"""Allowed contacts, and the least distances otherwise, as arrays for compiled code."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy.typing as npt
 from numba import njit
 
 from planning.cell.workcell import Clearances
+from planning.geometry.robot_bodies import entity
 from planning.tasks.task_graph import AllowedContact
 from planning.transforms import Array, Indices
 
@@ -41,39 +42,31 @@ class ContactTable(NamedTuple):
     robots: int
 
 
-class EntityNumbers:
-    """Numbers of the entities that can be part of an occupancy.
+def entity_numbers(robots: Iterable[str], objects: Iterable[str]) -> dict[str, int]:
+    """Return the numbers of the entities that can be part of an occupancy, by their names.
 
     Args:
         robots: names of the robots.
         objects: names of the objects that are handled.
     """
-
-    def __init__(self, robots: Iterable[str], objects: Iterable[str]) -> None:
-        self.names: list[str] = [f"{r}/{group}" for r in robots for group in GROUPS]
-        self.robot_entities = len(self.names)
-        self.names += list(objects)
-        self._number = {name: i for i, name in enumerate(self.names)}
-
-    def __getitem__(self, name: str) -> int:
-        """Return the number of an entity."""
-        return self._number[name]
-
-    def __contains__(self, name: str) -> bool:
-        """Tell whether an entity has a number."""
-        return name in self._number
-
-    def __len__(self) -> int:
-        """Return how many entities there are."""
-        return len(self.names)
+    names = [entity(robot, group) for robot in robots for group in GROUPS]
+    return {name: number for number, name in enumerate([*names, *objects])}
 
 
 def contact_table(
-    entities: EntityNumbers,
+    entities: Mapping[str, int],
+    robots: int,
     allowed: Iterable[AllowedContact],
     clearances: Clearances,
 ) -> ContactTable:
-    """Return the table of the contacts whose two sides have a number."""
+    """Return the table of the contacts whose two sides have a number.
+
+    Args:
+        entities: number of each entity.
+        robots: number of robots.
+        allowed: the contacts.
+        clearances: least distances.
+    """
     head = np.full((len(entities), len(entities)), -1, dtype=np.int32)
     following: list[int] = []
     first = [0]
@@ -92,7 +85,7 @@ def contact_table(
         np.array(first, dtype=np.int64),
         np.array(tasks, dtype=np.int64),
         np.array([clearances.robot_robot, clearances.robot_object]),
-        entities.robot_entities,
+        len(GROUPS) * robots,
     )
 
 

@@ -18,8 +18,8 @@ from planning.parallel import side_by_side
 from planning.transforms import Indices
 from scheduling.conflicts.allowed_contacts import (
     ContactTable,
-    EntityNumbers,
     contact_table,
+    entity_numbers,
 )
 from scheduling.conflicts.conflict_search import HullChecker, search_conflicts
 from scheduling.conflicts.object_spans import (
@@ -67,15 +67,18 @@ class DerivedTpg:
         return order_and_reduce(self.ranks, self.tpg.edges)[0]
 
     @cached_property
-    def entities(self) -> EntityNumbers:
+    def entities(self) -> dict[str, int]:
         """Numbers of the robots' arms and tools and of the handled objects."""
         handled = dict.fromkeys(handling.object for handling in self.tpg.handlings)
-        return EntityNumbers((robot.name for robot in self.tpg.cell.robots), handled)
+        return entity_numbers((robot.name for robot in self.tpg.cell.robots), handled)
 
     @cached_property
     def table(self) -> ContactTable:
         """Allowed contacts and clearances."""
-        return contact_table(self.entities, self.tpg.allowed, self.tpg.cell.clearances)
+        cell = self.tpg.cell
+        return contact_table(
+            self.entities, len(cell.robots), self.tpg.allowed, cell.clearances
+        )
 
     @cached_property
     def history(self) -> ObjectHistory:

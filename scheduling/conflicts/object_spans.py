@@ -1,4 +1,4 @@
-"""Where every handled object is, node by node: carried, at rest within a node, at rest between.
+"""Histories of the handled objects, node by node: carried, at rest within a node, or between.
 
 Objects follow their handlings in planned order; one that comes up later is nowhere before its
 first, which lets it rest where it is. An object that a robot takes over from another

@@ -10,7 +10,7 @@ or after, carried in between. So what conflicts with the resting object conflict
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -25,7 +25,7 @@ from planning.geometry.scene_checker import entity as robot_entity
 from planning.geometry.scene_checker import robot_solids
 from planning.geometry.swept import bound_travel
 from planning.transforms import Array, Indices, Transform
-from scheduling.conflicts.allowed_contacts import ALWAYS, EntityNumbers
+from scheduling.conflicts.allowed_contacts import ALWAYS
 from scheduling.conflicts.object_spans import ObjectSpan, Rest
 from scheduling.conflicts.swept_sequence import LEAF, SweptSequence, swept_sequence
 from scheduling.graph.temporal_plan_graph import NodeChain
@@ -149,7 +149,7 @@ def chain_occupancy(
     cell: Workcell,
     chain: NodeChain,
     spans: Sequence[ObjectSpan],
-    entities: EntityNumbers,
+    entities: Mapping[str, int],
     *,
     leaf: int = LEAF,
 ) -> Occupancy:
@@ -181,7 +181,7 @@ def hold_occupancy(
     chain: NodeChain,
     holds: Indices,
     spans: Sequence[ObjectSpan],
-    entities: EntityNumbers,
+    entities: Mapping[str, int],
 ) -> Occupancy:
     """Return what one robot occupies in some of its holds, one segment each.
 
@@ -210,7 +210,7 @@ def hold_occupancy(
 
 
 def standing_occupancy(
-    cell: Workcell, robot: PlacedRobot, entities: EntityNumbers
+    cell: Workcell, robot: PlacedRobot, entities: Mapping[str, int]
 ) -> Occupancy:
     """Return what a robot without any node occupies: it stands at HOME, in one segment."""
     q = np.array(robot.home[None], dtype=np.float64)
@@ -218,7 +218,9 @@ def standing_occupancy(
     return _assemble(cell, robot, segments, [], entities)
 
 
-def rest_occupancy(cell: Workcell, rest: Rest, entities: EntityNumbers) -> Occupancy:
+def rest_occupancy(
+    cell: Workcell, rest: Rest, entities: Mapping[str, int]
+) -> Occupancy:
     """Return what one object at rest, or in the hand of a robot that stands, occupies."""
     body = cell.object(rest.object).body
     solids = (resting_solid(rest.object, body, rest.pose),)
@@ -263,7 +265,7 @@ def _assemble(
     robot: PlacedRobot,
     segments: _Segments,
     runs: Sequence[_Run],
-    entities: EntityNumbers,
+    entities: Mapping[str, int],
     *,
     leaf: int = LEAF,
 ) -> Occupancy:

@@ -1,4 +1,4 @@
-"""Which nodes may start now: a pure state machine over a temporal plan graph, without a clock."""
+"""State machine over a temporal plan graph that tells which nodes may start; it has no clock."""
 
 from __future__ import annotations
 

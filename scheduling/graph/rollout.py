@@ -1,4 +1,4 @@
-"""When every node starts and ends if all run as early as the graph lets them."""
+"""Earliest and latest times of nodes that all run as early as the graph lets them."""
 
 from __future__ import annotations
 

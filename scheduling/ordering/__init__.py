@@ -1,4 +1,4 @@
 """Orders of tasks: which robot goes first where two would meet.
 
-Imports graph, conflicts and build_tpg.
+Imports graph, conflicts, build_nodes and build_tpg.
 """

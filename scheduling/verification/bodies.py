@@ -1,4 +1,4 @@
-"""What every robot occupies, piece by piece, for the verification.
+"""Occupancies of the robots, piece by piece, for the verification.
 
 A *piece* is a straight joint-space motion of a node, or a robot that stands between two nodes.
 Pieces are dense samples: the middle of the motion, grown by a bound of how far any point gets

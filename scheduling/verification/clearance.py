@@ -1,4 +1,4 @@
-"""Whatever may happen at once keeps its clearance: every pair of pieces, measured with coal."""
+"""Clearances between all pairs of pieces that may happen at once, measured with coal."""
 
 from __future__ import annotations
 

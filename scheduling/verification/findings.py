@@ -1,4 +1,4 @@
-"""What a verification finds, in words."""
+"""Findings of a verification, in words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which pieces may happen at once and come close: candidates for measuring."""
+"""Pairs of pieces that may happen at once and come close: candidates for measuring."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where every object is according to its handlings: in which hand, or at rest between which."""
+"""Histories of objects by their handlings: in which hand, or at rest between which nodes."""
 
 from __future__ import annotations
 

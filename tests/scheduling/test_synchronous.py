@@ -22,7 +22,6 @@ from planning.motion.synchronous import SynchronousPlan, plan_synchronous
 from planning.motion.transit import RrtConnect
 from planning.transforms import Array
 from scheduling.build_tpg import build_tpg
-from scheduling.conflicts.allowed_contacts import GROUPS
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -140,7 +139,9 @@ class TestMovingPair:
             )
             is None
         )
-        groups = [f"{arm}/{group}" for arm in ("arm0", "arm1") for group in GROUPS]
+        groups = [
+            f"{arm}/{group}" for arm in ("arm0", "arm1") for group in ("arm", "tool")
+        ]
         allowed = frozenset(frozenset((x, y)) for x in groups for y in groups)
         pair = MovingPair(cell, "arm0", "arm1", start_state(cell), allowed)
         assert pair.split(*q, 8) is not None
