@@ -17,10 +17,9 @@ from twin.commands.replay import replay
 from twin.commands.resume import resume
 from twin.commands.robots import robots
 from twin.commands.run import run
-from twin.commands.schema import schema
 from twin.commands.sequence import sequence
 from twin.commands.study import study
-from twin.commands.validate import validate
+from twin.commands.validate import schema, validate
 from twin.commands.verify import verify
 from twin.host.guard import FAILED, INTERRUPTED, print_error
 

@@ -3,28 +3,16 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from twin.commands.options import AsJson, Out, Quiet, ScenarioFile, Shortcuts
 from twin.host.guard import COMPLETED, guarded
 
-if TYPE_CHECKING:
-    from twin.scenario.sections.scenario import Scenario
-
-File = Annotated[Path, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
 Seeds = Annotated[
     int,
     typer.Option(min=1, help="How many seeds, counted from the scenario's."),
-]
-Shortcuts = Annotated[
-    int | None,
-    typer.Option(
-        min=0,
-        help="Shortcuts tried on each plan; default: the scenario's.",
-        show_default=False,
-    ),
 ]
 References = Annotated[
     bool,
@@ -34,20 +22,11 @@ References = Annotated[
         " APEX-MR paper, in place of the scenario's durations.",
     ),
 ]
-Out = Annotated[
-    Path | None,
-    typer.Option(
-        help="Folder for the results; default: logs/<scenario>-<UTC time>.",
-        show_default=False,
-    ),
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print compare.json only.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
 
 @guarded
 def compare(
-    scenario: File,
+    scenario: ScenarioFile,
     seeds: Seeds = 4,
     shortcuts: Shortcuts = None,
     reference_skills: References = False,
@@ -65,7 +44,9 @@ def compare(
     from twin.host.kernel_cache import kernels_are_cached
     from twin.host.progress import StageDisplay
     from twin.run.folder import CHART, COMPARISON, run_folder
+    from twin.scenario.build_workcell import build_workcell
     from twin.scenario.file import load_scenario
+    from twin.scenario.manifest import write_manifest
 
     chosen = load_scenario(scenario)
     numbers = range(chosen.seed, chosen.seed + seeds)
@@ -93,7 +74,13 @@ def compare(
             progress=progress,
         )
         figures = comparison_figures(found)
-        _write_about(folder, chosen, scenario.parent, list(numbers), candidates)
+        write_manifest(
+            folder,
+            chosen,
+            build_workcell(chosen, scenario.parent),
+            seeds=list(numbers),
+            shortcut_candidates=candidates,
+        )
         write_json(folder / COMPARISON, figures)
         counted = f"{seeds} seed" + ("s" if seeds > 1 else "")
         heading = f"{chosen.name}: {counted}, {candidates} shortcuts tried"
@@ -107,19 +94,3 @@ def compare(
 
         print_comparison(figures, folder, heading=heading, compiled=compiles)
     return COMPLETED
-
-
-def _write_about(
-    folder: Path, scenario: Scenario, base: Path, seeds: list[int], candidates: int
-) -> None:
-    """Write what is needed to understand and repeat the comparison."""
-    from twin.host.atomic import write_json
-    from twin.run.folder import MANIFEST, manifest
-    from twin.scenario.build_workcell import build_workcell
-    from twin.scenario.sections.scenario import resolved
-
-    cell = build_workcell(scenario, base)
-    about = manifest(resolved(scenario), cell, seed=scenario.seed)
-    write_json(
-        folder / MANIFEST, {**about, "seeds": seeds, "shortcut_candidates": candidates}
-    )

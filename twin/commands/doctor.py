@@ -8,10 +8,10 @@ import platform
 import sys
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
-from typing import Annotated
 
 import typer
 
+from twin.commands.options import AsJson
 from twin.host.guard import COMPLETED, FAILED, guarded
 from twin.host.silence import silenced
 
@@ -37,8 +37,6 @@ PARTS = (
     ("rich", "rich"),
     ("matplotlib", "matplotlib"),
 )
-
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @guarded

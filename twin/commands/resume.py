@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from twin.commands.options import AsJson, Quiet
 from twin.host.guard import COMPLETED, FAILED, guarded
 
 Folder = Annotated[Path, typer.Argument(help="Folder of the run.", metavar="LOGDIR")]
@@ -18,8 +19,6 @@ Base = Annotated[
         metavar="DIR",
     ),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON only.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
 
 @guarded

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated
 
 import typer
 
+from twin.commands.options import AsJson
 from twin.host.guard import guarded
-
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @guarded

@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from planning.errors import ScenarioError
+from twin.commands.options import AsJson, Out, Quiet, ScenarioFile, Seed, Shortcuts
 from twin.host.guard import COMPLETED, FAILED, INTERRUPTED, guarded, print_error
 
 if TYPE_CHECKING:
     from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-    from twin.host.progress import Report
     from twin.scenario.sections.scenario import Scenario
+    from twin.scenario.variations import Variant
 
-File = Annotated[Path, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
-Seed = Annotated[
-    int | None, typer.Option(min=0, help="Seed, in place of the scenario's.")
-]
-Out = Annotated[
-    Path | None,
-    typer.Option(help="Folder for the results; default: logs/<scenario>-<UTC time>."),
-]
 Plan = Annotated[
     Path | None,
     typer.Option(
@@ -42,14 +35,6 @@ Stalls = Annotated[
     int | None,
     typer.Option(
         min=0, help="Random standstills of each robot, in place of the scenario's."
-    ),
-]
-Shortcuts = Annotated[
-    int | None,
-    typer.Option(
-        "--shortcuts",
-        min=0,
-        help="Shortcuts tried on the plan, in place of the scenario's.",
     ),
 ]
 Robots = Annotated[
@@ -78,18 +63,11 @@ Recording = Annotated[
     bool,
     typer.Option("--recording/--no-recording", help="Write run.rrd for the viewer."),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON only.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
-
-_Plan: TypeAlias = (
-    "tuple[TemporalPlanGraph, dict[str, float], TemporalPlanGraph | None]"
-)
-"""A plan, the seconds it took, and what to compare it with where that is another plan."""
 
 
 @guarded
 def run(
-    scenario: File,
+    scenario: ScenarioFile,
     seed: Seed = None,
     out: Out = None,
     plan: Plan = None,
@@ -106,38 +84,39 @@ def run(
     """Plan a scenario, execute it in the twin, check it, and show the figures."""
     from twin.host.kernel_cache import kernels_are_cached
     from twin.host.progress import StageDisplay
-    from twin.run.folder import prepare_run_folder
-    from twin.scenario.file import load_scenario
+    from twin.run.folder import run_folder
 
-    chosen = _changed(load_scenario(scenario), seed, policy, stalls, shortcuts, robots)
-    chosen = _with_settings(chosen, settings or [], scenario.parent)
+    base = scenario.parent
+    given = {"policy": policy, "stalls.count_per_robot": stalls}
+    variant = {key: value for key, value in given.items() if value is not None}
+    variant |= _values(settings or [])
+    chosen = _chosen(scenario, seed, shortcuts, robots, variant)
     silent = quiet or as_json
     with StageDisplay(enabled=not silent) as progress:
-        base = scenario.parent
-        saved = None if plan is None else _saved_plan(plan, chosen, base)
-        existed = out is not None and out.exists()
-        folder = prepare_run_folder(out, chosen.name)
-        compiles = saved is None and not kernels_are_cached()
-        if not silent:
-            _announce(chosen, folder, compiles=compiles)
-        try:
-            tpg, planning_s, turns = saved or _planned(chosen, base, progress)
-        except BaseException:
-            if not existed:
-                _remove_if_empty(folder)
-            raise
-        from twin.trial.trial import Keep, try_plan
+        tpg = None if plan is None else _saved_plan(plan, chosen, base)
+        compiles = tpg is None and not kernels_are_cached()
+        planning_s: Mapping[str, float] = {}
+        turns = None
+        with run_folder(out, chosen.name) as folder:
+            if not silent:
+                _announce(chosen, folder, compiles=compiles)
+            if tpg is None:
+                from twin.planning.pipeline import plan_scenario
 
-        trial = try_plan(
-            chosen,
-            tpg,
-            folder,
-            base=base,
-            planning_s=planning_s,
-            turns=turns,
-            keep=Keep(recording=recording, audit=audit),
-            progress=progress,
-        )
+                planned = plan_scenario(chosen, base, progress)
+                tpg, planning_s, turns = planned.tpg, planned.planning_s, planned.turns
+            from twin.trial.trial import Keep, try_plan
+
+            trial = try_plan(
+                chosen,
+                tpg,
+                folder,
+                base=base,
+                planning_s=planning_s,
+                turns=turns,
+                keep=Keep(recording=recording, audit=audit),
+                progress=progress,
+            )
     if as_json:
         typer.echo(json.dumps({"folder": str(folder), **trial.summary}, indent=2))
     elif not quiet:
@@ -150,78 +129,53 @@ def run(
     return COMPLETED if trial.passed else FAILED
 
 
-def _changed(
-    scenario: Scenario,
-    seed: int | None,
-    policy: str | None,
-    stalls: int | None,
-    shortcuts: int | None,
-    robots: int | None,
-) -> Scenario:
-    """Return the scenario with what the options say in place of what the file says."""
-    from twin.run.run_record import POLICIES
-    from twin.scenario.sections.cell import choose_robots
-    from twin.scenario.sections.scenario import resolved
+def _values(settings: list[str]) -> dict[str, Any]:
+    """Return the keys of the execution section that are set, and their values."""
+    from twin.scenario.variations import parse_variation
 
-    content: dict[str, Any] = resolved(scenario)
-    if robots is not None:
-        choose_robots(content["cell"], robots)
-    execution = content["execution"]
-    if policy is not None and policy not in POLICIES:
-        raise ScenarioError(f"--policy: unknown policy {policy!r}", choices=POLICIES)
-    if seed is not None:
-        content["seed"] = seed
-    if policy is not None:
-        execution["policy"] = policy
-    if stalls is not None:
-        execution["stalls"]["count_per_robot"] = stalls
-    if shortcuts is not None:
-        content["planning"]["shortcut_candidates"] = shortcuts
-    return _checked(content)
-
-
-def _checked(content: dict[str, Any]) -> Scenario:
-    from pydantic import ValidationError
-
-    from twin.scenario.sections.scenario import Scenario
-
-    try:
-        return Scenario.model_validate_json(json.dumps(content))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(entry) for entry in first["loc"])
-        raise ScenarioError(f"{where}: {first['msg']}") from None
-
-
-def _with_settings(scenario: Scenario, settings: list[str], base: Path) -> Scenario:
-    """Return the scenario with some keys of its execution section set."""
-    from twin.scenario.disturbance_models import scenario_disturbances
-    from twin.scenario.sections.scenario import resolved
-    from twin.scenario.variations import parse_variation, varied
-
-    variant: dict[str, Any] = {}
+    found = {}
     for text in settings:
         variation = parse_variation(text)
         if len(variation.values) > 1:
             raise ScenarioError(f"--set {text}: give one value")
-        variant[variation.key] = variation.values[0]
-    if not variant:
-        return scenario
-    chosen = _checked(resolved(varied(scenario, variant)))
+        found[variation.key] = variation.values[0]
+    return found
+
+
+def _chosen(
+    path: Path,
+    seed: int | None,
+    shortcuts: int | None,
+    robots: int | None,
+    variant: Variant,
+) -> Scenario:
+    """Return a scenario with what the options say in place of what the file says."""
+    from twin.run.run_record import POLICIES
+    from twin.scenario.disturbance_models import scenario_disturbances
+    from twin.scenario.file import load_scenario
+    from twin.scenario.sections.cell import choose_robots
+    from twin.scenario.sections.scenario import resolved, restored
+    from twin.scenario.variations import assign_variant
+
+    content = resolved(load_scenario(path))
+    policy = variant.get("policy")
+    if policy is not None and policy not in POLICIES:
+        raise ScenarioError(f"--policy: unknown policy {policy!r}", choices=POLICIES)
+    if robots is not None:
+        choose_robots(content["cell"], robots)
+    if seed is not None:
+        content["seed"] = seed
+    if shortcuts is not None:
+        content["planning"]["shortcut_candidates"] = shortcuts
+    assign_variant(content, variant)
+    chosen = restored(content)
     # Names of robots and files of times are looked at now, not after planning.
     names = tuple(robot.name for robot in chosen.cell.robots)
-    scenario_disturbances(chosen.execution, names, base)
+    scenario_disturbances(chosen.execution, names, path.parent)
     return chosen
 
 
-def _planned(scenario: Scenario, base: Path, progress: Report) -> _Plan:
-    from twin.planning.pipeline import plan_scenario
-
-    planned = plan_scenario(scenario, base, progress)
-    return planned.tpg, dict(planned.planning_s), planned.turns
-
-
-def _saved_plan(folder: Path, scenario: Scenario, base: Path) -> _Plan:
+def _saved_plan(folder: Path, scenario: Scenario, base: Path) -> TemporalPlanGraph:
     from scheduling.graph.plan_files import load_plan
     from twin.scenario.build_workcell import build_workcell
 
@@ -235,13 +189,7 @@ def _saved_plan(folder: Path, scenario: Scenario, base: Path) -> _Plan:
             raise ScenarioError(
                 f"the plan in {folder} is for other {what} than scenario {scenario.name!r}"
             )
-    return tpg, {}, None
-
-
-def _remove_if_empty(folder: Path) -> None:
-    """Leave no empty folder behind when planning fails."""
-    with contextlib.suppress(OSError):
-        folder.rmdir()
+    return tpg
 
 
 def _announce(scenario: Scenario, folder: Path, *, compiles: bool) -> None:

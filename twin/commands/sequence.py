@@ -9,24 +9,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from planning.errors import InfeasibleStepError, OutputError, ScenarioError
+from twin.commands.options import AsJson, ScenarioFile
 from twin.host.guard import COMPLETED, guarded
 
 if TYPE_CHECKING:
     from planning.lego.bricks.assembly import Press, Support
     from planning.lego.sequencing.sequencing import SequencedStep, SequencedStructure
 
-File = Annotated[Path, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
 Output = Annotated[
     Path | None,
     typer.Option(
         "--output", "-o", help="Write the scenario with these steps to a file."
     ),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @guarded
-def sequence(scenario: File, output: Output = None, as_json: AsJson = False) -> int:
+def sequence(
+    scenario: ScenarioFile, output: Output = None, as_json: AsJson = False
+) -> int:
     """Find the sequence of a LEGO assembly from its finished structure.
 
     Where the scenario gives steps, only what they build counts, not their order. Whether robots

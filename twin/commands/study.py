@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from planning.errors import RequestError
+from twin.commands.options import AsJson, Out, Quiet, Seed, Shortcuts
 from twin.host.guard import COMPLETED, guarded
 
 if TYPE_CHECKING:
@@ -91,18 +92,6 @@ Audited = Annotated[
         help="Open-loop replications that PyBullet checks for collisions.",
     ),
 ]
-Shortcuts = Annotated[
-    int | None,
-    typer.Option(
-        min=0,
-        help="Shortcuts tried, where a policy takes them; default: as twin compare.",
-        show_default=False,
-    ),
-]
-Seed = Annotated[
-    int | None,
-    typer.Option(min=0, help="Seed, in place of the scenario's.", show_default=False),
-]
 Workers = Annotated[
     int | None,
     typer.Option(
@@ -124,15 +113,6 @@ Resume = Annotated[
         metavar="DIR", help="Go on with the study in this folder.", show_default=False
     ),
 ]
-Out = Annotated[
-    Path | None,
-    typer.Option(
-        help="Folder for the results; default: logs/<scenario>-<UTC time>.",
-        show_default=False,
-    ),
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print summary.json only.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
 
 @guarded
@@ -234,7 +214,8 @@ def _start(
     executor: Callable[[], AbstractContextManager[Executor]],
     progress: Report,
 ) -> StudyResult:
-    from twin.run.folder import MANIFEST, run_folder
+    from twin.run.folder import run_folder
+    from twin.scenario.manifest import MANIFEST
     from twin.study.folder import same_study
     from twin.study.study import start_study
 

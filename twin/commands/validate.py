@@ -1,4 +1,4 @@
-"""``twin validate``: check scenario files."""
+"""``twin validate`` and ``twin schema``: check scenario files, and say what they may hold."""
 
 from __future__ import annotations
 
@@ -42,3 +42,11 @@ def validate(files: Files, resolved: Resolved = False) -> int:
                 f"{assembly.supply()})"
             )
     return code
+
+
+@guarded
+def schema() -> None:
+    """Print the JSON schema of scenario files, for editors."""
+    from twin.scenario.file import scenario_schema
+
+    typer.echo(json.dumps(scenario_schema(), indent=2))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from twin.commands.options import AsJson, Quiet
 from twin.host.guard import COMPLETED, FAILED, guarded
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ Folder = Annotated[
     Path,
     typer.Argument(help="Folder with plan.json and plan.npz, a run's.", metavar="PLAN"),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Adversary = Annotated[
     bool,
     typer.Option(
@@ -28,7 +28,6 @@ Adversary = Annotated[
         help="Also stop each robot wherever another waits for it, and audit what stands.",
     ),
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing.")]
 
 
 @guarded

@@ -13,7 +13,8 @@ import numpy as np
 from planning.errors import OutputError
 from twin.run.event_log import EventLogError, parse_event, read_log
 from twin.run.events import Event
-from twin.run.folder import EVENTS, MANIFEST, OBJECTS, SUMMARY, TRAJECTORY
+from twin.run.folder import EVENTS, OBJECTS, SUMMARY, TRAJECTORY
+from twin.scenario.manifest import MANIFEST
 
 if TYPE_CHECKING:
     import pyarrow as pa

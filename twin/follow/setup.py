@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import ValidationError
-
-from planning.errors import OutputError, ScenarioError
+from planning.errors import ScenarioError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import packaged_timings
 from twin.engine.messages import Messages
 from twin.follow.forecast import Forecaster
-from twin.run.folder import MANIFEST
 from twin.run.run_record import Policy
 from twin.scenario.disturbance_models import scenario_disturbances
 from twin.scenario.duration_models import skill_durations
 from twin.scenario.file import load_scenario
-from twin.scenario.sections.scenario import Scenario
+from twin.scenario.manifest import MANIFEST, read_manifest
 from twin.trial.simulation import scenario_messages
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.skill_durations import SkillDurations
@@ -74,7 +70,8 @@ def followed_settings(
     if scenario is not None:
         found, base = load_scenario(scenario), scenario.parent
     elif (folder / MANIFEST).exists():
-        found, base = _of_manifest(folder / MANIFEST)
+        found, content = read_manifest(folder, "run to follow")
+        base = Path(content.get("run", {}).get("base", "."))
     else:
         durations = SkillDurations(packaged_timings())
         return FollowedSettings(
@@ -95,14 +92,3 @@ def followed_settings(
         skill_durations(found, base),
         scenario_disturbances(found.execution, names, base),
     )
-
-
-def _of_manifest(path: Path) -> tuple[Scenario, Path]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        base = Path(content.get("run", {}).get("base", "."))
-        return Scenario.model_validate_json(json.dumps(content["scenario"])), base
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, KeyError) as error:
-        raise OutputError(f"{path}: damaged: {error!r}") from error
-    except ValidationError as error:
-        raise OutputError(f"{path}: the scenario is no longer valid: {error}") from None

@@ -2,47 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import IO, Any
 
 from planning.errors import OutputError
-from twin.durations import NANOSECONDS
+from twin.run.event_log import event_line, hold
 from twin.run.events import Event
-
-
-def event_line(event: Event) -> str:
-    """Return an event as one line of JSON with keys in fixed order.
-
-    ``t_s`` is written in full, nine decimals: the exact time in seconds.
-    """
-    seconds, rest = divmod(event.t_ns, NANOSECONDS)
-    return (
-        f'{{"t_s": {seconds}.{rest:09d}, "robot": {json.dumps(event.robot)}, '
-        f'"kind": "{event.kind}", "task": {event.task}, "node": {event.node}, '
-        f'"object": {json.dumps(event.object)}, "detail": {json.dumps(event.detail)}}}\n'
-    )
-
-
-def hold(file: IO[Any], path: Path) -> None:
-    """Keep other processes from writing a log while this one does, until it is closed.
-
-    Where a file system or an operating system knows no locks nothing is done.
-
-    Raises:
-        OutputError: another process holds it.
-    """
-    try:
-        import fcntl
-    except ImportError:
-        return
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        file.close()
-        raise OutputError(f"{path}: a running process writes this log") from error
-    except OSError:
-        return
 
 
 class JsonlRecorder:

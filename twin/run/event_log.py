@@ -1,4 +1,4 @@
-"""Reads the event log ``events.jsonl`` back; the last line may be torn."""
+"""The event log ``events.jsonl``: its lines, written and read; the last one may be torn."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import get_args
+from typing import IO, Any, get_args
 
 from planning.errors import OutputError, TwinError
 from twin.durations import NANOSECONDS
@@ -32,6 +32,40 @@ class LogLines:
     lines: tuple[str, ...]
     size: int
     torn: bytes
+
+
+def event_line(event: Event) -> str:
+    """Return an event as one line of JSON with keys in fixed order.
+
+    ``t_s`` is written in full, nine decimals: the exact time in seconds.
+    """
+    seconds, rest = divmod(event.t_ns, NANOSECONDS)
+    return (
+        f'{{"t_s": {seconds}.{rest:09d}, "robot": {json.dumps(event.robot)}, '
+        f'"kind": "{event.kind}", "task": {event.task}, "node": {event.node}, '
+        f'"object": {json.dumps(event.object)}, "detail": {json.dumps(event.detail)}}}\n'
+    )
+
+
+def hold(file: IO[Any], path: Path) -> None:
+    """Keep other processes from writing a log while this one does, until it is closed.
+
+    Where a file system or an operating system knows no locks nothing is done.
+
+    Raises:
+        OutputError: another process holds it.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        file.close()
+        raise OutputError(f"{path}: a running process writes this log") from error
+    except OSError:
+        return
 
 
 def read_log(path: Path) -> LogLines:

@@ -8,10 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pydantic import ValidationError
-
 from planning.errors import ScenarioError
-from twin.scenario.sections.scenario import ExecutionSection, Scenario, resolved
+from twin.scenario.sections.scenario import Scenario, resolved, restored
 
 Variant = Mapping[str, Any]
 """A value for each key that is varied."""
@@ -74,19 +72,22 @@ def varied(scenario: Scenario, variant: Variant) -> Scenario:
     """
     if not variant:
         return scenario
-    execution = resolved(scenario)["execution"]
-    for key, value in variant.items():
-        _assign(execution, key, value)
+    content = resolved(scenario)
+    assign_variant(content, variant)
     try:
-        # As JSON: sections are strict, and a list is a tuple only there.
-        section = ExecutionSection.model_validate_json(json.dumps(execution))
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise ScenarioError(
-            f"cannot vary {', '.join(variant)}: execution.{place}: {first['msg']}"
-        ) from error
-    return scenario.model_copy(update={"execution": section})
+        return restored(content)
+    except ScenarioError as error:
+        raise ScenarioError(f"cannot vary {', '.join(variant)}: {error}") from None
+
+
+def assign_variant(content: dict[str, Any], variant: Variant) -> None:
+    """Write the values of a variant into the execution section of a resolved scenario.
+
+    Raises:
+        ScenarioError: there is no such key; the message names those there are.
+    """
+    for key, value in variant.items():
+        _assign(content["execution"], key, value)
 
 
 def _assign(tree: dict[str, Any], key: str, value: Any) -> None:

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from planning.cell.workcell import Workcell
 from planning.errors import OutputError, RequestError
-from twin.host.atomic import write_json
-from twin.run.folder import MANIFEST, manifest
-from twin.scenario.sections.scenario import Scenario, fingerprint, resolved
+from twin.scenario.manifest import MANIFEST, read_manifest, write_manifest
+from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.experiment import Experiment
-from twin.study.replications.statistics import Precision
 
 PLANS, BLOCKS, AUDITS = "plans", "blocks", "audits"
 REPLICATIONS, TASKS, EDGES = (
@@ -49,16 +45,14 @@ class StudyRequest:
 
 def write_request(folder: Path, request: StudyRequest, cell: Workcell) -> None:
     """Write ``manifest.json``: what is needed to understand, go on with and repeat the study."""
-    about = manifest(resolved(request.scenario), cell, seed=request.scenario.seed)
-    experiment = asdict(request.experiment)
     study = {
         "base": str(request.base.resolve()),
-        "experiment": experiment,
+        "experiment": asdict(request.experiment),
         "shortcut_candidates": request.candidates,
         "deadline_s": request.deadline_s,
         "sobol_points": request.sobol_points,
     }
-    write_json(folder / MANIFEST, {**about, "study": study})
+    write_manifest(folder, request.scenario, cell, study=study)
 
 
 def read_request(folder: Path) -> StudyRequest:
@@ -67,21 +61,19 @@ def read_request(folder: Path) -> StudyRequest:
     Raises:
         OutputError: the folder is not one of a study, or its manifest is damaged.
     """
-    path = folder / MANIFEST
+    scenario, manifest = read_manifest(folder, "study")
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-        study = document["study"]
+        study = manifest["study"]
         return StudyRequest(
-            Scenario.model_validate_json(json.dumps(document["scenario"])),
+            scenario,
             Path(study["base"]),
-            _experiment(study["experiment"]),
+            TypeAdapter(Experiment).validate_python(study["experiment"]),
             int(study["shortcut_candidates"]),
             study["deadline_s"],
             int(study["sobol_points"]),
         )
-    except FileNotFoundError as error:
-        raise OutputError(f"{folder}: is no folder of a study: {error}") from error
-    except (OSError, ValueError, KeyError, TypeError, ValidationError) as error:
+    except (ValueError, KeyError, TypeError, ValidationError) as error:
+        path = folder / MANIFEST
         raise OutputError(f"{path}: is no manifest of a study: {error}") from error
 
 
@@ -93,20 +85,9 @@ def same_study(folder: Path, scenario: Scenario) -> None:
         OutputError: it holds none.
     """
     there = read_request(folder).scenario
-    if fingerprint(there) != fingerprint(scenario):
+    if there != scenario:
         raise RequestError(
             f"{folder} holds a study of scenario {there.name!r} as it was then, not of this"
             f" {scenario.name!r}; give another folder, or leave the scenario away to go on"
             " with that one"
         )
-
-
-def _experiment(values: dict[str, Any]) -> Experiment:
-    return Experiment(
-        policies=tuple(values["policies"]),
-        variants=tuple(values["variants"]),
-        replications=values["replications"],
-        precision=Precision(**values["precision"]),
-        antithetic=values["antithetic"],
-        audited=values["audited"],
-    )

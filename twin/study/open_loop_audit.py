@@ -11,9 +11,9 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.atomic import write_json
 from twin.host.silence import silenced
 from twin.recorders.motion_tables import objects_table, trajectory_table, write_table
-from twin.run.folder import OBJECTS, TRAJECTORY, write_manifest
+from twin.run.folder import OBJECTS, TRAJECTORY
 from twin.run.trajectory import object_placements, robot_trajectories
-from twin.scenario.sections.scenario import Scenario, resolved
+from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import Variant
 from twin.study.plans import scenario_workload
 from twin.study.replications.workload import Engines
@@ -72,7 +72,6 @@ def audit_open_loop(
             continue
         if not replay.exists():
             replay.mkdir()
-            write_manifest(replay, resolved(scenario), tpg.cell, seed=load.seed)
             save_plan(tpg, replay)
         write_table(replay / TRAJECTORY, trajectory_table(robot_trajectories(tpg, run)))
         write_table(replay / OBJECTS, objects_table(object_placements(tpg, run)))

@@ -7,22 +7,17 @@ writing what the log does not hold yet. The files are those of a run that was ne
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-from pydantic import ValidationError
 
 from planning.errors import OutputError, TwinError
 from scheduling.graph.plan_files import load_plan
 from twin.host.progress import Report, report_nothing
-from twin.recorders.jsonl import event_line, hold
 from twin.recorders.memory import MemoryRecorder
-from twin.run.event_log import LogLines, parse_event, read_log
+from twin.run.event_log import LogLines, event_line, hold, parse_event, read_log
 from twin.run.events import Event
-from twin.run.folder import EVENTS, MANIFEST, SUMMARY, scenario_sha256
-from twin.scenario.sections.scenario import Scenario
+from twin.run.folder import EVENTS, SUMMARY
+from twin.scenario.manifest import read_manifest
 from twin.trial.trial import SIMULATION, Preparation, Trial, conclude, execute
 
 
@@ -59,7 +54,11 @@ def resume_run(
         OutputError: the folder holds no run, or a file is damaged or cannot be written.
         ResumeError: an event is not what the log says, as after an update of a package.
     """
-    scenario, about = _read_manifest(folder)
+    scenario, manifest = read_manifest(folder, "run to resume")
+    try:
+        about = Preparation(**manifest["run"])
+    except (KeyError, TypeError) as error:
+        raise OutputError(f"{folder}: does not say how to resume: {error}") from error
     log = read_log(folder / EVENTS) if (folder / EVENTS).exists() else _NO_LOG
     known = _before_interrupt(log)
     if _ended(folder) and len(known.lines) == len(log.lines):
@@ -85,25 +84,6 @@ def resume_run(
 
 
 _NO_LOG = LogLines((), 0, b"")
-
-
-def _read_manifest(folder: Path) -> tuple[Scenario, Preparation]:
-    path = folder / MANIFEST
-    try:
-        content: Any = json.loads(path.read_text(encoding="utf-8"))
-        scenario, about = content["scenario"], content["run"]
-        digest = content["scenario_sha256"]
-        preparation = Preparation(**about)
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise OutputError(f"{path}: no run to resume: {error}") from error
-    except (KeyError, TypeError) as error:
-        raise OutputError(f"{path}: does not say how to resume: {error}") from error
-    if scenario_sha256(scenario) != digest:
-        raise OutputError(f"{path}: the scenario is not the one of scenario_sha256")
-    try:
-        return Scenario.model_validate_json(json.dumps(scenario)), preparation
-    except ValidationError as error:
-        raise OutputError(f"{path}: the scenario is no longer valid: {error}") from None
 
 
 def _ended(folder: Path) -> bool:

@@ -24,13 +24,13 @@ from twin.run.folder import (
     RECORDING,
     SUMMARY,
     TRAJECTORY,
-    write_manifest,
 )
 from twin.run.gantt import draw_gantt
 from twin.run.run_record import DeadlockError, Policy, Run
 from twin.run.summary import summarise, write_summary
 from twin.run.trajectory import object_placements, robot_trajectories
-from twin.scenario.sections.scenario import Scenario, resolved
+from twin.scenario.manifest import write_manifest
+from twin.scenario.sections.scenario import Scenario
 from twin.trial.simulation import scenario_simulator
 
 SIMULATION, RECORDS, AUDIT = "simulation", "recording", "audit"
@@ -125,8 +125,7 @@ def try_plan(
         planning_s=dict(planning_s or {}),
         makespan_sequential_s=_sequential_s(scenario, turns or tpg, base),
     )
-    content = resolved(scenario)
-    write_manifest(folder, content, tpg.cell, seed=scenario.seed, run=asdict(about))
+    write_manifest(folder, scenario, tpg.cell, run=asdict(about))
     save_plan(tpg, folder)
     progress(SIMULATION, 0, 1)
     memory = MemoryRecorder()

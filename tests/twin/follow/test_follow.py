@@ -32,9 +32,8 @@ from twin.follow.forecast import Forecaster
 from twin.follow.lines import JsonLines, PlainLines
 from twin.follow.source import growing_file, piped
 from twin.follow.state import FollowedRun
-from twin.recorders.jsonl import event_line
 from twin.recorders.memory import MemoryRecorder
-from twin.run.event_log import EventLogError
+from twin.run.event_log import EventLogError, event_line
 from twin.scenario.build_workcell import build_workcell
 from twin.scenario.file import load_scenario
 from twin.uncertainty.skill_durations import SkillDurations

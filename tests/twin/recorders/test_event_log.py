@@ -14,8 +14,9 @@ from planning.errors import OutputError
 from tests.twin.drawn_runs import VARIED
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
-from twin.recorders.jsonl import JsonlRecorder, event_line
+from twin.recorders.jsonl import JsonlRecorder
 from twin.recorders.memory import MemoryRecorder
+from twin.run.event_log import event_line
 from twin.run.events import Event
 from twin.uncertainty.disturbances import Disturbances, Stalls
 

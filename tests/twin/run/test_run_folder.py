@@ -7,14 +7,8 @@ from pathlib import Path
 import pytest
 
 from planning.errors import OutputError
-from tests.twin.twin_toys import toy_cell
 from twin.host.atomic import replacing, write_json
-from twin.run.folder import (
-    MANIFEST,
-    prepare_run_folder,
-    scenario_sha256,
-    write_manifest,
-)
+from twin.run.folder import prepare_run_folder
 from twin.run.replay import replay_run
 from twin.run.viewer import ViewerError
 
@@ -45,37 +39,6 @@ def test_a_place_that_cannot_be_written_is_an_error_at_once(tmp_path: Path) -> N
         prepare_run_folder(blocked / "run", "cliff")
     with pytest.raises(OutputError, match="file"):
         prepare_run_folder(blocked, "cliff")
-
-
-def test_the_manifest_says_what_is_needed_to_repeat_a_run(tmp_path: Path) -> None:
-    scenario = {"name": "cliff", "seed": 3}
-    write_manifest(tmp_path, scenario, toy_cell((2, 3)), seed=3)
-    manifest = json.loads((tmp_path / MANIFEST).read_text())
-    assert set(manifest) == {
-        "scenario",
-        "scenario_sha256",
-        "seed",
-        "versions",
-        "robots",
-    }
-    assert manifest["scenario_sha256"] == scenario_sha256({"seed": 3, "name": "cliff"})
-    assert manifest["versions"]["numpy"]
-    assert manifest["robots"][1] == {
-        "name": "robot_1",
-        "model": "toy",
-        "urdf": "toy.urdf",
-        "base": {"xyz": [1.0, 0.0, 0.0], "quat_wxyz": [1.0, 0.0, 0.0, 0.0]},
-        "joints": ["joint_0", "joint_1", "joint_2"],
-        "tool": {
-            "last_joint_T_flange": {
-                "xyz": [0.1, 0.0, 0.0],
-                "quat_wxyz": [1.0, 0.0, 0.0, 0.0],
-            },
-            "flange_T_frame": {
-                "tool": {"xyz": [0.0, 0.0, 0.05], "quat_wxyz": [1.0, 0.0, 0.0, 0.0]}
-            },
-        },
-    }
 
 
 def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:

@@ -186,13 +186,13 @@ def test_folders_without_a_run_are_refused(whole: Path, tmp_path: Path) -> None:
         resume_run(tmp_path)
     out = cut(whole, tmp_path / "run", 0)
     content = json.loads((out / "manifest.json").read_text())
-    content["scenario"]["seed"] = 5
-    (out / "manifest.json").write_text(json.dumps(content))
-    with pytest.raises(OutputError, match="scenario_sha256"):
-        resume_run(out)
     del content["run"]
     (out / "manifest.json").write_text(json.dumps(content))
     with pytest.raises(OutputError, match="does not say how to resume: 'run'"):
+        resume_run(out)
+    content["scenario"]["seed"] = 5
+    (out / "manifest.json").write_text(json.dumps(content))
+    with pytest.raises(OutputError, match="scenario_sha256"):
         resume_run(out)
     assert invoke("resume", out).exit_code == 2
 

@@ -7,10 +7,13 @@ in its key.
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from planning.errors import ScenarioError
 from twin.scenario.document.section import Name, Section
 from twin.scenario.sections.cell import CellSection as CellSection
 from twin.scenario.sections.cell import FixtureSection as FixtureSection
@@ -91,8 +94,17 @@ def resolved(scenario: Scenario) -> dict[str, Any]:
     return scenario.model_dump(mode="json", by_alias=True)
 
 
-def fingerprint(scenario: Scenario) -> str:
-    """Return the SHA-256 of the resolved scenario; equal scenarios have equal ones."""
-    from twin.run.folder import scenario_sha256
+def restored(content: Mapping[str, Any]) -> Scenario:
+    """Return the scenario whose resolved content is given.
 
-    return scenario_sha256(resolved(scenario))
+    Raises:
+        ScenarioError: it is not valid; says the first place where it is not, and why.
+    """
+    try:
+        # As JSON: sections are strict, and a list is a tuple only there.
+        return Scenario.model_validate_json(json.dumps(content))
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        text = f"{place}: {first['msg']}" if place else str(first["msg"])
+        raise ScenarioError(text) from None

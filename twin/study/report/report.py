@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from planning.transforms import Array
 from twin.host.atomic import replacing
 from twin.host.progress import Report
-from twin.run.folder import versions
+from twin.scenario.manifest import versions
 from twin.study.folder import BLOCKS, PLANS, REPORT
 from twin.study.plans import load_plans, workloads
 from twin.study.replications.experiment import PLAN_OF_POLICY

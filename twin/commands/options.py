@@ -1,0 +1,27 @@
+"""Arguments and options that several commands have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+ScenarioFile = Annotated[
+    Path, typer.Argument(help="Scenario file.", metavar="SCENARIO")
+]
+Seed = Annotated[
+    int | None, typer.Option(min=0, help="Seed, in place of the scenario's.")
+]
+Shortcuts = Annotated[
+    int | None,
+    typer.Option(
+        min=0, help="Shortcuts tried on each plan, in place of the scenario's."
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(help="Folder for the results; default: logs/<scenario>-<UTC time>."),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
