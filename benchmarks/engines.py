@@ -163,21 +163,19 @@ def _study_in_this_process(graph: Path, count: int) -> float:
     """Run a study of one cell and return the peak memory of this process [MiB]."""
     import tempfile
 
+    from twin.engine.execution_model import ExecutionModel
     from twin.scenario.duration_models import skill_models
     from twin.study.replications.executors import open_executor
     from twin.study.replications.experiment import Experiment
     from twin.study.replications.runner import run_replications
     from twin.study.replications.workload import Workload
     from twin.study.tables import write_replications
-    from twin.uncertainty.disturbances import Disturbances
 
     path = ROOT / "scenarios" / "lego" / "cliff.yaml"
     models = skill_models(load_scenario(path), path.parent)
     load = Workload(
         load_timing_graph(graph),
-        "asynchronous",
-        SkillDurations(models),
-        Disturbances(),
+        ExecutionModel(SkillDurations(models)),
         seed=0,
     )
     experiment = Experiment(("asynchronous",), replications=count)

@@ -7,24 +7,25 @@ their URDF files, boxes from their sizes, motion from the tables that the run wr
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
 from planning.transforms import Transform
+from scheduling.graph.plan_files import load_plan
 from twin.audit.accepted_overlaps import ContactRule
 from twin.audit.bullet_world import AuditWorld, homogeneous, overlapping_at_home
 from twin.audit.cell_description import AuditScene, scene_of
 from twin.audit.executed import Recording, read_recording
 from twin.audit.pairs import gaps
 from twin.audit.sampling import Stretch, stretches
+from twin.host.progress import Report, report_nothing
 
 JUMP = 0.001
 """An object may move this far when it changes hands [m]."""
 
-Progress = Callable[[float, float], None]
-"""Called with the time audited so far and the time to audit [s]."""
+AUDIT = "audit"
+"""Name of the stage for progress displays."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class AuditReport:
     violations: tuple[Violation, ...]
 
 
-def audit_run(folder: Path, progress: Progress | None = None) -> AuditReport:
+def audit_run(folder: Path, progress: Report = report_nothing) -> AuditReport:
     """Audit a run that was written to a folder.
 
     Args:
@@ -73,8 +74,6 @@ def audit_run(folder: Path, progress: Progress | None = None) -> AuditReport:
     Raises:
         OutputError: a file is missing or does not fit the others.
     """
-    from scheduling.graph.plan_files import load_plan
-
     scene = scene_of(load_plan(folder))
     with Auditor(scene) as auditor:
         return auditor.audit(read_recording(folder, scene), progress)
@@ -106,7 +105,7 @@ class Auditor:
         self._world.close()
 
     def audit(
-        self, recording: Recording, progress: Progress | None = None
+        self, recording: Recording, progress: Report = report_nothing
     ) -> AuditReport:
         """Audit an execution.
 
@@ -121,8 +120,7 @@ class Auditor:
         watch = _Watch(self._world, rule, self._exempt)
         for stretch in stretches(self._world, recording):
             watch.look(stretch)
-            if progress is not None:
-                progress(float(stretch.t[-1]), recording.end)
+            progress(AUDIT, float(stretch.t[-1]), recording.end)
         return watch.report()
 
 

@@ -2,32 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from twin.host.silence import silenced
 
-
-@contextmanager
-def _silent_errors() -> Iterator[None]:
-    """Send what C code writes to standard error nowhere."""
-    sys.stderr.flush()
-    try:
-        kept = os.dup(2)
-    except OSError:  # standard error is closed: there is nothing to silence
-        yield
-        return
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
-
-
-with _silent_errors():
+with silenced():
     import pybullet
 
 __all__ = ["pybullet"]

@@ -78,22 +78,21 @@ def follow(
 
     from scheduling.graph.plan_files import load_plan
     from twin.follow.follow import follow as follow_run
-    from twin.follow.setup import followed_settings
+    from twin.follow.forecast import Forecaster
+    from twin.follow.setup import followed_execution
     from twin.follow.state import FollowedRun
 
     tpg = load_plan(plan)
-    settings = followed_settings(plan, tpg, scenario)
-    run = FollowedRun(tpg, settings.policy)
-    forecaster = settings.forecaster(samples)
+    name, model = followed_execution(plan, tpg, scenario)
+    run = FollowedRun(tpg, model.policy)
+    forecaster = Forecaster(tpg, model, samples=samples)
     with ExitStack() as stack:
-        onlookers = [_shown(run, settings.name, as_json=as_json)]
+        onlookers = [_shown(run, name, as_json=as_json)]
         if recording is not None or view:
             from twin.follow.recording import LiveRecording
 
             onlookers.append(
-                stack.enter_context(
-                    LiveRecording(tpg, recording, name=settings.name, view=view)
-                )
+                stack.enter_context(LiveRecording(tpg, recording, name=name, view=view))
             )
         follow_run(
             _lines(events, wait=not once), run, forecaster, onlookers, every_s=every

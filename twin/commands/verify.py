@@ -54,9 +54,7 @@ def verify(
         )
         standing = None
         if adversary:
-            standing = audit_standing_states(
-                tpg, lambda done, total: display("robots that stop", done, total)
-            )
+            standing = audit_standing_states(tpg, display)
     ok = report.ok and not (standing and standing.violations)
     if as_json:
         typer.echo(json.dumps(_content(report, standing), indent=2))

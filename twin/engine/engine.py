@@ -17,6 +17,7 @@ from scheduling.graph.barriers import with_barriers
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds
+from twin.engine.execution_model import ExecutionModel
 from twin.engine.messages import Messages
 from twin.engine.narrator import failure_text
 from twin.engine.open_loop import open_loop_starts, planned_starts
@@ -87,6 +88,17 @@ class Simulator:
         elif self.messages.instant:
             self._contraction = contract(tpg)
             self._contracted_dispatcher = Dispatcher(self._contraction.tpg)
+
+    @classmethod
+    def of_model(cls, tpg: TemporalPlanGraph, model: ExecutionModel) -> Simulator:
+        """Return what executes a TPG as a model says."""
+        return cls(
+            tpg,
+            model.durations,
+            policy=model.policy,
+            messages=model.messages,
+            disturbances=model.disturbances,
+        )
 
     def run(
         self, *, seed: int, replication: int = 0, recorders: Sequence[Recorder] = ()

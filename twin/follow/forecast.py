@@ -6,7 +6,7 @@ taken already. The rest is drawn as for any run. Everything then follows from th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,14 +23,12 @@ from twin.durations import (
 )
 from twin.engine.bulk.message_times import Past, end_times
 from twin.engine.bulk.policy_graph import policy_graph
+from twin.engine.execution_model import ExecutionModel
 from twin.engine.messages import Messages
 from twin.follow.conditional import longer_than
 from twin.follow.state import FollowedRun, RobotProgress
-from twin.run.run_record import Policy
-from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.draws import stable_hash, uniforms
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, Standstill
-from twin.uncertainty.skill_durations import SkillDurations
 
 SAMPLES = 200
 """Futures that are drawn; fewer where a plan is so large that they would not fit."""
@@ -79,11 +77,8 @@ class Forecaster:
     def __init__(
         self,
         tpg: TemporalPlanGraph,
-        durations: SkillDurations,
+        model: ExecutionModel,
         *,
-        policy: Policy = "asynchronous",
-        messages: Messages | None = None,
-        disturbances: Disturbances | None = None,
         samples: int = SAMPLES,
         seed: int | None = None,
     ) -> None:
@@ -91,28 +86,24 @@ class Forecaster:
 
         Args:
             tpg: what is executed.
-            durations: gives skills their durations.
-            policy: how nodes are released.
-            messages: between robots and dispatcher.
-            disturbances: what may go wrong.
+            model: how it is executed, and what varies.
             samples: futures to draw.
             seed: names the draws; by default one that no run has by accident.
         """
         self._tpg = tpg
-        self._graph = policy_graph(tpg, policy)
-        messages = messages or Messages()
-        if policy == "open-loop":
-            messages = Messages()
-        elif policy == "sequential":
-            messages = Messages(1, messages.report_ns, messages.release_ns)
-        self._messages = messages
-        self._durations = durations
-        self._disturbances = disturbances or Disturbances()
+        self._graph = policy_graph(tpg, model.policy)
+        self._messages = model.messages
+        if model.policy == "open-loop":
+            self._messages = Messages()
+        elif model.policy == "sequential":
+            self._messages = replace(model.messages, queue_depth=1)
+        self._durations = model.durations
+        self._disturbances = model.disturbances
         self._seed = stable_hash("forecast") >> 2 if seed is None else seed
         nodes = len(self._graph.order)
         fits = max(_FEWEST, _MOST_VALUES // max(nodes, 1))
         self._samples = max(1, min(samples, fits))
-        sampler = NodeTimeSampler(tpg, durations, self._disturbances)
+        sampler = NodeTimeSampler(tpg, model.durations, model.disturbances)
         self._futures = [
             sampler.sample(seed=self._seed, replication=r) for r in range(self._samples)
         ]

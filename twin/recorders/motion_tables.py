@@ -10,9 +10,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from planning.transforms import quat_wxyz
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.host.atomic import replacing
-from twin.run.trajectory import Placement, Trajectory
+from twin.run.folder import OBJECTS, TRAJECTORY
+from twin.run.run_record import Run
+from twin.run.trajectory import (
+    Placement,
+    Trajectory,
+    object_placements,
+    robot_trajectories,
+)
 
 WORLD = "world"
 FLANGE = "flange"
@@ -71,6 +79,16 @@ def objects_table(placements: Sequence[Placement]) -> pa.Table:
             ),
         }
     )
+
+
+def write_motion(folder: Path, tpg: TemporalPlanGraph, run: Run) -> None:
+    """Write both tables of a run into its folder.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    write_table(folder / TRAJECTORY, trajectory_table(robot_trajectories(tpg, run)))
+    write_table(folder / OBJECTS, objects_table(object_placements(tpg, run)))
 
 
 def write_table(path: Path, table: pa.Table) -> None:

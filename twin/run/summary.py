@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
 from twin.durations import NANOSECONDS
-from twin.host.atomic import write_json
 from twin.run.run_record import Run
 
 
@@ -77,8 +75,3 @@ def lower_bound_s(tpg: TemporalPlanGraph, run: Run) -> float:
     busy = [d + s for d, s in zip(run.duration_ns, run.stall_ns, strict=True)]
     ends = [e[-1] for e in earliest_times(free, busy).end if len(e)]
     return float(np.max(ends, initial=0)) / NANOSECONDS
-
-
-def write_summary(path: Path, summary: Mapping[str, Any]) -> None:
-    """Write the figures of a run as JSON."""
-    write_json(path, dict(summary))

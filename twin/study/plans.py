@@ -10,17 +10,13 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import Report
 from twin.host.stage_watch import StageWatch
 from twin.planning.pipeline import order_motions, plan_in_slots, plan_motions, shorten
-from twin.scenario.disturbance_models import (
-    needs_event_engine,
-    scenario_disturbances,
-)
-from twin.scenario.duration_models import skill_durations
+from twin.scenario.disturbance_models import needs_event_engine
 from twin.scenario.sections.scenario import Scenario
-from twin.scenario.variations import Variant, varied
+from twin.scenario.variations import varied
 from twin.study.replications.experiment import PLAN_OF_POLICY, Experiment
 from twin.study.replications.timing_graph import timing_graph
 from twin.study.replications.workload import Workload
-from twin.trial.simulation import scenario_messages
+from twin.trial.simulation import scenario_execution
 
 TURNS, SLOTS, SHORTENED = "turns", "slots", "shortened"
 
@@ -89,50 +85,13 @@ def workloads(
         ScenarioError: a varied input does not fit the scenario.
     """
     graphs = {name: timing_graph(plan) for name, plan in plans.items()}
-    return [
-        scenario_workload(
-            scenario,
-            base,
-            graphs[PLAN_OF_POLICY[policy][0]],
-            policy,
-            variant,
-            antithetic=experiment.antithetic,
+    loads = []
+    for policy, variant in experiment.cells:
+        own = varied(scenario, variant)
+        plan, release = PLAN_OF_POLICY[policy]
+        model = scenario_execution(
+            own, base, policy=release, antithetic=experiment.antithetic
         )
-        for policy, variant in experiment.cells
-    ]
-
-
-def scenario_workload(
-    scenario: Scenario,
-    base: Path,
-    tpg: TemporalPlanGraph,
-    policy: str,
-    variant: Variant,
-    *,
-    antithetic: bool = False,
-) -> Workload:
-    """Return the work of one cell.
-
-    Args:
-        scenario: its execution section says what varies.
-        base: where its relative paths start.
-        tpg: the plan, or its timing graph.
-        policy: a key of PLAN_OF_POLICY.
-        variant: values of the varied inputs.
-        antithetic: replications 2k and 2k + 1 are mirror images.
-
-    Raises:
-        ScenarioError: a varied input does not fit the scenario.
-    """
-    own = varied(scenario, variant)
-    execution = own.execution
-    robots = tuple(robot.name for robot in scenario.cell.robots)
-    return Workload(
-        tpg=tpg,
-        policy=PLAN_OF_POLICY[policy][1],
-        durations=skill_durations(own, base, antithetic=antithetic),
-        disturbances=scenario_disturbances(execution, robots, base),
-        seed=own.seed,
-        messages=scenario_messages(execution),
-        reasons=tuple(needs_event_engine(execution)),
-    )
+        reasons = tuple(needs_event_engine(own.execution))
+        loads.append(Workload(graphs[plan], model, own.seed, reasons))
+    return loads

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ from twin.study.folder import (
 )
 from twin.study.open_loop_audit import OPEN_LOOP, audit_open_loop
 from twin.study.plans import Plans, load_plans, plan_for_study, save_plans, workloads
-from twin.study.replications.experiment import PLAN_OF_POLICY
+from twin.study.replications.experiment import PLAN_OF_POLICY, Experiment
 from twin.study.replications.runner import OpenExecutor, run_replications
 from twin.study.replications.workload import Workload
 from twin.study.sensitivity.sobol import check_points
@@ -37,8 +37,8 @@ from twin.study.summary import check_deadline, summarise_study
 from twin.study.tables import cell_tally, write_edges, write_replications, write_tasks
 from twin.uncertainty.disturbances import Speed
 
-REPLICATING, CHECKING = "replications", "open-loop audit"
-"""Names of the stages for progress displays."""
+CHECKING = "open-loop audit"
+"""Name of the stage for progress displays."""
 
 
 @dataclass(frozen=True)
@@ -118,14 +118,8 @@ def _run(
     loads = workloads(request.scenario, request.base, plans, experiment)
     _check_possible(request.deadline_s, loads)
     blocks = folder / BLOCKS
-    run_replications(
-        experiment,
-        loads,
-        blocks,
-        open_executor,
-        lambda done, total: progress(REPLICATING, done, total),
-    )
-    audits = _audits(request, folder, plans, progress)
+    run_replications(experiment, loads, blocks, open_executor, progress)
+    audits = _audits(experiment, folder, plans, loads, progress)
     write_replications(folder / REPLICATIONS, experiment, blocks)
     tallies = [cell_tally(blocks, cell) for cell in range(len(loads))]
     write_tasks(folder / TASKS, experiment, loads, tallies)
@@ -143,31 +137,24 @@ def _run(
 
 
 def _audits(
-    request: StudyRequest, folder: Path, plans: Plans, progress: Report
+    experiment: Experiment,
+    folder: Path,
+    plans: Plans,
+    loads: Sequence[Workload],
+    progress: Report,
 ) -> dict[int, list[int]]:
-    experiment = request.experiment
-    wanted = [
-        (cell, variant)
-        for cell, (policy, variant) in enumerate(experiment.cells)
-        if policy == OPEN_LOOP
-    ]
+    """Return the collisions in audited replications of each open-loop cell."""
+    cells = [k for k, (p, _) in enumerate(experiment.cells) if p == OPEN_LOOP]
     count = experiment.audited
     if experiment.replications is not None:
         count = min(count, experiment.replications)
-    found = {}
-    for k, (cell, variant) in enumerate(wanted if count else ()):
-        found[cell] = audit_open_loop(
-            request.scenario,
-            request.base,
-            plans[PLAN_OF_POLICY[OPEN_LOOP][0]],
-            variant,
-            folder / AUDITS / str(cell),
-            count,
-            lambda done, total, before=k * count: progress(  # type: ignore[misc]
-                CHECKING, before + done, len(wanted) * count
-            ),
-            antithetic=experiment.antithetic,
-        )
+    found: dict[int, list[int]] = {}
+    for k, cell in enumerate(cells if count else ()):
+        found[cell] = []
+        drawn = replace(loads[cell], tpg=plans[PLAN_OF_POLICY[OPEN_LOOP][0]])
+        for collisions in audit_open_loop(drawn, folder / AUDITS / str(cell), count):
+            found[cell].append(collisions)
+            progress(CHECKING, k * count + len(found[cell]), len(cells) * count)
     return found
 
 
@@ -176,13 +163,18 @@ def _check_possible(deadline_s: float | None, loads: Sequence[Workload]) -> None
     if deadline_s is None:
         return
     bounds = [
-        BulkEngine(load.tpg, load.durations, policy=load.policy).least_makespan_ns()
+        _least_makespan_ns(load)
         for load in loads
         # A controller may be faster than planned: then there is no such bound.
-        if load.disturbances.speed == Speed()
+        if load.execution.disturbances.speed == Speed()
     ]
     if len(bounds) == len(loads) and deadline_s * NANOSECONDS < min(bounds):
         raise RequestError(
             f"a deadline of {deadline_s:g} s is impossible: even if every skill is as"
             f" quick as it can be, the run takes {min(bounds) / NANOSECONDS:.1f} s"
         )
+
+
+def _least_makespan_ns(load: Workload) -> int:
+    own = load.execution
+    return BulkEngine(load.tpg, own.durations, policy=own.policy).least_makespan_ns()

@@ -154,7 +154,7 @@ def write_edges(
 def _edge_rows(load: Workload) -> dict[str, Any]:
     """Return the tasks that the edges of a policy's graph join, in the order of tallies."""
     tpg: TemporalPlanGraph = load.tpg if load.reasons else contract(load.tpg).tpg
-    graph = policy_graph(tpg, load.policy)
+    graph = policy_graph(tpg, load.execution.policy)
     task = np.concatenate([chain.task for chain in tpg.chains])
     target = np.repeat(np.arange(len(task)), np.diff(graph.edge_first))
     return {

@@ -7,7 +7,7 @@ passes through. The audit looks at each of these states.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,10 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.audit import Auditor, Violation
 from twin.audit.cell_description import scene_of
 from twin.audit.executed import ObjectRow, Recording, RobotRows
+from twin.host.progress import Report, report_nothing
+
+STOPPING = "robots that stop"
+"""Name of the stage for progress displays."""
 
 
 @dataclass(frozen=True)
@@ -110,13 +114,13 @@ def standing_recording(tpg: TemporalPlanGraph, state: StandingState) -> Recordin
 
 
 def audit_standing_states(
-    tpg: TemporalPlanGraph, progress: Callable[[int, int], None] | None = None
+    tpg: TemporalPlanGraph, progress: Report = report_nothing
 ) -> AdversaryReport:
     """Stop every robot wherever another waits for it, and audit what then stands.
 
     Args:
         tpg: the plan.
-        progress: called with the states looked at so far and their number.
+        progress: told of the states looked at so far and their number.
     """
     states = list(standing_states(tpg))
     least, found = np.inf, []
@@ -125,6 +129,5 @@ def audit_standing_states(
             report = auditor.audit(standing_recording(tpg, state))
             least = min(least, report.min_distance_m)
             found += [(state, violation) for violation in report.violations]
-            if progress is not None:
-                progress(k + 1, len(states))
+            progress(STOPPING, k + 1, len(states))
     return AdversaryReport(len(states), float(least), tuple(found))

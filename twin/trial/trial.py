@@ -10,30 +10,28 @@ from typing import Any
 
 from scheduling.graph.plan_files import save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.engine.engine import Simulator
+from twin.host.atomic import write_json
 from twin.host.progress import Report, report_nothing
-from twin.host.silence import silenced
 from twin.recorders.jsonl import JsonlRecorder
 from twin.recorders.memory import MemoryRecorder
-from twin.recorders.motion_tables import objects_table, trajectory_table, write_table
+from twin.recorders.motion_tables import write_motion
 from twin.recorders.observers import Recorder
 from twin.run.events import Event
 from twin.run.folder import (
     EVENTS,
     GANTT,
-    OBJECTS,
     RECORDING,
     SUMMARY,
-    TRAJECTORY,
 )
 from twin.run.gantt import draw_gantt
 from twin.run.run_record import DeadlockError, Policy, Run
-from twin.run.summary import summarise, write_summary
-from twin.run.trajectory import object_placements, robot_trajectories
+from twin.run.summary import summarise
 from twin.scenario.manifest import write_manifest
 from twin.scenario.sections.scenario import Scenario
-from twin.trial.simulation import scenario_simulator
+from twin.trial.simulation import scenario_execution
 
-SIMULATION, RECORDS, AUDIT = "simulation", "recording", "audit"
+SIMULATION, RECORDS = "simulation", "recording"
 """Names of the stages for progress displays."""
 
 
@@ -172,7 +170,7 @@ def conclude(
         audit=audit,
         makespan_sequential_s=about.makespan_sequential_s if completed else None,
     )
-    write_summary(folder / SUMMARY, summary)
+    write_json(folder / SUMMARY, summary)
     return Trial(folder, run, summary)
 
 
@@ -207,8 +205,8 @@ def execute(
     Raises:
         DeadlockError: no robot could go on.
     """
-    simulator = scenario_simulator(scenario, tpg, base, policy=policy)
-    return simulator.run(seed=scenario.seed, recorders=recorders)
+    model = scenario_execution(scenario, base, policy=policy)
+    return Simulator.of_model(tpg, model).run(seed=scenario.seed, recorders=recorders)
 
 
 def _write_records(
@@ -222,9 +220,7 @@ def _write_records(
 ) -> None:
     total = 3 + recording
     progress(RECORDS, 0, total)
-    motions = robot_trajectories(tpg, run)
-    write_table(folder / TRAJECTORY, trajectory_table(motions))
-    write_table(folder / OBJECTS, objects_table(object_placements(tpg, run)))
+    write_motion(folder, tpg, run)
     progress(RECORDS, 2, total)
     draw_gantt(folder / GANTT, tpg, run, title=scenario.name)
     progress(RECORDS, 3, total)
@@ -236,11 +232,9 @@ def _write_records(
 
 
 def _audit(folder: Path, progress: Report) -> dict[str, Any]:
-    with silenced():
-        import pybullet  # noqa: F401 - for its greeting
     from twin.audit.audit import audit_run
 
-    report = audit_run(folder, lambda done, total: progress(AUDIT, done, total))
+    report = audit_run(folder, progress)
     least = report.min_distance_m
     return {
         "configurations": report.configurations,

@@ -26,6 +26,7 @@ from tests.twin.simulated import simulate
 from tests.twin.turning_arms import SCENARIO, turning_plan
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.cli import app
+from twin.engine.execution_model import ExecutionModel
 from twin.follow.display import TerminalDisplay, run_picture
 from twin.follow.follow import follow
 from twin.follow.forecast import Forecaster
@@ -58,7 +59,7 @@ def followed(lines: Iterator[str | None], every_s: float = 5.0) -> tuple:
     follow(
         lines,
         run,
-        Forecaster(TPG, VARIED, samples=20),
+        Forecaster(TPG, ExecutionModel(VARIED), samples=20),
         [JsonLines(out.append)],
         every_s=every_s,
     )
@@ -155,7 +156,7 @@ def test_time_goes_on_while_nothing_is_heard() -> None:
     follow(
         lines,
         FollowedRun(tpg),
-        Forecaster(tpg, NOMINAL, samples=2),
+        Forecaster(tpg, ExecutionModel(NOMINAL), samples=2),
         [JsonLines(out.append)],
         every_s=1.0,
         clock=lambda: float(next(now)),
@@ -193,7 +194,7 @@ def test_pictures_say_what_every_robot_does() -> None:
     follow(
         iter(lines),
         run,
-        Forecaster(tpg, NOMINAL, samples=2),
+        Forecaster(tpg, ExecutionModel(NOMINAL), samples=2),
         [display, PlainLines(plain.append)],
     )
     text = out.getvalue()

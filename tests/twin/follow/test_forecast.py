@@ -14,6 +14,7 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.durations import Exponential, Fixed, Lognormal, Measured, Uniform
 from twin.engine.engine import Simulator
+from twin.engine.execution_model import ExecutionModel
 from twin.engine.messages import Messages
 from twin.follow.conditional import longer_than
 from twin.follow.forecast import Forecaster
@@ -92,10 +93,12 @@ def test_before_it_begins_a_run_is_any_run(
     ns = round(latency * 1e9)
     forecast = Forecaster(
         tpg,
-        VARIED,
-        policy=policy,  # type: ignore[arg-type]
-        messages=Messages(depth, ns, ns),
-        disturbances=disturbances,
+        ExecutionModel(
+            VARIED,
+            policy=policy,  # type: ignore[arg-type]
+            messages=Messages(depth, ns, ns),
+            disturbances=disturbances,
+        ),
         samples=12,
         seed=5,
     ).forecast(FollowedRun(tpg))
@@ -130,7 +133,9 @@ def test_without_chance_the_end_is_known_at_any_time(
         recorders=[recorder],
     )
     ns = round(latency * 1e9)
-    forecaster = Forecaster(tpg, NOMINAL, messages=Messages(depth, ns, ns), samples=2)
+    forecaster = Forecaster(
+        tpg, ExecutionModel(NOMINAL, messages=Messages(depth, ns, ns)), samples=2
+    )
     followed = FollowedRun(tpg)
     last = -1
     for event in recorder.events:
@@ -167,7 +172,9 @@ def test_forecasts_bracket_the_truth_as_often_as_they_say() -> None:
     )
     tpg = random_tpg(16, tasks=14, edges=12)
     engine = Simulator(tpg, SPREAD, disturbances=disturbances)
-    forecaster = Forecaster(tpg, SPREAD, disturbances=disturbances, samples=120)
+    forecaster = Forecaster(
+        tpg, ExecutionModel(SPREAD, disturbances=disturbances), samples=120
+    )
     ranks = []
     for seed in range(150):
         truth, futures = seen_from(engine, forecaster, seed, 0.4)
@@ -179,7 +186,7 @@ def test_forecasts_bracket_the_truth_as_often_as_they_say() -> None:
 
 def test_forecasts_become_surer() -> None:
     tpg = random_tpg(16, tasks=14, edges=12)
-    engine, forecaster = Simulator(tpg, SPREAD), Forecaster(tpg, SPREAD)
+    engine, forecaster = Simulator(tpg, SPREAD), Forecaster(tpg, ExecutionModel(SPREAD))
     spreads = [
         np.mean([np.std(seen_from(engine, forecaster, s, share)[1]) for s in range(12)])
         for share in (0.0, 0.5, 0.9)
@@ -194,7 +201,9 @@ def test_the_pace_of_a_motion_is_learnt_while_it_lasts() -> None:
     followed.apply(Event(0, "robot_0", "started", 0, 0))
     followed.apply(Event(2 * 10**9, "robot_0", "completed", 0, 0))
     followed.apply(Event(2 * 10**9, "robot_0", "started", 0, 1))
-    found = Forecaster(tpg, NOMINAL, samples=3).forecast(followed, 3 * 10**9)
+    found = Forecaster(tpg, ExecutionModel(NOMINAL), samples=3).forecast(
+        followed, 3 * 10**9
+    )
     assert found.makespan_s.tolist() == [9.0] * 3
 
 
@@ -203,7 +212,7 @@ def test_a_robot_that_stands_makes_the_end_later() -> None:
     stalls = Disturbances(stalls=Stalls(count_per_robot=1, duration_s=(2.0, 6.0)))
     followed = FollowedRun(tpg)
     followed.apply(Event(0, "robot_0", "started", 0, 0))
-    forecaster = Forecaster(tpg, NOMINAL, disturbances=stalls)
+    forecaster = Forecaster(tpg, ExecutionModel(NOMINAL, disturbances=stalls))
     followed.apply(Event(0, "robot_0", "stalled", 0, 0))
     early, late = (forecaster.forecast(followed, t * 10**9) for t in (0, 5))
     assert late.quantile(0.5) > early.quantile(0.5)

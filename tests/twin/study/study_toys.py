@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Lognormal, Uniform
+from twin.engine.execution_model import ExecutionModel
 from twin.run.run_record import Policy
 from twin.study.replications.timing_graph import timing_graph
 from twin.study.replications.workload import Workload
@@ -32,9 +33,11 @@ def toy_workload(
     tpg = random_tpg(seed, dofs=(2, 2, 3), tasks=14, edges=14)
     return Workload(
         tpg=timing_graph(tpg),
-        policy=policy,
-        durations=SkillDurations(DURATIONS.models, antithetic=antithetic),
-        disturbances=disturbances or Disturbances(),
+        execution=ExecutionModel(
+            SkillDurations(DURATIONS.models, antithetic=antithetic),
+            policy=policy,
+            disturbances=disturbances or Disturbances(),
+        ),
         seed=5,
         reasons=reasons,
     )

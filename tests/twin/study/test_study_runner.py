@@ -16,6 +16,7 @@ import pytest
 
 from planning.errors import TwinError
 from tests.twin.study.study_toys import toy_workload
+from twin.engine.execution_model import ExecutionModel
 from twin.study.replications import runner
 from twin.study.replications.block_files import blocks_done, read_block
 from twin.study.replications.executors import InProcess, open_executor
@@ -25,6 +26,7 @@ from twin.study.replications.statistics import Precision
 from twin.study.replications.workload import Workload, compute_block, pack
 from twin.study.tables import write_replications
 from twin.uncertainty.disturbances import Disturbances, SkillFailure
+from twin.uncertainty.skill_durations import SkillDurations
 
 TWO = Experiment(("asynchronous", "sequential"), replications=70)
 
@@ -208,10 +210,9 @@ class _Broken:
 
 def test_a_replication_that_raises_is_a_row_with_its_error() -> None:
     load = toy_workload()
-    broken = dict(load.durations.models) | {"pick": _Broken(), "place-up": _Broken()}
-    own = Workload(
-        load.tpg, load.policy, type(load.durations)(broken), load.disturbances, 5
-    )
+    models = load.execution.durations.models
+    broken = dict(models) | {"pick": _Broken(), "place-up": _Broken()}
+    own = Workload(load.tpg, ExecutionModel(SkillDurations(broken)), 5)
     rows = compute_block(pack(own), Block(0, 0, 60)).rows
     wrong = rows.outcome == "error"
     assert 0 < np.count_nonzero(wrong) < 60

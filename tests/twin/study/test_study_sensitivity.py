@@ -11,6 +11,7 @@ from planning.errors import RequestError
 from tests.twin.study.study_toys import toy_workload
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Fixed, Uniform
+from twin.engine.execution_model import ExecutionModel
 from twin.study.replications.experiment import Block
 from twin.study.replications.timing_graph import timing_graph
 from twin.study.replications.workload import Workload
@@ -30,9 +31,7 @@ def _sum_of_two() -> Workload:
     )
     return Workload(
         replace(tpg, tasks=tasks),
-        "asynchronous",
-        SkillDurations({"pick": Fixed(value_s=2.0)}),
-        Disturbances(),
+        ExecutionModel(SkillDurations({"pick": Fixed(value_s=2.0)})),
         0,
     )
 
@@ -55,7 +54,9 @@ def test_sobol_indices_of_a_sum_are_shares_of_variance() -> None:
     skills = 4 * 2.0
     moves = float(makespans_s(load, Block(0, 0, 1))[0]) - skills
     calls: list[int] = []
-    found = sobol_indices(load, 64, progress=lambda done, total: calls.append(done))
+    found = sobol_indices(
+        load, 64, progress=lambda stage, done, total: calls.append(done)
+    )
     assert calls == list(range(1, 64 * 4 + 1))
     shares = {"duration of pick": skills**2, "motions of robot_0": moves**2}
     for one in found:

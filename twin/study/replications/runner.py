@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.errors import TwinError
+from twin.host.progress import Report, report_nothing
 from twin.study.replications.block_files import blocks_done, read_block, write_block
 from twin.study.replications.executors import parallelism
 from twin.study.replications.experiment import Block, Experiment, blocks_of
@@ -36,7 +37,9 @@ _RESTARTS = 3
 """Times that a pool is opened anew after one of its workers died."""
 
 OpenExecutor = Callable[[], AbstractContextManager[Executor]]
-Progress = Callable[[int, int], None]
+
+REPLICATING = "replications"
+"""Name of the stage for progress displays."""
 
 
 def run_replications(
@@ -44,7 +47,7 @@ def run_replications(
     workloads: Sequence[Workload],
     folder: Path,
     open_executor: OpenExecutor,
-    progress: Progress = lambda done, total: None,
+    progress: Report = report_nothing,
 ) -> int:
     """Run replications that have no file yet, and write a file for every block of them.
 
@@ -56,7 +59,7 @@ def run_replications(
         workloads: one for each of its cells.
         folder: of the block files, made where it is missing.
         open_executor: gives who computes; asked again when a worker has died.
-        progress: called with replications done and wanted, of all cells together; how many
+        progress: told of replications done and wanted, of all cells together; how many
             are wanted is a forecast until the precision is reached.
 
     Returns:
@@ -93,7 +96,7 @@ def run_replications(
 class _Counter:
     """Keeps the makespans of all cells: 8 bytes a replication, and nothing else."""
 
-    def __init__(self, experiment: Experiment, cells: int, progress: Progress) -> None:
+    def __init__(self, experiment: Experiment, cells: int, progress: Report) -> None:
         self._experiment = experiment
         self._makespans: list[dict[int, npt.NDArray[np.float64]]] = [
             {} for _ in range(cells)
@@ -107,7 +110,7 @@ class _Counter:
         parts = self._makespans[result.block.cell]
         parts[result.block.first] = result.rows.makespans_s()
         self._done += result.block.count
-        self._progress(self._done, max(self._wanted, self._done))
+        self._progress(REPLICATING, self._done, max(self._wanted, self._done))
 
     def enough(self, target: int) -> bool:
         """Tell whether the means of all cells are known well enough."""

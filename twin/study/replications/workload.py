@@ -19,13 +19,11 @@ from twin.engine.bulk.flat_graph import PrecedenceArrays
 from twin.engine.bulk.max_plus import completions
 from twin.engine.bulk.policy_graph import policy_graph
 from twin.engine.engine import Simulator
-from twin.engine.messages import Messages
-from twin.run.run_record import DeadlockError, Policy, Run
+from twin.engine.execution_model import ExecutionModel
+from twin.run.run_record import DeadlockError, Run
 from twin.study.replications.experiment import Block
 from twin.study.replications.replication_rows import ERROR, ReplicationRows, empty_rows
 from twin.study.replications.task_tally import TaskGroups, TaskTally, task_groups
-from twin.uncertainty.disturbances import Disturbances
-from twin.uncertainty.skill_durations import SkillDurations
 
 
 @dataclass(frozen=True)
@@ -34,20 +32,14 @@ class Workload:
 
     Attributes:
         tpg: what is executed; a timing graph will do.
-        policy: how nodes are released.
-        durations: of skills.
-        disturbances: what may go wrong.
+        execution: how it is executed, and what varies.
         seed: names the draws.
-        messages: between robots and dispatcher.
         reasons: why only the event engine can execute it; empty where both can.
     """
 
     tpg: TemporalPlanGraph
-    policy: Policy
-    durations: SkillDurations
-    disturbances: Disturbances
+    execution: ExecutionModel
     seed: int
-    messages: Messages = field(default_factory=Messages)
     reasons: tuple[str, ...] = ()
 
 
@@ -168,22 +160,15 @@ class Engines:
         load = self.workload
         return BulkEngine(
             load.tpg,
-            load.durations,
-            policy=load.policy,
-            disturbances=load.disturbances,
+            load.execution.durations,
+            policy=load.execution.policy,
+            disturbances=load.execution.disturbances,
         )
 
     @cached_property
     def simulator(self) -> Simulator:
         """The event engine."""
-        load = self.workload
-        return Simulator(
-            load.tpg,
-            load.durations,
-            policy=load.policy,
-            messages=load.messages,
-            disturbances=load.disturbances,
-        )
+        return Simulator.of_model(self.workload.tpg, self.workload.execution)
 
     @cached_property
     def _segment_groups(self) -> TaskGroups:
@@ -195,7 +180,7 @@ class Engines:
 
     @cached_property
     def _node_graph(self) -> PrecedenceArrays:
-        return policy_graph(self.workload.tpg, self.workload.policy)
+        return policy_graph(self.workload.tpg, self.workload.execution.policy)
 
     def _by_event(self, rows: ReplicationRows, place: int) -> Run | None:
         """Execute one replication with the event engine; enter its outcome and end."""

@@ -33,8 +33,8 @@ from twin.study.sensitivity.tornado import SHARE, influences
 from twin.study.study import StudyResult
 from twin.study.tables import cell_blocks, cell_tally
 
-DRAWING, SENSITIVITY = "report", "Sobol indices"
-"""Names of the stages for progress displays."""
+DRAWING = "report"
+"""Name of the stage for progress displays."""
 
 
 def write_report(result: StudyResult, progress: Report) -> None:
@@ -92,7 +92,7 @@ def _pictures(
                 loads[cell],
                 points,
                 seed=result.request.scenario.seed,
-                progress=lambda done, total: progress(SENSITIVITY, done, total),
+                progress=progress,
             )
             heading = f"Which inputs it hangs on when all vary at once: {label}"
             yield "sobol", (draw_sobol(indices, SHARE), heading)

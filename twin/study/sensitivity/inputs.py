@@ -33,20 +33,20 @@ def inputs_of(load: Workload) -> Sequence[Input]:
     kinds = {load.tpg.tasks[int(m)].kind for c in load.tpg.chains for m in set(c.task)}
     found = [
         Input(f"duration of {skill}", partial(_with_skill, skill=skill))
-        for skill in load.durations.models
+        for skill in load.execution.durations.models
         if skill in kinds
     ]
     found += [
         Input(f"motions of {chain.robot}", partial(_with_motions, robot=chain.robot))
         for chain in load.tpg.chains
     ]
-    if load.disturbances.stalls.rate_per_h > 0:
+    if load.execution.disturbances.stalls.rate_per_h > 0:
         found.append(Input("rate of stalls", _with_stalls))
     return found
 
 
 def _with_skill(load: Workload, factor: float, *, skill: str) -> Workload:
-    own = load.durations
+    own = load.execution.durations
     models = {
         name: model.scaled(factor) if name == skill else model
         for name, model in own.models.items()
@@ -57,7 +57,8 @@ def _with_skill(load: Workload, factor: float, *, skill: str) -> Workload:
         else item
         for item in own.overrides
     )
-    return replace(load, durations=replace(own, models=models, overrides=overrides))
+    durations = replace(own, models=models, overrides=overrides)
+    return replace(load, execution=replace(load.execution, durations=durations))
 
 
 def _with_motions(load: Workload, factor: float, *, robot: str) -> Workload:
@@ -71,7 +72,9 @@ def _with_motions(load: Workload, factor: float, *, robot: str) -> Workload:
 
 
 def _with_stalls(load: Workload, factor: float) -> Workload:
-    stalls = load.disturbances.stalls
-    more = stalls.model_copy(update={"rate_per_h": stalls.rate_per_h * factor})
-    disturbances = load.disturbances.model_copy(update={"stalls": more})
-    return replace(load, disturbances=disturbances)
+    own = load.execution.disturbances
+    stalls = own.stalls.model_copy(
+        update={"rate_per_h": own.stalls.rate_per_h * factor}
+    )
+    disturbances = own.model_copy(update={"stalls": stalls})
+    return replace(load, execution=replace(load.execution, disturbances=disturbances))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +10,14 @@ from scipy import stats
 
 from planning.errors import RequestError
 from planning.transforms import Array
+from twin.host.progress import Report, report_nothing
 from twin.study.replications.experiment import Block
 from twin.study.replications.workload import Workload
 from twin.study.sensitivity.inputs import inputs_of
 from twin.study.sensitivity.tornado import SHARE, makespans_s
+
+SENSITIVITY = "Sobol indices"
+"""Name of the stage for progress displays."""
 
 REPLICATIONS = 50
 """Of each combination of inputs; all of them see the same draws."""
@@ -50,7 +53,7 @@ def sobol_indices(
     *,
     share: float = SHARE,
     seed: int = 0,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Report = report_nothing,
 ) -> list[SobolIndex]:
     """Return the Sobol indices of all inputs, the greatest total first.
 
@@ -63,7 +66,7 @@ def sobol_indices(
             points x (inputs + 2) combinations.
         share: by how much inputs vary.
         seed: of the scrambling of the sample.
-        progress: called with combinations done and in all.
+        progress: told of combinations done and in all.
 
     Raises:
         RequestError: points is no power of 2 greater than 1.
@@ -83,7 +86,7 @@ def sobol_indices(
                 changed = one.times(changed, factor)
             found[column] = np.nanmean(makespans_s(changed, block))
             done += 1
-            progress(done, total)
+            progress(SENSITIVITY, done, total)
         return found
 
     spread: Any = stats.uniform(loc=1 - share, scale=2 * share)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +44,6 @@ def influences(
     *,
     share: float = SHARE,
     replications: int = REPLICATIONS,
-    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[Influence]:
     """Return what the inputs do to the mean makespan, the strongest first.
 
@@ -55,19 +53,16 @@ def influences(
         load: the work of one cell.
         share: how much smaller and larger.
         replications: of every input and direction, all with the same draws.
-        progress: called with inputs done and in all.
     """
     block = Block(0, 0, replications if not load.reasons else min(replications, 30))
     base = makespans_s(load, block)
-    inputs = inputs_of(load)
     found = []
-    for k, one in enumerate(inputs):
+    for one in inputs_of(load):
         less, more = (
             _difference(makespans_s(one.times(load, factor), block), base)
             for factor in (1 - share, 1 + share)
         )
         found.append(Influence(one.name, less, more))
-        progress(k + 1, len(inputs))
     return sorted(found, key=lambda one: -one.span_s)
 
 

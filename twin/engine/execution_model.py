@@ -1,0 +1,27 @@
+"""How a plan is executed, and what varies: all that a simulation or a forecast needs of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from twin.engine.messages import Messages
+from twin.run.run_record import Policy
+from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.skill_durations import SkillDurations
+
+
+@dataclass(frozen=True)
+class ExecutionModel:
+    """How a plan is executed, and what varies.
+
+    Attributes:
+        durations: of skills.
+        policy: how nodes are released; see Simulator.
+        messages: between robots and dispatcher.
+        disturbances: what may go wrong.
+    """
+
+    durations: SkillDurations
+    policy: Policy = "asynchronous"
+    messages: Messages = field(default_factory=Messages)
+    disturbances: Disturbances = field(default_factory=Disturbances)
