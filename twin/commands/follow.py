@@ -74,8 +74,6 @@ def follow(
     Flags every event that the plan forbids, and forecasts the end of the run by drawing what is
     not done again and again. Ends with 1 when something forbidden happened or the run failed.
     """
-    from contextlib import ExitStack
-
     from scheduling.graph.plan_files import load_plan
     from twin.follow.follow import follow as follow_run
     from twin.follow.forecast import Forecaster
@@ -86,17 +84,13 @@ def follow(
     name, model = followed_execution(plan, tpg, scenario)
     run = FollowedRun(tpg, model.policy)
     forecaster = Forecaster(tpg, model, samples=samples)
-    with ExitStack() as stack:
-        onlookers = [_shown(run, name, as_json=as_json)]
-        if recording is not None or view:
-            from twin.follow.recording import LiveRecording
+    onlookers = [_shown(run, name, as_json=as_json)]
+    if recording is not None or view:
+        from twin.follow.recording import LiveRecording
 
-            onlookers.append(
-                stack.enter_context(LiveRecording(tpg, recording, name=name, view=view))
-            )
-        follow_run(
-            _lines(events, wait=not once), run, forecaster, onlookers, every_s=every
-        )
+        onlookers.append(LiveRecording(tpg, recording, name=name, view=view))
+    lines = _lines(events, wait=not once)
+    follow_run(lines, run, forecaster, onlookers, every_s=every)
     bad = bool(run.violations) or run.outcome == "failed"
     return FAILED if bad else COMPLETED
 

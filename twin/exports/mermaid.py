@@ -12,8 +12,8 @@ from dataclasses import replace
 from datetime import datetime, timedelta
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.exports.activities import STANDING, Activity, robot_activities
 from twin.exports.recorded_run import RecordedRun
+from twin.run.activities import STANDING, Activity, robot_activities
 from twin.run.lanes import WAITING
 
 # Mermaid knows calendar times only: the chart starts at midnight of some day.

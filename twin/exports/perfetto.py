@@ -12,8 +12,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
-from twin.exports.activities import STANDING, Activity, robot_activities
 from twin.exports.recorded_run import RecordedRun
+from twin.run.activities import STANDING, Activity, robot_activities
 
 PROCESS = 1
 

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from twin.durations import NANOSECONDS
+from twin.follow.follow import Onlooker
 from twin.follow.forecast import Forecast
 from twin.follow.lines import end_sentence
 from twin.follow.state import FollowedRun, RobotProgress, Violation
@@ -24,7 +25,7 @@ _SILENT_S = 5.0
 _PAUSE_S = 0.1
 
 
-class TerminalDisplay:
+class TerminalDisplay(Onlooker):
     """Draws the state of a run again whenever it has changed, ten times a second at most."""
 
     def __init__(self, run: FollowedRun, title: str, console: Console) -> None:

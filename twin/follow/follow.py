@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from typing import Protocol
 
 from twin.durations import NANOSECONDS
 from twin.follow.forecast import Forecast, Forecaster
@@ -13,32 +12,26 @@ from twin.run.event_log import EventLogError, parse_event
 from twin.run.events import Event
 
 
-class Onlooker(Protocol):
-    """Something that shows or keeps what is seen of a run."""
+class Onlooker:
+    """Something that shows or keeps what is seen of a run; each kind overrides what it wants."""
 
     def event(self, event: Event, run: FollowedRun) -> None:
         """Take note of an event, which the state of the run holds already."""
-        ...
 
     def violation(self, violation: Violation) -> None:
         """Take note of something that should not have happened."""
-        ...
 
     def unreadable(self, number: int, error: EventLogError) -> None:
         """Take note of a line, counted from 1, that is no event."""
-        ...
 
     def forecast(self, forecast: Forecast, run: FollowedRun) -> None:
         """Take note of how the run will end."""
-        ...
 
     def waiting(self, run: FollowedRun, silent_s: float) -> None:
         """Take note that there has been no event for a time."""
-        ...
 
     def close(self, run: FollowedRun) -> None:
         """Finish; called once."""
-        ...
 
 
 def follow(

@@ -8,23 +8,20 @@ from collections.abc import Callable
 from typing import Any
 
 from twin.durations import NANOSECONDS
+from twin.follow.follow import Onlooker
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, Violation
 from twin.run.event_log import EventLogError
-from twin.run.events import Event
 
 Write = Callable[[str], None]
 
 
-class JsonLines:
+class JsonLines(Onlooker):
     """Writes one JSON object a line: forecasts, violations, unreadable lines, and the end."""
 
     def __init__(self, write: Write) -> None:
         """Hand lines, without newlines, to ``write``."""
         self._write = write
-
-    def event(self, event: Event, run: FollowedRun) -> None:
-        """Take no note: the events are in the log."""
 
     def violation(self, violation: Violation) -> None:
         """Write a violation."""
@@ -57,9 +54,6 @@ class JsonLines:
             nodes=forecast.nodes,
         )
 
-    def waiting(self, run: FollowedRun, silent_s: float) -> None:
-        """Take no note."""
-
     def close(self, run: FollowedRun) -> None:
         """Write how it ended, or how far it had come."""
         self._put(
@@ -75,15 +69,12 @@ class JsonLines:
         self._write(json.dumps({"kind": what, **values}))
 
 
-class PlainLines:
+class PlainLines(Onlooker):
     """Writes sentences, for where there is no terminal to draw on."""
 
     def __init__(self, write: Write) -> None:
         """Hand lines, without newlines, to ``write``."""
         self._write = write
-
-    def event(self, event: Event, run: FollowedRun) -> None:
-        """Take no note: the events are in the log."""
 
     def violation(self, violation: Violation) -> None:
         """Write a violation."""
@@ -96,9 +87,6 @@ class PlainLines:
     def forecast(self, forecast: Forecast, run: FollowedRun) -> None:
         """Write a forecast."""
         self._write(forecast_sentence(forecast))
-
-    def waiting(self, run: FollowedRun, silent_s: float) -> None:
-        """Take no note."""
 
     def close(self, run: FollowedRun) -> None:
         """Write how it ended, or how far it had come."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 import rerun as rr
 
 from planning.errors import OutputError
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
+from twin.follow.follow import Onlooker
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, Violation
 from twin.recorders.rerun import layout as layout
@@ -39,7 +39,7 @@ _STATES = {
 _QUANTILES = {"P50": (0.5, (47, 111, 178)), "P90": (0.9, (206, 54, 48))}
 
 
-class LiveRecording:
+class LiveRecording(Onlooker):
     """Keeps a followed run: motion, objects, events, forecasts, what should not have happened.
 
     A robot is shown to have moved once it has completed a node.
@@ -78,17 +78,8 @@ class LiveRecording:
         self._connect(path, view=view)
         self._begin()
 
-    def __enter__(self) -> LiveRecording:
-        """Go on."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Finish the file."""
+    def close(self, run: FollowedRun) -> None:
+        """Show all there is, and finish the file."""
         self._flush()
         self._rec.flush()
         self._rec.disconnect()
@@ -135,10 +126,6 @@ class LiveRecording:
 
     def waiting(self, run: FollowedRun, silent_s: float) -> None:
         """Show all there is so far."""
-        self._flush()
-
-    def close(self, run: FollowedRun) -> None:
-        """Show all there is; the file is finished on exit."""
         self._flush()
 
     def _connect(self, path: Path | None, *, view: bool) -> None:

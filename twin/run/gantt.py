@@ -14,15 +14,9 @@ from matplotlib.patches import Patch
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.host.atomic import replacing
-from twin.run.lanes import (
-    IDLE,
-    LANE_COLOURS,
-    OTHER_COLOUR,
-    WAITING,
-    Lane,
-    Span,
-    robot_lanes,
-)
+from twin.run.activities import Activity, robot_activities
+from twin.run.events import Event
+from twin.run.lanes import LANE_COLOURS, OTHER_COLOUR, WAITING
 from twin.run.run_record import Run
 
 _TASKS_A_ROW = 36
@@ -36,28 +30,31 @@ def draw_gantt(
     path: Path,
     tpg: TemporalPlanGraph,
     run: Run,
+    events: Sequence[Event],
     *,
     title: str = "",
-    arrows: bool = True,
 ) -> None:
     """Draw what every robot did when, as a PNG picture.
 
-    Bars are coloured by kind of task and carry the assembly step they serve; waits are hatched.
-    Long runs wrap into several rows.
+    Bars are coloured by kind of task and carry the assembly step they serve; waits are hatched,
+    and arrows are the type-2 edges that ended them. Long runs wrap into several rows.
 
     Args:
         path: of the picture, replaced when it exists.
         tpg: what was executed.
         run: how.
+        events: of the run.
         title: first line of the heading.
-        arrows: draw the type-2 edges that ended a wait.
 
     Raises:
         OutputError: the picture cannot be written.
     """
-    lanes = robot_lanes(tpg, run)
+    told = robot_activities(tpg, events)
+    lanes = {robot.name: told.get(robot.name, ()) for robot in tpg.cell.robots}
     total_s = max(run.makespan_s, 1e-9)
-    most = max((len({s.task for s in lane.spans}) for lane in lanes), default=0)
+    most = max(
+        (len({item.task for item in lane}) for lane in lanes.values()), default=0
+    )
     rows = max(1, -(-most // _TASKS_A_ROW))
     row_s = total_s * 1.012 / rows
     height = rows * (len(lanes) * _LANE_IN + 0.42) + 1.25
@@ -76,11 +73,11 @@ def draw_gantt(
             "hspace": 0.42 / (len(lanes) * _LANE_IN),
         },
     )[:, 0]
-    links = _binding_edges(tpg, run, lanes) if arrows else []
+    links = _binding_edges(tpg, run, list(lanes))
     for row, axis in enumerate(axes):
         window = (row * row_s, (row + 1) * row_s)
-        _style(axis, lanes, window)
-        for k, lane in enumerate(lanes):
+        _style(axis, list(lanes), window)
+        for k, lane in enumerate(lanes.values()):
             _draw_lane(axis, tpg, k, lane, window)
         for start, end in links:
             if window[0] <= end[0] < window[1] and start[0] >= window[0]:
@@ -99,15 +96,15 @@ def draw_gantt(
         fontsize=12,
         fontweight="bold",
     )
-    _legend(figure, lanes)
+    _legend(figure, {item.state for lane in lanes.values() for item in lane})
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png")
 
 
-def _style(axis: Axes, lanes: Sequence[Lane], window: tuple[float, float]) -> None:
+def _style(axis: Axes, robots: Sequence[str], window: tuple[float, float]) -> None:
     axis.set_xlim(*window)
-    axis.set_ylim(len(lanes) - 0.5, -0.5)
-    axis.set_yticks(range(len(lanes)), [lane.robot for lane in lanes], fontsize=9)
+    axis.set_ylim(len(robots) - 0.5, -0.5)
+    axis.set_yticks(range(len(robots)), robots, fontsize=9)
     axis.tick_params(axis="x", labelsize=8, colors=_INK, length=3)
     axis.tick_params(axis="y", length=0, labelcolor=_INK)
     axis.grid(axis="x", color="#e4e7eb", lw=0.7)
@@ -121,14 +118,14 @@ def _draw_lane(
     axis: Axes,
     tpg: TemporalPlanGraph,
     k: int,
-    lane: Lane,
+    lane: Sequence[Activity],
     window: tuple[float, float],
 ) -> None:
     point_s = (window[1] - window[0]) / (_WIDTH_IN * 0.91 * 72)
-    for span in lane.spans:
+    for span in lane:
         start, end = span.start_ns / NANOSECONDS, span.end_ns / NANOSECONDS
         low, high = max(start, window[0]), min(end, window[1])
-        if high <= low or span.state == IDLE:
+        if high <= low:
             continue
         waits = span.state == WAITING
         axis.broken_barh(
@@ -153,7 +150,7 @@ def _draw_lane(
             )
 
 
-def _label(tpg: TemporalPlanGraph, span: Span) -> str:
+def _label(tpg: TemporalPlanGraph, span: Activity) -> str:
     """Return the step that a skill serves; motions and waits carry none."""
     if span.task < 0 or span.state == "transit":
         return ""
@@ -171,10 +168,10 @@ def _dark(state: str) -> bool:
 
 
 def _binding_edges(
-    tpg: TemporalPlanGraph, run: Run, lanes: Sequence[Lane]
+    tpg: TemporalPlanGraph, run: Run, robots: Sequence[str]
 ) -> list[tuple[tuple[float, int], tuple[float, int]]]:
     """Return the (time, lane) ends of the type-2 edges whose source ended a wait."""
-    lane_of = {lane.robot: k for k, lane in enumerate(lanes)}
+    lane_of = {robot: k for k, robot in enumerate(robots)}
     waited = {(w.chain, w.node): w.end_ns for w in run.waits()}
     links = []
     for a, m, b, n in tpg.edges.tolist():
@@ -207,8 +204,7 @@ def _draw_arrow(axis: Axes, start: tuple[float, int], end: tuple[float, int]) ->
     )
 
 
-def _legend(figure: Figure, lanes: Sequence[Lane]) -> None:
-    seen = {span.state for lane in lanes for span in lane.spans} - {IDLE}
+def _legend(figure: Figure, seen: set[str]) -> None:
     states = [s for s in LANE_COLOURS if s in seen]
     states += sorted(seen - set(states))
     handles = [

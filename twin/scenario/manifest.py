@@ -76,7 +76,7 @@ def read_manifest(folder: Path, what: str) -> tuple[Scenario, dict[str, Any]]:
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
         raise OutputError(f"{path}: no {what}: {error}") from error
     except (KeyError, TypeError) as error:
-        raise OutputError(f"{path}: no manifest of a {what}: {error}") from error
+        raise OutputError(f"{path}: damaged: {error!r}") from error
     if scenario_sha256(scenario) != digest:
         raise OutputError(f"{path}: the scenario is not the one of scenario_sha256")
     try:

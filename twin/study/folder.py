@@ -61,7 +61,7 @@ def read_request(folder: Path) -> StudyRequest:
     Raises:
         OutputError: the folder is not one of a study, or its manifest is damaged.
     """
-    scenario, manifest = read_manifest(folder, "study")
+    scenario, manifest = read_manifest(folder, "folder of a study")
     try:
         study = manifest["study"]
         return StudyRequest(

@@ -222,7 +222,7 @@ def _write_records(
     progress(RECORDS, 0, total)
     write_motion(folder, tpg, run)
     progress(RECORDS, 2, total)
-    draw_gantt(folder / GANTT, tpg, run, title=scenario.name)
+    draw_gantt(folder / GANTT, tpg, run, events, title=scenario.name)
     progress(RECORDS, 3, total)
     if recording:
         from twin.recorders.rerun.recorder import write_recording

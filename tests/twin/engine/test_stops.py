@@ -13,13 +13,14 @@ from hypothesis import strategies as st
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import ANYTHING, STOPS, TPGS, VARIED
 from tests.twin.recorded_events import story
+from tests.twin.run.lane_oracle import robot_lanes
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.durations import Fixed, Uniform
 from twin.engine.engine import Simulator
 from twin.engine.messages import Messages
 from twin.recorders.memory import MemoryRecorder
-from twin.run.lanes import FAILED, STOPPED, robot_lanes
+from twin.run.lanes import FAILED, STOPPED
 from twin.run.run_record import Run
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import (

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from tests.twin.exports.exported_runs import exported, toy_run
-from twin.exports.activities import STANDING
 from twin.exports.recorded_run import RecordedRun
+from twin.run.activities import STANDING
 from twin.run.run_record import Run
 
 REQUIRED = {

@@ -16,13 +16,13 @@ from planning.robots.registry import robot_model
 from planning.transforms import from_quat_wxyz, from_rpy
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import VARIED
+from tests.twin.run.lane_oracle import robot_lanes
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
 from twin.recorders.memory import MemoryRecorder
 from twin.recorders.rerun.recorder import write_recording
 from twin.recorders.rerun.robots import frame_times
 from twin.run.gantt import draw_gantt
-from twin.run.lanes import robot_lanes
 from twin.run.run_record import Run
 from twin.run.trajectory import object_placements, robot_trajectories
 
@@ -169,9 +169,9 @@ def test_meshes_of_other_packages_are_found(tmp_path: Path) -> None:
 def test_a_gantt_chart_is_drawn(recorded: tuple, tmp_path: Path) -> None:
     from matplotlib.image import imread
 
-    tpg, run, _, _ = recorded
+    tpg, run, memory, _ = recorded
     path = tmp_path / "gantt.png"
-    draw_gantt(path, tpg, run, title="toy")
+    draw_gantt(path, tpg, run, memory.events, title="toy")
     picture = imread(path)
     assert picture.shape[1] > 1500
     colours = np.unique(picture.reshape(-1, picture.shape[2])[::7], axis=0)
@@ -185,6 +185,8 @@ def test_long_runs_wrap_into_rows(tmp_path: Path) -> None:
     for tasks in (10, 300):
         tpg = random_tpg(1, dofs=(2, 2), tasks=tasks, nodes_per_transit=1)
         path = tmp_path / f"{tasks}.png"
-        draw_gantt(path, tpg, simulate(tpg, VARIED, seed=0))
+        memory = MemoryRecorder()
+        run = simulate(tpg, VARIED, seed=0, recorders=[memory])
+        draw_gantt(path, tpg, run, memory.events)
         heights.append(imread(path).shape[0])
     assert heights[1] > 2 * heights[0]

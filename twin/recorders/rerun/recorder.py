@@ -21,8 +21,9 @@ from twin.recorders.rerun.robots import (
     log_robot,
     time_column,
 )
+from twin.run.activities import robot_activities
 from twin.run.events import Event
-from twin.run.lanes import LANE_COLOURS, robot_lanes
+from twin.run.lanes import IDLE, LANE_COLOURS
 from twin.run.run_record import Run
 from twin.run.trajectory import object_placements, robot_trajectories
 
@@ -71,7 +72,7 @@ def write_recording(
         ):
             log_robot(rec, robot, motion)
         log_objects(rec, tpg.cell, object_placements(tpg, run))
-        _log_lanes(rec, tpg, run)
+        _log_lanes(rec, tpg, run, events)
         _log_progress(rec, tpg, run)
         log_events(rec, tpg, events)
         rec.send_property("makespan_s", rr.AnyValues(value=run.makespan_s))
@@ -93,21 +94,25 @@ def draw_lane(rec: rr.RecordingStream, robot: str) -> str:
     return entity
 
 
-def _log_lanes(rec: rr.RecordingStream, tpg: TemporalPlanGraph, run: Run) -> None:
-    """Show what each robot does as a lane of coloured states."""
-    for lane in robot_lanes(tpg, run):
-        entity = draw_lane(rec, lane.robot)
+def _log_lanes(
+    rec: rr.RecordingStream, tpg: TemporalPlanGraph, run: Run, events: Sequence[Event]
+) -> None:
+    """Show what each robot does as a lane of coloured states, idle when it is done."""
+    told = robot_activities(tpg, events)
+    for robot in tpg.cell.robots:
+        lane = told.get(robot.name, ())
         changes = [
-            (spans[0].start_ns, state)
-            for state, spans in (
-                (state, list(group))
-                for state, group in groupby(lane.spans, key=lambda span: span.state)
-            )
+            (next(items).start_ns, state)
+            for state, items in groupby(lane, key=lambda item: item.state)
         ]
+        end_ns = lane[-1].end_ns if lane else 0
+        if end_ns < run.makespan_ns:
+            changes.append((end_ns, IDLE))
+        changes.append((run.makespan_ns, ""))
         rec.send_columns(
-            entity,
-            indexes=[time_column([t for t, _ in changes] + [run.makespan_ns])],
-            columns=rr.StateChange.columns(state=[s for _, s in changes] + [""]),
+            draw_lane(rec, robot.name),
+            indexes=[time_column([t for t, _ in changes])],
+            columns=rr.StateChange.columns(state=[state for _, state in changes]),
         )
 
 

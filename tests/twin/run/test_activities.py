@@ -1,4 +1,4 @@
-"""What robots did, told from the event log, against the lanes that the twin draws from the run."""
+"""What robots did, told from the event log, against what follows from the times of the run."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from hypothesis import strategies as st
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
+from tests.twin.run.lane_oracle import Span, robot_lanes
 from tests.twin.twin_toys import two_robot_tpg
 from twin.engine.engine import Simulator
-from twin.exports.activities import Activity, robot_activities
 from twin.recorders.memory import MemoryRecorder
+from twin.run.activities import Activity, robot_activities
 from twin.run.events import Event
-from twin.run.lanes import IDLE, STOPPED, WAITING, Span, robot_lanes
+from twin.run.lanes import IDLE, STOPPED, WAITING
 from twin.uncertainty.disturbances import Disturbances
 
 Stretch = tuple[str, int, int, int]

@@ -1,4 +1,4 @@
-"""What each robot was doing when, as the events of a run tell it."""
+"""What each robot was doing when, as the events of a run tell it: the lanes of charts."""
 
 from __future__ import annotations
 
