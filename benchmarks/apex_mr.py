@@ -28,7 +28,6 @@ from benchmarks.measured_store import MeasuredStore
 from planning.errors import TwinError
 from twin.comparison.comparison import (
     Measurement,
-    collect,
     measure_policies,
     shortcut_budget,
 )
@@ -119,7 +118,7 @@ class _Bench:
         candidates = self._options.shortcuts
         if candidates is None:
             candidates = shortcut_budget(scenario)
-        rows, dates = [], set()
+        rows, dates = {}, set()
         seeds = range(scenario.seed, scenario.seed + self._options.seeds)
         for seed in seeds:
             key = f"{name}-{skills.name}"
@@ -134,11 +133,10 @@ class _Bench:
                     raise TwinError(f"seed {seed}: {error}") from error
                 self._store.save(key, seed, candidates, row, date_line())
                 found = row, date_line()
-            rows.append(found[0])
+            rows[seed] = found[0]
             dates.add(found[1])
-        comparison = collect(scenario, seeds, candidates, rows)
-        figures = comparison_figures(comparison)
-        return Measured(figures, len(comparison.robots), candidates, max(dates))
+        robots = len(scenario.cell.robots)
+        return Measured(comparison_figures(rows), robots, candidates, max(dates))
 
     def _warm_up(self, progress: Report) -> None:
         """Load all kernels, before anything is measured."""

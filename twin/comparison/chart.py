@@ -8,20 +8,17 @@ from typing import Any, Literal
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from twin.comparison.comparison import ASYNCHRONOUS, COMPARED, SEQUENTIAL
 from twin.comparison.spread import STAGES, TOTAL
-from twin.host.atomic import replacing
+from twin.host.pictures import INK, save_png, style_axes
 
 Figures = Mapping[str, Mapping[str, Any]]
 """The figures of one scenario, as in ``compare.json``."""
 
-_INK = "#2b2f36"
-_GRID = "#e4e7eb"
 _COLOURS = ("#9aa3ad", "#f2b56b", "#d97b29", "#9c4a12", "#6fa8dc", "#1f5f9e")
 _STAGE_STYLE = {
     "sequence": ("#5b4a8a", "assembly sequence"),
@@ -57,13 +54,12 @@ def draw_comparison(path: Path, scenarios: Mapping[str, Figures], title: str) ->
     alone = len(scenarios) == 1
     width, height = (14.0, 5.6) if alone else (max(9.0, 1.2 + 1.9 * len(scenarios)), 11)
     picture = Figure(figsize=(width, height), dpi=120, facecolor="white")
-    FigureCanvasAgg(picture)
     panels = picture.subplots(*((1, 3) if alone else (3, 1)))
     edges = {"left": 0.7 / width, "right": 1 - 0.2 / width, "wspace": 0.2}
     picture.subplots_adjust(**edges, top=1 - 1.5 / height, hspace=0.38)
     picture.subplots_adjust(bottom=(1.15 if alone else 0.75) / height)
     at, font = (0.7 / width, 1 - 0.38 / height), {"size": 13, "weight": "bold"}
-    picture.text(*at, title, fontdict=font, color=_INK)
+    picture.text(*at, title, fontdict=font, color=INK)
     for axis, key, label in (
         (panels[0], "makespan_s", "makespan"),
         (panels[1], "wait_s", "wait, all robots together"),
@@ -85,8 +81,7 @@ def draw_comparison(path: Path, scenarios: Mapping[str, Figures], title: str) ->
         _legend(picture, bars, y=rows[0])
         _legend(picture, _bound_marks(), y=rows[1])
         _legend(picture, stages, y=0.12 / height)
-    with replacing(path) as temporary:
-        picture.savefig(temporary, format="png")
+    save_png(picture, path)
 
 
 def _draw_bars(
@@ -102,7 +97,7 @@ def _draw_bars(
             if std:
                 at, by = factor * mean / unit, factor * std / unit
                 axis.errorbar(
-                    x, at, by, fmt="none", ecolor=_INK, elinewidth=0.9, capsize=2
+                    x, at, by, fmt="none", ecolor=INK, elinewidth=0.9, capsize=2
                 )
             _write(axis, x, factor * (mean + std) / unit, f"{mean:.0f}")
             if key == "makespan_s":
@@ -110,7 +105,7 @@ def _draw_bars(
                     level = factor * _mean(own[bound]) / unit
                     ends = (x - 0.42 * _STEP, x + 0.42 * _STEP)
                     axis.plot(ends, (level, level), color="white", lw=2.6)
-                    axis.plot(ends, (level, level), style, color=_INK, lw=1.3)
+                    axis.plot(ends, (level, level), style, color=INK, lw=1.3)
 
 
 def _draw_stages(
@@ -136,25 +131,21 @@ def _draw_stages(
 
 
 def _style(axis: Axes, scenarios: Mapping[str, Figures], title: str, unit: str) -> None:
-    axis.set_title(title, loc="left", fontsize=10, color=_INK, pad=8)
-    axis.set_ylabel(unit, fontsize=8.5, color=_INK)
+    style_axes(axis, grid="y")
+    axis.tick_params(length=0)
+    axis.set_title(title, loc="left", fontsize=10, color=INK, pad=8)
+    axis.set_ylabel(unit, fontsize=8.5, color=INK)
     axis.set_xlim(-0.55, len(scenarios) - 0.45)
     if len(scenarios) == 1:
         places = [_place(0, k) for k in range(len(COMPARED))]
-        axis.set_xticks(places, COMPARED, fontsize=7.5, color=_INK)
+        axis.set_xticks(places, COMPARED, fontsize=7.5, color=INK)
         for text in axis.get_xticklabels():
             text.set(rotation=28, ha="right", rotation_mode="anchor")
     else:
-        axis.set_xticks(range(len(scenarios)), scenarios, fontsize=9, color=_INK)
-    axis.tick_params(axis="y", labelsize=8, colors=_INK, length=0)
-    axis.tick_params(axis="x", length=0)
+        axis.set_xticks(range(len(scenarios)), scenarios, fontsize=9, color=INK)
+    axis.tick_params(axis="y", labelsize=8)
     axis.margins(y=0.14)
     axis.set_ylim(bottom=0)
-    axis.grid(axis="y", color=_GRID, lw=0.7)
-    axis.set_axisbelow(True)
-    for side in ("top", "right", "left"):
-        axis.spines[side].set_visible(False)
-    axis.spines["bottom"].set_color("#b8bec6")
 
 
 def _write(axis: Axes, x: float, y: float, text: str) -> None:
@@ -166,7 +157,7 @@ def _write(axis: Axes, x: float, y: float, text: str) -> None:
         ha="center",
         va="bottom",
         fontsize=7,
-        color=_INK,
+        color=INK,
     )
 
 
@@ -178,7 +169,7 @@ def _legend(picture: Figure, entries: Sequence[Artist], y: float) -> None:
         ncols=len(entries),
         frameon=False,
         fontsize=8,
-        labelcolor=_INK,
+        labelcolor=INK,
         handlelength=1.1,
         handletextpad=0.5,
         columnspacing=1.3,
@@ -189,7 +180,7 @@ def _legend(picture: Figure, entries: Sequence[Artist], y: float) -> None:
 
 def _bound_marks() -> list[Artist]:
     return [
-        Line2D([], [], color=_INK, linestyle=style, linewidth=1.3, label=label)
+        Line2D([], [], color=INK, linestyle=style, linewidth=1.3, label=label)
         for style, label in _BOUNDS.values()
     ]
 

@@ -80,23 +80,8 @@ class Measurement:
     type2_edges: int
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """Every policy with every seed.
-
-    Attributes:
-        scenario: its name.
-        robots: names of the robots.
-        seeds: of plans and draws.
-        shortcut_candidates: shortcuts tried on each plan.
-        measured: for each policy one measurement a seed.
-    """
-
-    scenario: str
-    robots: tuple[str, ...]
-    seeds: tuple[int, ...]
-    shortcut_candidates: int
-    measured: Mapping[str, tuple[Measurement, ...]]
+Rows = Mapping[int, Mapping[str, Measurement]]
+"""Measurements of all policies, by seed and policy."""
 
 
 def shortcut_budget(scenario: Scenario) -> int:
@@ -111,7 +96,7 @@ def compare_policies(
     candidates: int,
     base: Path = Path(),
     progress: Report = report_nothing,
-) -> Comparison:
+) -> Rows:
     """Plan a scenario with every seed and execute the plan under every policy.
 
     Args:
@@ -124,32 +109,14 @@ def compare_policies(
     Raises:
         TwinError: a seed cannot be planned; see ``plan_scenario``.
     """
-    rows = []
+    rows = {}
     for k, seed in enumerate(seeds):
         progress(SEEDS, k, len(seeds))
-        rows.append(
-            measure_policies(
-                scenario, seed, candidates=candidates, base=base, progress=progress
-            )
+        rows[seed] = measure_policies(
+            scenario, seed, candidates=candidates, base=base, progress=progress
         )
     progress(SEEDS, len(seeds), len(seeds))
-    return collect(scenario, seeds, candidates, rows)
-
-
-def collect(
-    scenario: Scenario,
-    seeds: Sequence[int],
-    candidates: int,
-    rows: Sequence[Mapping[str, Measurement]],
-) -> Comparison:
-    """Return what was measured seed by seed, policy by policy."""
-    return Comparison(
-        scenario.name,
-        tuple(robot.name for robot in scenario.cell.robots),
-        tuple(seeds),
-        candidates,
-        {name: tuple(row[name] for row in rows) for name in COMPARED},
-    )
+    return rows
 
 
 def measure_policies(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.comparison.comparison import COMPARED, SEQUENTIAL, Comparison, Measurement
+from twin.comparison.comparison import COMPARED, SEQUENTIAL, Measurement, Rows
 
 STAGES = ("sequence", "assignment", "motion", "synchronous", "tpg", "shortcut")
 """Stages of planning in the order they are gone through."""
@@ -19,15 +19,18 @@ Figure = dict[str, Any]
 """Keys mean, std and per_seed."""
 
 
-def comparison_figures(comparison: Comparison) -> dict[str, dict[str, Any]]:
+def comparison_figures(rows: Rows) -> dict[str, dict[str, Any]]:
     """Return the figures of every policy, with the keys of ``compare.json``.
 
     Each figure is {mean, std, per_seed}, std being the sample standard deviation, null with
     one seed. Relative figures are those of a seed over the sequential plan's of the same seed.
     """
-    first = comparison.measured[SEQUENTIAL]
+    first = [row[SEQUENTIAL] for row in rows.values()]
     return {
-        name: _policy_figures(comparison, comparison.measured[name], first)
+        name: {
+            **_policy_figures([row[name] for row in rows.values()], first),
+            "seeds": list(rows),
+        }
         for name in COMPARED
     }
 
@@ -45,7 +48,7 @@ def figure(values: Sequence[float | None]) -> Figure | None:
 
 
 def _policy_figures(
-    comparison: Comparison, own: Sequence[Measurement], first: Sequence[Measurement]
+    own: Sequence[Measurement], first: Sequence[Measurement]
 ) -> dict[str, Any]:
     def each(value: Callable[[Measurement], float | None]) -> Figure | None:
         return figure([value(m) for m in own])
@@ -65,7 +68,6 @@ def _policy_figures(
         "straight_line_ratio": each(lambda m: m.straight_line_ratio),
         "nodes": each(lambda m: m.nodes),
         "type2_edges": each(lambda m: m.type2_edges),
-        "seeds": list(comparison.seeds),
     }
 
 

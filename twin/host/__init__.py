@@ -1,4 +1,4 @@
-"""The machine that the program runs on: whole files, progress, exit codes, compiled kernels.
+"""The machine that the program runs on: whole files, pictures, progress, exit codes, kernels.
 
 Imports planning.errors only; every room of twin may import it.
 """

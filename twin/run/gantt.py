@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
-from twin.host.atomic import replacing
+from twin.host.pictures import INK, save_png, style_axes
 from twin.run.activities import Activity, robot_activities
 from twin.run.events import Event
 from twin.run.lanes import LANE_COLOURS, OTHER_COLOUR, WAITING
@@ -22,7 +21,6 @@ from twin.run.run_record import Run
 _TASKS_A_ROW = 36
 _WIDTH_IN = 15.0
 _LANE_IN = 0.42
-_INK = "#2b2f36"
 _LANE_HEIGHT = 0.72
 
 
@@ -59,7 +57,6 @@ def draw_gantt(
     row_s = total_s * 1.012 / rows
     height = rows * (len(lanes) * _LANE_IN + 0.42) + 1.25
     figure = Figure(figsize=(_WIDTH_IN, height), dpi=130, facecolor="white")
-    FigureCanvasAgg(figure)
     top, bottom = 1 - 0.62 / height, 0.62 / height
     axes = figure.subplots(
         rows,
@@ -83,8 +80,8 @@ def draw_gantt(
             if window[0] <= end[0] < window[1] and start[0] >= window[0]:
                 _draw_arrow(axis, start, end)
         if window[0] <= total_s <= window[1]:
-            axis.axvline(total_s, color=_INK, lw=1.2)
-    axes[-1].set_xlabel("time [s]", color=_INK, fontsize=9)
+            axis.axvline(total_s, color=INK, lw=1.2)
+    axes[-1].set_xlabel("time [s]", color=INK, fontsize=9)
     heading = f"{title}   " if title else ""
     figure.text(
         0.075,
@@ -92,26 +89,21 @@ def draw_gantt(
         f"{heading}{run.policy}, "
         + ("makespan" if run.outcome == "completed" else f"{run.outcome} after")
         + f" {run.makespan_s:.2f} s",
-        color=_INK,
+        color=INK,
         fontsize=12,
         fontweight="bold",
     )
     _legend(figure, {item.state for lane in lanes.values() for item in lane})
-    with replacing(path) as temporary:
-        figure.savefig(temporary, format="png")
+    save_png(figure, path)
 
 
 def _style(axis: Axes, robots: Sequence[str], window: tuple[float, float]) -> None:
     axis.set_xlim(*window)
     axis.set_ylim(len(robots) - 0.5, -0.5)
-    axis.set_yticks(range(len(robots)), robots, fontsize=9)
-    axis.tick_params(axis="x", labelsize=8, colors=_INK, length=3)
-    axis.tick_params(axis="y", length=0, labelcolor=_INK)
-    axis.grid(axis="x", color="#e4e7eb", lw=0.7)
-    axis.set_axisbelow(True)
-    for side in ("top", "right", "left"):
-        axis.spines[side].set_visible(False)
-    axis.spines["bottom"].set_color("#b8bec6")
+    axis.set_yticks(range(len(robots)), robots)
+    style_axes(axis, grid="x")
+    axis.tick_params(axis="x", labelsize=8, length=3)
+    axis.tick_params(axis="y", length=0)
 
 
 def _draw_lane(
@@ -146,7 +138,7 @@ def _draw_lane(
                 ha="center",
                 va="center",
                 fontsize=size_pt,
-                color="white" if _dark(span.state) else _INK,
+                color="white" if _dark(span.state) else INK,
             )
 
 
@@ -220,5 +212,5 @@ def _legend(figure: Figure, seen: set[str]) -> None:
         frameon=False,
         fontsize=8.5,
         handlelength=1.4,
-        labelcolor=_INK,
+        labelcolor=INK,
     )

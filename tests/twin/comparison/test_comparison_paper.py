@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,15 +21,15 @@ from twin.comparison.comparison import (
     SEQUENTIAL,
     SYNCHRONOUS,
     SYNCHRONOUS_SHORTCUT,
-    Comparison,
     Measurement,
+    Rows,
 )
 from twin.comparison.spread import comparison_figures
 
 STAGES = ("assignment", "motion", "synchronous", "tpg", "shortcut")
 
 
-def comparison(name: str, rng: np.random.Generator) -> Comparison:
+def comparison(rng: np.random.Generator) -> Rows:
     """Random figures of two seeds."""
 
     def measurement(policy: str) -> Measurement:
@@ -46,17 +45,16 @@ def comparison(name: str, rng: np.random.Generator) -> Comparison:
             type2_edges=2,
         )
 
-    measured = {p: (measurement(p), measurement(p)) for p in COMPARED}
-    return Comparison(name, ("left", "right"), (0, 1), 70, measured)
+    return {seed: {p: measurement(p) for p in COMPARED} for seed in (0, 1)}
 
 
 @pytest.fixture
-def compared() -> dict[str, Comparison]:
+def compared() -> dict[str, Rows]:
     rng = np.random.default_rng(4)
-    return {name: comparison(name, rng) for name in (*STRUCTURES, *TABLE_I)}
+    return {name: comparison(rng) for name in (*STRUCTURES, *TABLE_I)}
 
 
-def write(folder: Path, compared: dict[str, Comparison]) -> str:
+def write(folder: Path, compared: dict[str, Rows]) -> str:
     measured = {
         name: Measured(comparison_figures(one), 2, 70, "2026-01-02")
         for name, one in compared.items()
@@ -64,15 +62,15 @@ def write(folder: Path, compared: dict[str, Comparison]) -> str:
     return write_report(folder, measured, {}, "a machine", REFERENCE).read_text()
 
 
-def below(one: Comparison, key: str, policy: str, other: str) -> float:
-    def mean(rows: Sequence[Measurement]) -> float:
-        return sum(float(getattr(row, key)) for row in rows) / len(rows)
+def below(rows: Rows, key: str, policy: str, other: str) -> float:
+    def total(name: str) -> float:
+        return sum(float(getattr(row[name], key)) for row in rows.values())
 
-    return 100 - 100 * mean(one.measured[policy]) / mean(one.measured[other])
+    return 100 - 100 * total(policy) / total(other)
 
 
 def test_averages_are_over_the_nine_structures_alone(
-    compared: dict[str, Comparison], tmp_path: Path
+    compared: dict[str, Rows], tmp_path: Path
 ) -> None:
     text = write(tmp_path, compared)
     for key, paper, policy, other in (
@@ -89,7 +87,7 @@ def test_averages_are_over_the_nine_structures_alone(
 
 
 def test_the_report_says_where_its_figures_are_from(
-    compared: dict[str, Comparison], tmp_path: Path
+    compared: dict[str, Rows], tmp_path: Path
 ) -> None:
     text = write(tmp_path, compared)
     for words in ("2026-01-02", "a machine", "Seeds 0, 1", "70 shortcut candidates"):
@@ -104,7 +102,7 @@ def test_the_report_says_where_its_figures_are_from(
 
 
 def test_the_json_file_holds_structures_and_policies_and_nothing_else(
-    compared: dict[str, Comparison], tmp_path: Path
+    compared: dict[str, Rows], tmp_path: Path
 ) -> None:
     write(tmp_path, compared)
     content = json.loads((tmp_path / "apex-mr.json").read_text())
@@ -112,7 +110,7 @@ def test_the_json_file_holds_structures_and_policies_and_nothing_else(
     for name, policies in content.items():
         assert tuple(policies) == COMPARED
         for policy, row in policies.items():
-            seeds = [m.makespan_s for m in compared[name].measured[policy]]
+            seeds = [m[policy].makespan_s for m in compared[name].values()]
             assert row["makespan_s"]["per_seed"] == seeds
             assert {"wait_s", "planning_s", "seeds", "date", "machine"} <= set(row)
 
@@ -129,13 +127,13 @@ def test_columns_of_the_paper_add_up_to_its_totals() -> None:
 
 
 def test_what_another_program_measured_is_not_found_again(
-    compared: dict[str, Comparison], tmp_path: Path
+    compared: dict[str, Rows], tmp_path: Path
 ) -> None:
     root, folder = tmp_path / "root", tmp_path / "kept"
     (root / "planning").mkdir(parents=True)
     source = root / "planning" / "a.py"
     source.write_text("one = 1\n")
-    rows = {p: compared["cliff"].measured[p][0] for p in COMPARED}
+    rows = compared["cliff"][0]
     store = MeasuredStore(folder, root, "here")
     assert store.load("cliff", 0, 70) is None
     store.save("cliff", 0, 70, rows, "2026-01-02")
@@ -151,7 +149,7 @@ def test_what_another_program_measured_is_not_found_again(
 
 
 def test_what_cannot_be_planned_is_named_and_left_out(
-    compared: dict[str, Comparison], tmp_path: Path
+    compared: dict[str, Rows], tmp_path: Path
 ) -> None:
     rest = {name: compared[name] for name in ("cliff", "fish")}
     measured = {

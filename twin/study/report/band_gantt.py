@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -14,8 +13,8 @@ from planning.tasks.task_graph import TRANSIT
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
+from twin.host.pictures import INK, new_picture, style_axes
 from twin.study.replications.task_tally import TaskTally, task_groups
-from twin.study.report.figures import GRID, INK
 
 _TASKS_A_ROW = 44
 _CRITICALITY = colormaps["YlOrRd"]
@@ -38,24 +37,15 @@ def draw_bands(tpg: TemporalPlanGraph, tally: TaskTally) -> Figure:
     share = tally.critical / max(tally.count, 1)
     total = float(end[2].max())
     rows = max(1, -(-len(groups.task) // (_TASKS_A_ROW * len(lane_of))))
-    figure = Figure(
-        figsize=(14.0, 1.2 + rows * (0.5 + 0.46 * len(lane_of))),
-        dpi=110,
-        facecolor="white",
-        layout="constrained",
-    )
-    FigureCanvasAgg(figure)
+    height = 1.2 + rows * (0.5 + 0.46 * len(lane_of))
+    figure = new_picture(14.0, height, dpi=110)
     panels: list[Axes] = figure.subplots(rows, 1, squeeze=False)[:, 0].tolist()
     for row, axes in enumerate(panels):
         low, high = total * row / rows, total * (row + 1) / rows
         axes.set_xlim(low, high)
         axes.set_ylim(len(lane_of) - 0.4, -0.6)
         axes.set_yticks(range(len(lane_of)), list(lane_of))
-        axes.grid(True, axis="x", color=GRID, linewidth=0.8)
-        axes.set_axisbelow(True)
-        axes.tick_params(colors=INK, labelsize=9)
-        for side in ("top", "right", "left"):
-            axes.spines[side].set_visible(False)
+        style_axes(axes, grid="x")
         for k, index in enumerate(groups.task.tolist()):
             if end[2, k] < low or start[0, k] > high:
                 continue

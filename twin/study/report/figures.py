@@ -7,19 +7,17 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
 from twin.engine.bulk.critical_paths import OTHER
+from twin.host.pictures import INK, new_picture, style_axes
 from twin.study.replications.replication_rows import WAIT_COLUMNS
 from twin.study.sensitivity.sobol import SobolIndex
 from twin.study.sensitivity.tornado import Influence
 
-INK = "#2b2f36"
-GRID = "#e4e7eb"
 COLOURS = ("#1f5f9e", "#d97b29", "#2f7f66", "#9c4a8f", "#7a8592", "#b8433a")
 CAUSE_STYLE = {
     TASK_DEPENDENCY: ("#6fa8dc", "for another robot's task"),
@@ -193,18 +191,9 @@ def _known(bound: float | None, entry: Mapping[str, Any]) -> float:
 
 
 def _figure(width: float, height: float) -> tuple[Figure, Axes]:
-    figure = Figure(
-        figsize=(width, height), dpi=120, facecolor="white", layout="constrained"
-    )
-    FigureCanvasAgg(figure)
+    figure = new_picture(width, height)
     axes = figure.subplots()
-    axes.grid(True, color=GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color("#c8cdd3")
-    axes.tick_params(colors=INK, labelsize=9)
+    style_axes(axes)
     return figure, axes
 
 

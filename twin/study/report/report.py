@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from planning.transforms import Array
 from twin.host.atomic import replacing
+from twin.host.pictures import save_png
 from twin.host.progress import Report
 from twin.scenario.manifest import versions
 from twin.study.folder import BLOCKS, PLANS, REPORT
@@ -46,8 +47,7 @@ def write_report(result: StudyResult, progress: Report) -> None:
     progress(DRAWING, 0, 5)
     pictures = dict(_pictures(result, progress))
     for name, (figure, _) in pictures.items():
-        with replacing(result.folder / f"{name}.png") as temporary:
-            figure.savefig(temporary, format="png")
+        save_png(figure, result.folder / f"{name}.png")
     page = _page(result, pictures)
     with replacing(result.folder / REPORT) as temporary:
         temporary.write_text(page, encoding="utf-8")
