@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.machine import date_line, machine_line
+from benchmarks.timing_graph_files import load_timing_graph, save_timing_graph
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
@@ -28,11 +29,7 @@ from twin.host.stage_watch import StageWatch
 from twin.planning.pipeline import order_motions, plan_in_turns
 from twin.scenario.duration_models import skill_durations
 from twin.scenario.file import load_scenario
-from twin.study.replications.timing_graph import (
-    load_timing_graph,
-    save_timing_graph,
-    timing_graph,
-)
+from twin.study.replications.timing_graph import timing_graph
 from twin.uncertainty.skill_durations import SkillDurations
 
 ROOT = Path(__file__).parents[1]

@@ -14,12 +14,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.timing_graph_files import save_timing_graph
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import Report, StageDisplay, report_nothing
 from twin.host.stage_watch import StageWatch
 from twin.planning.pipeline import order_motions, plan_in_turns
 from twin.scenario.file import load_scenario
-from twin.study.replications.timing_graph import save_timing_graph, timing_graph
+from twin.study.replications.timing_graph import timing_graph
+from twin.uncertainty.contraction import contract
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "tests" / "twin" / "timing_graphs"
@@ -38,7 +40,7 @@ def contracted_graph(
     watch = StageWatch(progress)
     turns = plan_in_turns(scenario, path.parent, watch)
     tpg = order_motions(turns.motion_plan, watch)
-    return timing_graph(tpg, contracted=True)
+    return timing_graph(contract(tpg).tpg)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -21,14 +21,6 @@ _ROWS = 1500
 
 
 @dataclass(frozen=True)
-class Placement:
-    """Where an object is during a stretch: held (flange frame) or at rest (world)."""
-
-    holder: str | None
-    pose: Transform
-
-
-@dataclass(frozen=True)
 class RobotSamples:
     """A robot during a stretch.
 
@@ -53,19 +45,21 @@ class Stretch:
     Attributes:
         t: times of the samples, shape (m,), the ends included [s].
         robots: in the order of the scene.
-        placements: where every object is that is there.
+        placements: where every object is that is there: held, or at rest.
     """
 
     t: Array
     robots: tuple[RobotSamples, ...]
-    placements: Mapping[str, Placement]
+    placements: Mapping[str, ObjectRow]
 
 
 def stretches(world: AuditWorld, recording: Recording) -> Iterator[Stretch]:
     """Yield the whole run in order; each stretch starts when the one before it ends."""
     scene = world.scene
     placements = {
-        box.name: Placement(None, box.pose) for box in scene.objects if not box.later
+        box.name: ObjectRow(0.0, box.name, None, box.pose)
+        for box in scene.objects
+        if not box.later
     }
     rows = list(recording.objects)
     knots = np.unique(
@@ -90,18 +84,18 @@ def stretches(world: AuditWorld, recording: Recording) -> Iterator[Stretch]:
 
 
 def _apply(
-    placements: dict[str, Placement], rows: list[ObjectRow], until: float
+    placements: dict[str, ObjectRow], rows: list[ObjectRow], until: float
 ) -> None:
     while rows and rows[0].t <= until:
         row = rows.pop(0)
-        placements[row.object] = Placement(row.holder, row.pose)
+        placements[row.object] = row
 
 
 def _sample(
     world: AuditWorld,
     recording: Recording,
     knots: Array,
-    placements: Mapping[str, Placement],
+    placements: Mapping[str, ObjectRow],
 ) -> Stretch:
     names = [robot.name for robot in world.scene.robots]
     wide = np.zeros(len(knots) - 1)
@@ -150,7 +144,7 @@ def _furthest(
     world: AuditWorld,
     index: int,
     samples: RobotSamples,
-    placements: Mapping[str, Placement],
+    placements: Mapping[str, ObjectRow],
 ) -> Array:
     """Return, step by step, how far any point of a robot or its load gets [m]."""
     moved = np.zeros(len(samples.q) - 1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,10 +16,8 @@ from twin.host.guard import COMPLETED, guarded
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from twin.host.progress import Report
     from twin.study.folder import StudyRequest
     from twin.study.replications.experiment import Experiment
-    from twin.study.study import StudyResult
 
 File = Annotated[
     Path | None,
@@ -143,29 +140,30 @@ def study(
     All policies and variants see the same draws, so their differences are sharp. Leaves
     replications.parquet, tasks.parquet, edges.parquet, summary.json, pictures and report.html.
     """
+    from twin.scenario.file import load_scenario
+    from twin.study.folder import no_study_yet, same_study
     from twin.study.replications.executors import check_scheduler, open_executor
     from twin.study.report.display import StudyDisplay
-
-    silent = quiet or as_json
+    from twin.study.study import resume_study, start_study
 
     def executor() -> AbstractContextManager[Executor]:
         return open_executor(workers, scheduler)
 
     if scheduler is not None:
         check_scheduler(scheduler)  # now, not after the planning
-    with StudyDisplay(enabled=not silent) as progress:
+    with StudyDisplay(enabled=not (quiet or as_json)) as progress:
         if resume is not None:
-            result = _resume(resume, scenario, executor, progress)
+            if scenario is not None:
+                same_study(resume, load_scenario(scenario))
+            result = resume_study(resume, executor, progress)
         else:
+            from twin.run.folder import run_folder
             from twin.scenario.variations import parse_variation, variants
             from twin.study.replications.experiment import Experiment
             from twin.study.replications.statistics import Precision
 
-            if scenario is None:
-                raise RequestError("give a scenario file, or --resume DIR")
-            names = tuple(name.replace(" ", "") for name in policy or _DEFAULT_POLICIES)
             experiment = Experiment(
-                policies=names,
+                policies=tuple(name.replace(" ", "") for name in policy or _POLICIES),
                 variants=variants([parse_variation(text) for text in vary or ()]),
                 replications=replications,
                 precision=Precision(precision, least, most, confidence),
@@ -173,7 +171,9 @@ def study(
                 audited=audit_sample,
             )
             request = _request(scenario, experiment, seed, shortcuts, deadline, sobol)
-            result = _start(request, out, executor, progress)
+            no_study_yet(out, request.scenario)
+            with run_folder(out, f"study-{request.scenario.name}") as folder:
+                result = start_study(request, folder, executor, progress)
         from twin.study.report.report import write_report
 
         write_report(result, progress)
@@ -186,11 +186,11 @@ def study(
     return COMPLETED
 
 
-_DEFAULT_POLICIES = ("sequential", "asynchronous")
+_POLICIES = ("sequential", "asynchronous")
 
 
 def _request(
-    path: Path,
+    path: Path | None,
     experiment: Experiment,
     seed: int | None,
     shortcuts: int | None,
@@ -201,44 +201,10 @@ def _request(
     from twin.scenario.file import load_scenario
     from twin.study.folder import StudyRequest
 
+    if path is None:
+        raise RequestError("give a scenario file, or --resume DIR")
     chosen = load_scenario(path)
     if seed is not None:
         chosen = chosen.model_copy(update={"seed": seed})
     candidates = shortcut_budget(chosen) if shortcuts is None else shortcuts
     return StudyRequest(chosen, path.parent, experiment, candidates, deadline, sobol)
-
-
-def _start(
-    request: StudyRequest,
-    out: Path | None,
-    executor: Callable[[], AbstractContextManager[Executor]],
-    progress: Report,
-) -> StudyResult:
-    from twin.run.folder import run_folder
-    from twin.scenario.manifest import MANIFEST
-    from twin.study.folder import same_study
-    from twin.study.study import start_study
-
-    if out is not None and (out / MANIFEST).exists():
-        same_study(out, request.scenario)
-        raise RequestError(
-            f"{out} holds a study already: go on with it by --resume {out}, or give"
-            " another folder"
-        )
-    with run_folder(out, f"study-{request.scenario.name}") as folder:
-        return start_study(request, folder, executor, progress)
-
-
-def _resume(
-    folder: Path,
-    scenario: Path | None,
-    executor: Callable[[], AbstractContextManager[Executor]],
-    progress: Report,
-) -> StudyResult:
-    from twin.scenario.file import load_scenario
-    from twin.study.folder import same_study
-    from twin.study.study import resume_study
-
-    if scenario is not None:
-        same_study(folder, load_scenario(scenario))
-    return resume_study(folder, executor, progress)

@@ -63,14 +63,13 @@ def _read_from(path: Path, position: int) -> bytes:
         return file.read(_PIECE)
 
 
-def piped(stream: BinaryIO, *, poll_s: float = POLL_S) -> Iterator[str | None]:
+def piped(stream: BinaryIO) -> Iterator[str | None]:
     """Yield the lines that come through a pipe; None whenever there is no more yet.
 
     What is left without a newline at the end was torn, and is dropped.
 
     Args:
         stream: such as ``sys.stdin.buffer``.
-        poll_s: how long to wait for a line before None is yielded [s].
     """
     lines: queue.Queue[bytes | None] = queue.Queue(maxsize=10_000)
 
@@ -82,7 +81,7 @@ def piped(stream: BinaryIO, *, poll_s: float = POLL_S) -> Iterator[str | None]:
     threading.Thread(target=read, daemon=True).start()
     while True:
         try:
-            line = lines.get(timeout=poll_s)
+            line = lines.get(timeout=POLL_S)
         except queue.Empty:
             yield None
             continue

@@ -24,6 +24,7 @@ _HOST = "127.0.0.1"
 _START_S = 60.0
 _FIRST_SETTLE_S = 3.0
 _SETTLE_S = 1.2
+_STILL_SIZE = "1600x900"
 
 
 class ViewerError(TwinError):
@@ -75,11 +76,7 @@ def live_viewer() -> str:
 
 
 def render_stills(
-    recording: Path,
-    times_s: Sequence[float],
-    folder: Path,
-    *,
-    size: tuple[int, int] = (1600, 900),
+    recording: Path, times_s: Sequence[float], folder: Path
 ) -> list[Path]:
     """Render pictures of a recording at some simulated times, without a display.
 
@@ -89,7 +86,6 @@ def render_stills(
         recording: the ``.rrd`` file.
         times_s: simulated times [s].
         folder: where the pictures go.
-        size: width and height [px].
 
     Returns:
         The pictures, ``still_<time>.png``, in the order of the times.
@@ -102,7 +98,7 @@ def render_stills(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot hold stills: {error}") from error
-    with _headless_viewer(recording, size) as viewer:
+    with _headless_viewer(recording) as viewer:
         client = viewer.client
         try:
             client.open(str(recording.resolve()))
@@ -190,12 +186,12 @@ class _Viewer:
 
 
 @contextmanager
-def _headless_viewer(recording: Path, size: tuple[int, int]) -> Iterator[_Viewer]:
+def _headless_viewer(recording: Path) -> Iterator[_Viewer]:
     """Run a viewer without a window, and end it with all its children."""
     program = _viewer_program(recording)
     port = _free_port()
     command = [program, "--headless", "--bind", _HOST, "--port", str(port)]
-    command += ["--window-size", f"{size[0]}x{size[1]}", "--hide-welcome-screen"]
+    command += ["--window-size", _STILL_SIZE, "--hide-welcome-screen"]
     with tempfile.TemporaryDirectory() as home:
         environment = {
             **os.environ,

@@ -10,11 +10,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from twin.scenario.checks import find_problems
-from twin.scenario.document.problems import (
-    InvalidScenarioError,
-    Problem,
-    schema_problems,
-)
+from twin.scenario.document.problems import InvalidScenarioError, Problem
+from twin.scenario.document.schema_errors import schema_problems
 from twin.scenario.document.yaml_text import Mark, read_yaml
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.structure_file import check_structure_file, include_structure
@@ -30,7 +27,7 @@ def load_scenario(path: Path) -> Scenario:
         InvalidScenarioError: with every problem found, each at its line and column.
     """
     document = read_yaml(path, _read_text(path))
-    problems = [Problem(p.mark, p.message) for p in document.problems]
+    problems = [*document.problems]
     if document.data is None:
         problems = problems or [Problem(Mark(1, 1), "the file is empty")]
         raise InvalidScenarioError(path, problems, document.lines)

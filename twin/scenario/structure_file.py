@@ -8,11 +8,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from twin.scenario.document.problems import (
-    InvalidScenarioError,
-    Problem,
-    schema_problems,
-)
+from twin.scenario.document.problems import InvalidScenarioError, Problem
+from twin.scenario.document.schema_errors import schema_problems
 from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument, read_yaml
 from twin.scenario.sections.drawn_structure import StructureSection
 from twin.scenario.sections.lego import LegoSection
@@ -48,7 +45,7 @@ def include_structure(
         )
         raise InvalidScenarioError(document.path, [problem], document.lines) from None
     included = read_yaml(path, text)
-    problems = [Problem(p.mark, p.message) for p in included.problems]
+    problems = [*included.problems]
     if included.data is not None:
         problems += _section_problems(included)
     elif not problems:

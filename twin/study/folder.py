@@ -91,3 +91,18 @@ def same_study(folder: Path, scenario: Scenario) -> None:
             f" {scenario.name!r}; give another folder, or leave the scenario away to go on"
             " with that one"
         )
+
+
+def no_study_yet(folder: Path | None, scenario: Scenario) -> None:
+    """Refuse a folder that holds a study already.
+
+    Raises:
+        RequestError: it does; says how to go on with it.
+        OutputError: it holds something else.
+    """
+    if folder is not None and (folder / MANIFEST).exists():
+        same_study(folder, scenario)
+        raise RequestError(
+            f"{folder} holds a study already: go on with it by --resume {folder}, or give"
+            " another folder"
+        )

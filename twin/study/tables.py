@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,8 @@ from twin.durations import NANOSECONDS, Nanoseconds
 from twin.engine.bulk.critical_paths import OTHER
 from twin.engine.bulk.policy_graph import policy_graph
 from twin.host.atomic import replacing
+from twin.recorders.motion_tables import write_table
+from twin.scenario.variations import Variant
 from twin.study.replications.block_files import blocks_done, read_block
 from twin.study.replications.experiment import Experiment
 from twin.study.replications.task_tally import TaskTally, task_groups
@@ -61,20 +63,21 @@ def _groups(experiment: Experiment, blocks: Path) -> Iterator[pa.Table]:
     waiting: list[pa.Table] = []
     for cell, (policy, variant) in enumerate(experiment.cells):
         for result in cell_blocks(blocks, cell):
-            columns = result.rows.columns()
-            count = len(columns["replication"])
-            first = {"policy": pa.array([policy] * count, pa.string())}
-            first |= {
-                key: pa.array([_plain(value)] * count) for key, value in variant.items()
-            }
-            first |= {name: pa.array(values) for name, values in columns.items()}
-            waiting.append(pa.table(first))
+            waiting.append(_cell_table(policy, variant, result.rows.columns()))
             while sum(len(table) for table in waiting) >= ROWS_A_GROUP:
                 joined = pa.concat_tables(waiting, promote_options="permissive")
                 yield joined.slice(0, ROWS_A_GROUP)
                 waiting = [joined.slice(ROWS_A_GROUP)]
     if waiting:
         yield pa.concat_tables(waiting, promote_options="permissive")
+
+
+def _cell_table(policy: str, variant: Variant, columns: Mapping[str, Any]) -> pa.Table:
+    """Return columns of a cell behind those that name the cell."""
+    count = len(next(iter(columns.values())))
+    names = {"policy": pa.array([policy] * count, pa.string())}
+    names |= {key: pa.array([_plain(v)] * count) for key, v in variant.items()}
+    return pa.table({**names, **{key: pa.array(v) for key, v in columns.items()}})
 
 
 def cell_blocks(folder: Path, cell: int) -> Iterator[BlockResult]:
@@ -97,35 +100,7 @@ def write_tasks(
     tallies: Sequence[TaskTally],
 ) -> None:
     """Write one row a task: how often it was critical, its slack, when it starts and ends."""
-    tables = []
-    for (policy, variant), load, tally in zip(
-        experiment.cells, workloads, tallies, strict=True
-    ):
-        groups = task_groups(load.tpg)
-        tasks = [load.tpg.tasks[index] for index in groups.task.tolist()]
-        count = len(tasks)
-        columns: dict[str, Any] = {"policy": [policy] * count}
-        columns |= {key: [_plain(value)] * count for key, value in variant.items()}
-        columns |= {
-            "task": groups.task,
-            "robot": [task.robot for task in tasks],
-            "kind": [task.kind for task in tasks],
-            "step": [task.step for task in tasks],
-            "label": [task.label for task in tasks],
-            "criticality": tally.critical / max(tally.count, 1),
-            "slack_mean_s": np.where(
-                tally.slack_ns >= 0,
-                tally.slack_ns / NANOSECONDS / max(tally.count, 1),
-                np.nan,
-            ),
-        }
-        for name, values in (("start", tally.start_ns), ("end", tally.end_ns)):
-            for p in (10, 50, 90):
-                columns[f"{name}_p{p}_s"] = _percentile(values, p, count)
-        tables.append(pa.table(columns))
-    with replacing(path) as temporary:
-        table = pa.concat_tables(tables, promote_options="permissive")
-        pq.write_table(table, temporary, compression="zstd")
+    _write_cells(path, experiment, map(_task_columns, workloads, tallies))
 
 
 def write_edges(
@@ -135,23 +110,42 @@ def write_edges(
     tallies: Sequence[TaskTally],
 ) -> None:
     """Write one row a type-2 edge: which tasks it joins, why, and how often it was critical."""
-    tables = []
-    for (policy, variant), load, tally in zip(
-        experiment.cells, workloads, tallies, strict=True
-    ):
-        rows = _edge_rows(load)
-        count = len(tally.critical_edges)
-        columns: dict[str, Any] = {"policy": [policy] * count}
-        columns |= {key: [_plain(value)] * count for key, value in variant.items()}
-        columns |= rows
-        columns["criticality"] = tally.critical_edges / max(tally.count, 1)
-        tables.append(pa.table(columns))
-    with replacing(path) as temporary:
-        table = pa.concat_tables(tables, promote_options="permissive")
-        pq.write_table(table, temporary, compression="zstd")
+    _write_cells(path, experiment, map(_edge_columns, workloads, tallies))
 
 
-def _edge_rows(load: Workload) -> dict[str, Any]:
+def _write_cells(
+    path: Path, experiment: Experiment, columns: Iterable[Mapping[str, Any]]
+) -> None:
+    tables = [
+        _cell_table(policy, variant, own)
+        for (policy, variant), own in zip(experiment.cells, columns, strict=True)
+    ]
+    write_table(path, pa.concat_tables(tables, promote_options="permissive"))
+
+
+def _task_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
+    groups = task_groups(load.tpg)
+    tasks = [load.tpg.tasks[index] for index in groups.task.tolist()]
+    columns: dict[str, Any] = {
+        "task": groups.task,
+        "robot": [task.robot for task in tasks],
+        "kind": [task.kind for task in tasks],
+        "step": [task.step for task in tasks],
+        "label": [task.label for task in tasks],
+        "criticality": tally.critical / max(tally.count, 1),
+        "slack_mean_s": np.where(
+            tally.slack_ns >= 0,
+            tally.slack_ns / NANOSECONDS / max(tally.count, 1),
+            np.nan,
+        ),
+    }
+    for name, values in (("start", tally.start_ns), ("end", tally.end_ns)):
+        for p in (10, 50, 90):
+            columns[f"{name}_p{p}_s"] = _percentile(values, p, len(tasks))
+    return columns
+
+
+def _edge_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
     """Return the tasks that the edges of a policy's graph join, in the order of tallies."""
     tpg: TemporalPlanGraph = load.tpg if load.reasons else contract(load.tpg).tpg
     graph = policy_graph(tpg, load.execution.policy)
@@ -161,6 +155,7 @@ def _edge_rows(load: Workload) -> dict[str, Any]:
         "first_task": task[graph.source],
         "then_task": task[target],
         "cause": [CAUSES[cause] for cause in graph.cause.tolist()],
+        "criticality": tally.critical_edges / max(tally.count, 1),
     }
 
 

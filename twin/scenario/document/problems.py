@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 from planning.errors import ScenarioError
-from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument
+from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.document.yaml_text import Problem as Problem
 
 # Longest first, so that "rad_s" is not read as "s".
 _UNITS = (
@@ -24,19 +23,6 @@ _UNIT_WORDS = {
     "kg": "kilograms",
     "rad_s": "radians per second",
 }
-
-
-@dataclass(frozen=True)
-class Problem:
-    """One thing that is wrong with a file.
-
-    Attributes:
-        mark: where.
-        message: what, and what to do about it.
-    """
-
-    mark: Mark
-    message: str
 
 
 def mark_problems(
@@ -128,173 +114,8 @@ def unknown_name(what: str, name: str, valid: Sequence[str]) -> str:
     return f"unknown {what} {name!r}{hint} (valid: {', '.join(valid)})"
 
 
-def schema_problems(
-    document: YamlDocument, schema: dict[str, Any], errors: Iterable[Any]
-) -> list[Problem]:
-    """Translate pydantic's errors, leaving out those that only follow from another one.
-
-    Args:
-        document: the file.
-        schema: JSON schema of the whole file, to know which keys a mapping may have.
-        errors: the entries of ``ValidationError.errors()``.
-    """
-    out = []
-    meant: set[KeyPath] = set()  # missing keys that an unknown key stands for
-    for error in errors:
-        if error["type"] == "extra_forbidden":
-            *parent, name = error["loc"]
-            valid = _free_keys(document, schema, tuple(parent))
-            at = document.nearest(tuple(parent))
-            if key := meant_key(str(name), valid):
-                meant.add((*at, key))
-            mark = document.mark_of((*at, name), key=True)
-            out.append(Problem(mark, unknown_key(str(name), valid)))
-    for error in errors:
-        kind, loc = str(error["type"]), tuple(error["loc"])
-        at = document.nearest(loc)
-        if kind == "missing":
-            if (*at, loc[-1]) not in meant:
-                where = f" in {_label(at).removesuffix(': ')}" if at else ""
-                text = f"key {loc[-1]!r} is missing{where}"
-                out.append(Problem(document.mark_of(at), text))
-        elif kind == "too_short" and len(_value_at(document, at)) >= int(
-            error["ctx"]["min_length"]
-        ):
-            continue  # entries that are wrong do not count for pydantic
-        elif kind != "extra_forbidden":
-            node = _node_at(schema, loc)
-            place = (*at, "kind") if kind == "union_tag_invalid" else at
-            mark = document.mark_of(place, key=loc[-1:] == ("[key]",))
-            out.append(Problem(mark, _label(at) + _explain(kind, error, node)))
-    return out
-
-
-def _explain(kind: str, error: Mapping[str, Any], node: Mapping[str, Any]) -> str:
-    value, context = error.get("input"), error.get("ctx", {})
-    given = "nothing" if value is None else _describe(value)
-    if kind in ("value_error", "assertion_error"):
-        return str(error["msg"]).removeprefix("Value error, ")
-    if kind == "union_tag_not_found":
-        return f"key 'kind' is missing (valid: {', '.join(_tags(node))})"
-    if kind == "union_tag_invalid":
-        return unknown_name("kind", str(context["tag"]), _tags(node))
-    if kind in ("literal_error", "enum"):
-        expected = str(context.get("expected", "")).replace("'", "")
-        valid = expected.replace(" or ", ", ").split(", ")
-        if isinstance(value, str):
-            return unknown_name("value", value, valid)
-        return f"{expected} expected, not {given}"
-    if kind == "string_type":
-        hint = f': write it in quotes, "{value}"' if _is_scalar(value) else ""
-        return f"text expected, not {given}{hint}"
-    if kind in ("int_type", "int_from_float"):
-        return f"a whole number expected, not {given}"
-    if kind == "float_type":
-        return f"a number expected, not {given}"
-    if kind == "bool_type":
-        return f"true or false expected, not {given}"
-    if kind in ("tuple_type", "list_type"):
-        return f"a list [..] expected, not {given}"
-    if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return f"a mapping (key: value) expected, not {given}"
-    if kind == "string_pattern_mismatch":
-        return f"{given} is no name: letters, digits, '_', '-' and '.' only"
-    if kind == "finite_number":
-        return f"a finite number expected, not {given}"
-    bounds = {
-        "greater_than": ("gt", "must be greater than"),
-        "greater_than_equal": ("ge", "must be at least"),
-        "less_than": ("lt", "must be less than"),
-        "less_than_equal": ("le", "must be at most"),
-    }
-    if kind in bounds:
-        name, words = bounds[kind]
-        return f"{words} {_number(context[name])}, not {given}"
-    if kind in ("too_short", "too_long"):
-        least = context.get("min_length", context.get("max_length"))
-        few = "at least " if kind == "too_short" else "at most "
-        if node.get("minItems") == node.get("maxItems"):
-            few = ""
-        count = len(value) if isinstance(value, list) else context["actual_length"]
-        noun = "entry" if least == 1 else "entries"
-        return f"{few}{least} {noun} expected, not {count}"
-    return str(error["msg"])
-
-
-def _number(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _is_scalar(value: Any) -> bool:
-    return isinstance(value, int | float)
-
-
-def _describe(value: Any) -> str:
-    if isinstance(value, dict):
-        return "a mapping"
-    if isinstance(value, list):
-        return "a list"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _label(path: KeyPath) -> str:
-    text = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in path)
-    return f"{text.lstrip('.')}: " if text else ""
-
-
-def _value_at(document: YamlDocument, path: KeyPath) -> Any:
-    value = document.data
-    for entry in path:
-        value = value[entry]
-    return value
-
-
-def _free_keys(
-    document: YamlDocument, schema: dict[str, Any], path: KeyPath
-) -> list[str]:
-    """Return the keys that the mapping at ``path`` may have and does not have yet."""
-    valid = list(_node_at(schema, path).get("properties", {}))
-    given = _value_at(document, document.nearest(path))
-    return [key for key in valid if key not in given] or valid
-
-
 def _split_unit(key: str) -> tuple[str, str]:
     for unit in _UNITS:
         if key.endswith("_" + unit):
             return key[: -len(unit) - 1], unit
     return key, ""
-
-
-def _node_at(schema: dict[str, Any], path: KeyPath) -> dict[str, Any]:
-    """Return the part of the schema for ``path``, in which tags of unions may stand."""
-    node = _follow(schema, schema)
-    for entry in path:
-        if entry in node.get("properties", {}):
-            node = _follow(schema, node["properties"][entry])
-        elif entry in _tags(node):
-            ref = node["discriminator"]["mapping"][entry]
-            node = _follow(schema, {"$ref": ref})
-        elif isinstance(entry, int) and "items" in node:
-            node = _follow(schema, node["items"])
-        elif isinstance(node.get("additionalProperties"), dict):
-            node = _follow(schema, node["additionalProperties"])
-        else:
-            return {}
-    return node
-
-
-def _tags(node: Mapping[str, Any]) -> list[str]:
-    return list(node.get("discriminator", {}).get("mapping", {}))
-
-
-def _follow(schema: dict[str, Any], node: dict[str, Any]) -> dict[str, Any]:
-    while True:
-        if "$ref" in node:
-            node = schema["$defs"][str(node["$ref"]).rsplit("/", 1)[-1]]
-        elif "anyOf" in node:  # "X or nothing" of optional keys
-            node = next(n for n in node["anyOf"] if n.get("type") != "null")
-        else:
-            return node

@@ -45,8 +45,13 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class YamlProblem:
-    """Something that makes a file no valid document, and where."""
+class Problem:
+    """One thing that is wrong with a file.
+
+    Attributes:
+        mark: where.
+        message: what, and what to do about it.
+    """
 
     mark: Mark
     message: str
@@ -70,7 +75,7 @@ class YamlDocument:
     data: Any
     keys: dict[KeyPath, Mark] = field(default_factory=dict)
     values: dict[KeyPath, Mark] = field(default_factory=dict)
-    problems: tuple[YamlProblem, ...] = ()
+    problems: tuple[Problem, ...] = ()
 
     def nearest(self, path: KeyPath) -> KeyPath:
         """Return ``path`` without the entries that are not in the document.
@@ -99,10 +104,10 @@ def read_yaml(path: Path, text: str) -> YamlDocument:
     except yaml.YAMLError as error:
         return YamlDocument(path, lines, None, problems=(_syntax_problem(error),))
     except RecursionError:
-        problem = YamlProblem(Mark(1, 1), "the file is nested too deeply")
+        problem = Problem(Mark(1, 1), "the file is nested too deeply")
         return YamlDocument(path, lines, None, problems=(problem,))
     if not nodes or nodes[0] is None:
-        problem = YamlProblem(Mark(1, 1), "the file is empty")
+        problem = Problem(Mark(1, 1), "the file is empty")
         return YamlDocument(path, lines, None, problems=(problem,))
     builder = _Builder()
     if len(nodes) > 1 and nodes[1] is not None:
@@ -115,7 +120,7 @@ def read_yaml(path: Path, text: str) -> YamlDocument:
     )
 
 
-def _syntax_problem(error: yaml.YAMLError) -> YamlProblem:
+def _syntax_problem(error: yaml.YAMLError) -> Problem:
     if isinstance(error, yaml.MarkedYAMLError):
         mark = error.problem_mark or error.context_mark
         parts = [p for p in (error.context, error.problem) if p]
@@ -123,10 +128,10 @@ def _syntax_problem(error: yaml.YAMLError) -> YamlProblem:
         if "'\\t'" in text:
             text += " (indent with spaces, not tabs)"
         place = Mark(mark.line + 1, mark.column + 1) if mark else Mark(1, 1)
-        return YamlProblem(place, f"not valid YAML: {text}")
+        return Problem(place, f"not valid YAML: {text}")
     if isinstance(error, yaml.reader.ReaderError):
-        return YamlProblem(Mark(1, 1), f"not a text file: {error.reason}")
-    return YamlProblem(Mark(1, 1), f"not valid YAML: {error}")
+        return Problem(Mark(1, 1), f"not a text file: {error.reason}")
+    return Problem(Mark(1, 1), f"not valid YAML: {error}")
 
 
 class _Builder:
@@ -135,13 +140,13 @@ class _Builder:
     def __init__(self) -> None:
         self.keys: dict[KeyPath, Mark] = {}
         self.values: dict[KeyPath, Mark] = {}
-        self.problems: list[YamlProblem] = []
+        self.problems: list[Problem] = []
         self._open: set[int] = set()
         self._count = 0
 
     def report(self, node: yaml.Node, message: str) -> None:
         """Note a problem at the start of ``node``."""
-        problem = YamlProblem(_mark(node), message)
+        problem = Problem(_mark(node), message)
         if problem not in self.problems:
             self.problems.append(problem)
 

@@ -74,9 +74,9 @@ def open_executor(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def check_scheduler(address: str, *, answer_within_s: float = ANSWER_WITHIN_S) -> None:
+def check_scheduler(address: str) -> None:
     """Raise a ClusterError unless a Dask scheduler answers at an address and has workers."""
-    with _cluster(address, answer_within_s):
+    with _cluster(address, ANSWER_WITHIN_S):
         return
 
 

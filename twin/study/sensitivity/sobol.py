@@ -51,20 +51,18 @@ def sobol_indices(
     load: Workload,
     points: int,
     *,
-    share: float = SHARE,
     seed: int = 0,
     progress: Report = report_nothing,
 ) -> list[SobolIndex]:
     """Return the Sobol indices of all inputs, the greatest total first.
 
-    Every input is multiplied by a factor between 1 - share and 1 + share, evenly spread (Saltelli
+    Every input is multiplied by a factor between 1 - SHARE and 1 + SHARE, evenly spread (Saltelli
     et al. 2010, as scipy has it).
 
     Args:
         load: the work of one cell.
         points: of the quasi-random sample, a power of 2; the plan is replicated with
             points x (inputs + 2) combinations.
-        share: by how much inputs vary.
         seed: of the scrambling of the sample.
         progress: told of combinations done and in all.
 
@@ -89,7 +87,7 @@ def sobol_indices(
             progress(SENSITIVITY, done, total)
         return found
 
-    spread: Any = stats.uniform(loc=1 - share, scale=2 * share)
+    spread: Any = stats.uniform(loc=1 - SHARE, scale=2 * SHARE)
     indices = stats.sobol_indices(
         func=mean_makespans, n=points, dists=[spread] * len(inputs), rng=seed
     )

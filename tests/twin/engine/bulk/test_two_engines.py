@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.timing_graph_files import load_timing_graph, save_timing_graph
 from benchmarks.timing_graphs import SCENARIOS, contracted_graph
 from twin.durations import packaged_timings
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
 from twin.run.run_record import Policy
-from twin.study.replications.timing_graph import load_timing_graph, save_timing_graph
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.skill_durations import SkillDurations
 
