@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from planning.errors import InfeasibleStepError, OutputError
+from planning.errors import InfeasibleStepError
 from twin.host.guard import guarded
 
 app = typer.Typer(
@@ -42,6 +42,7 @@ def apex_mr(
     from planning.lego.sequencing.borne_steps import borne_steps
     from twin.assemblies.kinds import assembly_kind
     from twin.assemblies.lego import build_lego
+    from twin.host.atomic import write_text
     from twin.scenario.document.text import scenario_text
     from twin.scenario.file import load_scenario
     from twin.scenario.sections.lego import LegoSection
@@ -53,7 +54,7 @@ def apex_mr(
         note=lambda line: typer.echo(f"note: {line}", err=True),
     )
     note = f"Imported from the published APEX-MR task {task!r}."
-    _write(output, scenario_text(content, note))
+    write_text(output, scenario_text(content, note))
     section = load_scenario(output).assembly
     assert isinstance(section, LegoSection)
     try:
@@ -62,13 +63,6 @@ def apex_mr(
         # They were built as published: rather doubt what is assumed of bricks and presses.
         typer.echo(f"note: the steps are not checked when planned: {error}", err=True)
         content["assembly"]["rules"] = {"check_steps": False}
-        _write(output, scenario_text(content, note))
+        write_text(output, scenario_text(content, note))
     assembly = assembly_kind(section)
     typer.echo(f"{output}: {assembly.steps()} steps, {assembly.supply()}")
-
-
-def _write(output: Path, text: str) -> None:
-    try:
-        output.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{output}: cannot be written: {error.strerror}") from None

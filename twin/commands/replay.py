@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from planning.errors import OutputError
 from twin.host.guard import guarded
 
 Folder = Annotated[
@@ -23,14 +24,27 @@ Stills = Annotated[
 ]
 Output = Annotated[
     Path | None,
-    typer.Option("--out", help="Folder for the pictures.", metavar="DIR"),
+    typer.Option(
+        "--out",
+        help="Folder for the pictures; default: stills beside the recording.",
+        metavar="DIR",
+    ),
 ]
 
 
 @guarded
-def replay(folder: Folder, stills: Stills = None, out: Output = None) -> None:
+def replay(run: Folder, stills: Stills = None, out: Output = None) -> None:
     """Open a run in the Rerun viewer, or render pictures of it."""
-    from twin.run.replay import replay_run
+    from twin.run.folder import RECORDING
+    from twin.run.viewer import open_viewer, render_stills
 
-    for picture in replay_run(folder, stills_s=tuple(stills or ()), out=out):
+    recording = run if run.is_file() else run / RECORDING
+    if not recording.is_file():
+        reason = f"it has no {RECORDING}" if run.exists() else "no such file or folder"
+        raise OutputError(f"{run}: nothing to replay, {reason}")
+    if not stills:
+        open_viewer(recording)
+        return
+    folder = out or recording.parent / "stills"
+    for picture in render_stills(recording, stills, folder):
         typer.echo(picture)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from planning.errors import InfeasibleStepError, OutputError, ScenarioError
+from planning.errors import InfeasibleStepError, ScenarioError
 from twin.commands.options import AsJson, ScenarioFile
 from twin.host.guard import COMPLETED, guarded
 
@@ -156,6 +156,7 @@ def _print_table(found: SequencedStructure) -> None:
 
 def _write(source: Path, output: Path, found: SequencedStructure) -> None:
     """Write the scenario with explicit steps, and read it again."""
+    from twin.host.atomic import write_text
     from twin.scenario.document.text import scenario_text
     from twin.scenario.document.yaml_text import read_yaml
     from twin.scenario.file import load_scenario
@@ -164,9 +165,5 @@ def _write(source: Path, output: Path, found: SequencedStructure) -> None:
     assembly = {k: v for k, v in content["assembly"].items() if k != "structure"}
     assembly["steps"] = [step_section(item) for item in found.sequence]
     note = f"The sequence that twin sequence found for {source.name}."
-    text = scenario_text({**content, "assembly": assembly}, note)
-    try:
-        output.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{output}: cannot be written: {error.strerror}") from None
+    write_text(output, scenario_text({**content, "assembly": assembly}, note))
     load_scenario(output)

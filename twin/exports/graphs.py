@@ -13,18 +13,24 @@ from typing import TYPE_CHECKING, Any
 
 import networkx as nx
 
-from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import (
+    MOTION_CONFLICT,
+    TASK_DEPENDENCY,
+    TemporalPlanGraph,
+)
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.exports.recorded_run import RecordedRun
-from twin.run.lanes import LANE_COLOURS, OTHER_COLOUR
+from twin.run.lanes import CAUSES, LANE_COLOURS, OTHER_COLOUR
 
 if TYPE_CHECKING:
     Graph = nx.DiGraph[str]
 else:
     Graph = nx.DiGraph
 
-SAME_ROBOT, DEPENDENCY, CONFLICT = "same robot", "task dependency", "motion conflict"
-"""Causes of edges: type 1, and the two of type 2."""
+SAME_ROBOT = "same robot"
+"""Cause of type-1 edges."""
+
+DEPENDENCY, CONFLICT = CAUSES[TASK_DEPENDENCY], CAUSES[MOTION_CONFLICT]
 
 _STYLES = {SAME_ROBOT: "bold", DEPENDENCY: "solid", CONFLICT: "dashed"}
 
@@ -89,7 +95,7 @@ def _add_nodes(graph: Graph, run: RecordedRun) -> None:
             f"{tpg.chains[before].robot}/{source}",
             f"{tpg.chains[after].robot}/{target}",
             type=2,
-            cause=CONFLICT if cause == MOTION_CONFLICT else DEPENDENCY,
+            cause=CAUSES[cause],
         )
 
 

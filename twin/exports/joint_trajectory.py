@@ -14,13 +14,10 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
-from scheduling.graph.temporal_plan_graph import (
-    TASK_DEPENDENCY,
-    NodeChain,
-    TemporalPlanGraph,
-)
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.exports.recorded_run import RecordedRun
+from twin.run.lanes import CAUSES
 from twin.run.run_record import waypoint_offsets_ns
 from twin.uncertainty.contraction import Contraction, contract
 
@@ -67,9 +64,7 @@ def _after(found: Contraction) -> dict[tuple[int, int], list[dict[str, str]]]:
         out[chain, target].append(
             {
                 "segment": segment_id(chains[before].robot, source),
-                "cause": "task dependency"
-                if cause == TASK_DEPENDENCY
-                else "motion conflict",
+                "cause": CAUSES[cause],
             }
         )
     return out

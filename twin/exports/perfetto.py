@@ -11,9 +11,10 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.exports.recorded_run import RecordedRun
 from twin.run.activities import STANDING, Activity, robot_activities
+from twin.run.lanes import CAUSES
 
 PROCESS = 1
 
@@ -90,7 +91,6 @@ def _arrows(run: RecordedRun) -> list[dict[str, Any]]:
         end, start = int(times[before][1][source]), int(times[after][0][target])
         if end < 0 or start < 0:
             continue
-        why = "task dependency" if cause == TASK_DEPENDENCY else "motion conflict"
         for ph, chain, t_ns in (
             ("s", before, _inside(times, before, source)),
             ("f", after, start),
@@ -101,7 +101,7 @@ def _arrows(run: RecordedRun) -> list[dict[str, Any]]:
                     {
                         "ph": ph,
                         "id": number,
-                        "name": why,
+                        "name": CAUSES[cause],
                         "cat": "type-2",
                         "ts": _microseconds(t_ns),
                         "pid": PROCESS,

@@ -9,9 +9,10 @@ import numpy as np
 
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.dispatcher import Dispatcher
-from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.run.events import Event
+from twin.run.lanes import CAUSES
 from twin.run.run_record import Policy
 
 
@@ -261,8 +262,7 @@ class FollowedRun:
         reasons = []
         for r, u in waits:
             label = tasks[int(chains[r].task[u])].label
-            conflict = self._cause[(r, u, k, event.node)] == MOTION_CONFLICT
-            reason = "motion conflict" if conflict else "task dependency"
+            reason = CAUSES[self._cause[(r, u, k, event.node)]]
             reasons.append(f"node {u} of {chains[r].robot} ({label}; {reason})")
         self._flag(
             event,

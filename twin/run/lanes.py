@@ -1,8 +1,9 @@
-"""States of robots in Gantt charts, graphs and recordings, and their colours."""
+"""What charts, graphs and recordings share: states of robots, their colours, causes of edges."""
 
 from __future__ import annotations
 
 from planning.tasks.task_graph import TRANSIT
+from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
 
 WAITING = "waiting"
 STALLED = "stalled"
@@ -27,6 +28,9 @@ LANE_COLOURS: dict[str, tuple[int, int, int]] = {
     IDLE: (242, 243, 245),
 }
 """Colour (r, g, b), 0 to 255, of every state of a lane."""
+
+CAUSES = {TASK_DEPENDENCY: "task dependency", MOTION_CONFLICT: "motion conflict"}
+"""Causes of type-2 edges in words."""
 
 OTHER_COLOUR = (140, 120, 100)
 """Colour of a task kind without one of its own."""

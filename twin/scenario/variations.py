@@ -100,38 +100,29 @@ def _assign(tree: dict[str, Any], key: str, value: Any) -> None:
     place: Any = tree
     walked = "execution"
     for name in path:
-        place = _entry(place, name, key, walked)
+        place = place[_entry(place, name, key, walked)]
         walked += f".{name}"
+    # What skills and failures say of themselves is left to the checks of the section.
+    free = path[:1] in (["skills"], ["failures"]) and isinstance(place, dict)
+    place[last if free else _entry(place, last, key, walked)] = value
+
+
+def _entry(place: Any, name: str, key: str, walked: str) -> str | int:
+    """Return the key or position of an entry that is there."""
     if isinstance(place, list):
-        place[_position(place, last, key, walked)] = value
-        return
-    if not isinstance(place, dict):
-        raise ScenarioError(f"cannot vary {key}: {walked} is a plain value")
-    if last not in place and path[:1] not in (["skills"], ["failures"]):
-        raise ScenarioError(
-            f"cannot vary {key}: {walked} has no {last!r}", choices=tuple(place)
-        )
-    place[last] = value
-
-
-def _entry(place: Any, name: str, key: str, walked: str) -> Any:
-    if isinstance(place, list):
-        return place[_position(place, name, key, walked)]
-    if not isinstance(place, dict) or name not in place:
-        choices = tuple(place) if isinstance(place, dict) else ()
-        raise ScenarioError(
-            f"cannot vary {key}: {walked} has no {name!r}", choices=choices
-        )
-    return place[name]
-
-
-def _position(place: list[Any], name: str, key: str, walked: str) -> int:
-    if not name.isdigit() or int(name) >= len(place):
+        if name.isdigit() and int(name) < len(place):
+            return int(name)
         raise ScenarioError(
             f"cannot vary {key}: {walked} has no entry {name!r}",
             choices=tuple(str(k) for k in range(len(place))),
         )
-    return int(name)
+    if not isinstance(place, dict):
+        raise ScenarioError(f"cannot vary {key}: {walked} is a plain value")
+    if name not in place:
+        raise ScenarioError(
+            f"cannot vary {key}: {walked} has no {name!r}", choices=tuple(place)
+        )
+    return name
 
 
 def _split(text: str) -> list[str]:

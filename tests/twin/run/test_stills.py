@@ -11,8 +11,7 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, toy_cell
 from twin.recorders.memory import MemoryRecorder
 from twin.recorders.rerun.recorder import write_recording
-from twin.run.replay import replay_run
-from twin.run.viewer import ViewerError
+from twin.run.viewer import ViewerError, render_stills
 from twin.uncertainty.skill_durations import SkillDurations
 
 ARM = """<robot name="toy">
@@ -44,7 +43,7 @@ def test_stills_show_the_robot_where_it_is(tmp_path: Path) -> None:
     write_recording(tmp_path / "run.rrd", tpg, run, memory.events)
     times = (0.0, run.makespan_s / 2)
     try:
-        pictures = replay_run(tmp_path, stills_s=times)
+        pictures = render_stills(tmp_path / "run.rrd", times, tmp_path / "stills")
     except ViewerError as error:
         pytest.skip(f"no headless viewer here: {error}")
     assert [p.parent for p in pictures] == [tmp_path / "stills"] * 2

@@ -143,13 +143,13 @@ def test_no_block_is_lost_that_a_broken_pool_refuses(tmp_path: Path) -> None:
 def test_sampling_goes_on_until_the_mean_is_known(tmp_path: Path) -> None:
     rule = Precision(relative_half_width=0.03, least=20, most=2000)
     experiment = Experiment(("asynchronous",), precision=rule)
-    reports: list[tuple[int, int]] = []
+    reports: list[tuple[float, float]] = []
     count = run_replications(
         experiment,
         [toy_workload()],
         tmp_path / "blocks",
         _in_process,
-        lambda done, total: reports.append((done, total)),
+        lambda stage, done, total: reports.append((done, total)),
     )
     done = sorted(blocks_done(tmp_path / "blocks"), key=lambda block: block.first)
     assert sum(block.count for block in done) == count

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from planning.transforms import Array
-from twin.host.atomic import replacing
+from twin.host.atomic import write_text
 from twin.host.pictures import save_png
 from twin.host.progress import Report
 from twin.scenario.manifest import versions
@@ -48,9 +48,7 @@ def write_report(result: StudyResult, progress: Report) -> None:
     pictures = dict(_pictures(result, progress))
     for name, (figure, _) in pictures.items():
         save_png(figure, result.folder / f"{name}.png")
-    page = _page(result, pictures)
-    with replacing(result.folder / REPORT) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    write_text(result.folder / REPORT, _page(result, pictures))
     progress(DRAWING, 5, 5)
 
 
