@@ -1,4 +1,4 @@
-"""Which overlaps the audit accepts: the plan says who may touch whom, the audit sets bounds."""
+"""Contact rules of the audit: the plan says who may touch whom, the audit how deep."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the audit is told about a cell: descriptions, boxes and allowed contacts; no geometry.
+"""The audit's description of a cell: URDF files, boxes and allowed contacts; no geometry.
 
 Capsules, hulls and kinematics of the planner stay behind: Bullet reads the URDF files itself.
 """

@@ -1,4 +1,4 @@
-"""What was executed, read back from ``trajectory.parquet`` and ``objects.parquet`` alone."""
+"""Recorded motion, read back from ``trajectory.parquet`` and ``objects.parquet`` alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All pairs of shapes that could meet in a stretch, and the moments at which to measure them.
+"""Pairs of shapes that could meet in a stretch, and the moments at which to measure them.
 
 A pair is skipped as long as nothing can have happened: while the spheres around both shapes are
 apart, and after each measurement until both together have moved as far as they were apart. So

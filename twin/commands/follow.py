@@ -12,7 +12,7 @@ import typer
 from twin.host.guard import COMPLETED, FAILED, guarded
 
 if TYPE_CHECKING:
-    from twin.follow.follow import Onlooker
+    from twin.follow.follow import RunListener
     from twin.follow.state import FollowedRun
 
 PlanFolder = Annotated[
@@ -84,13 +84,13 @@ def follow(
     name, model = followed_execution(plan, tpg, scenario)
     run = FollowedRun(tpg, model.policy)
     forecaster = Forecaster(tpg, model, samples=samples)
-    onlookers = [_shown(run, name, as_json=as_json)]
+    listeners = [_shown(run, name, as_json=as_json)]
     if recording is not None or view:
         from twin.follow.recording import LiveRecording
 
-        onlookers.append(LiveRecording(tpg, recording, name=name, view=view))
+        listeners.append(LiveRecording(tpg, recording, name=name, view=view))
     lines = _lines(events, wait=not once)
-    follow_run(lines, run, forecaster, onlookers, every_s=every)
+    follow_run(lines, run, forecaster, listeners, every_s=every)
     bad = bool(run.violations) or run.outcome == "failed"
     return FAILED if bad else COMPLETED
 
@@ -103,7 +103,7 @@ def _lines(events: Path, *, wait: bool) -> Iterator[str | None]:
     return growing_file(events, wait=wait)
 
 
-def _shown(run: FollowedRun, title: str, *, as_json: bool) -> Onlooker:
+def _shown(run: FollowedRun, title: str, *, as_json: bool) -> RunListener:
     from twin.follow.lines import JsonLines, PlainLines
 
     def write(line: str) -> None:

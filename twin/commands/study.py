@@ -141,7 +141,7 @@ def study(
     replications.parquet, tasks.parquet, edges.parquet, summary.json, pictures and report.html.
     """
     from twin.scenario.file import load_scenario
-    from twin.study.folder import no_study_yet, same_study
+    from twin.study.folder import require_no_study, require_same_study
     from twin.study.replications.executors import check_scheduler, open_executor
     from twin.study.report.display import StudyDisplay
     from twin.study.study import resume_study, start_study
@@ -154,7 +154,7 @@ def study(
     with StudyDisplay(enabled=not (quiet or as_json)) as progress:
         if resume is not None:
             if scenario is not None:
-                same_study(resume, load_scenario(scenario))
+                require_same_study(resume, load_scenario(scenario))
             result = resume_study(resume, executor, progress)
         else:
             from twin.run.folder import run_folder
@@ -171,7 +171,7 @@ def study(
                 audited=audit_sample,
             )
             request = _request(scenario, experiment, seed, shortcuts, deadline, sobol)
-            no_study_yet(out, request.scenario)
+            require_no_study(out, request.scenario)
             with run_folder(out, f"study-{request.scenario.name}") as folder:
                 result = start_study(request, folder, executor, progress)
         from twin.study.report.report import write_report

@@ -1,4 +1,4 @@
-"""What no coordination can beat: transits as straight joint lines, nobody ever in the way."""
+"""Lower bounds on the makespan: transits as straight joint lines, nobody ever in the way."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One sequential plan under every policy: what coordination gains (APEX-MR V-A, Figs. 7 and 8).
+"""Comparison of all policies on one sequential plan (APEX-MR V-A, Figs. 7 and 8).
 
 All policies of a seed share assignment, smoothed paths and drawn skill durations: they differ
 in what waits for what, and in nothing else until shortcuts are taken.

@@ -1,4 +1,4 @@
-"""A comparison as a table for people."""
+"""Terminal tables of a comparison."""
 
 from __future__ import annotations
 

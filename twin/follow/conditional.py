@@ -1,4 +1,4 @@
-"""Durations of which something is known already: that they are longer than some time."""
+"""Conditional distributions of durations that are known to exceed some time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from planning.transforms import Array
 from twin.durations import DurationModel
 
 
-def longer_than(model: DurationModel, least_s: float, u: Array) -> Array:
+def conditional_quantiles(model: DurationModel, least_s: float, u: Array) -> Array:
     """Return the quantiles of a duration on condition that it is longer than something.
 
     Args:

@@ -1,4 +1,4 @@
-"""A followed run on a terminal: a line a robot, the forecast, what should not have happened."""
+"""Terminal display of a followed run: a line a robot, the forecast, forbidden events."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from twin.durations import NANOSECONDS
-from twin.follow.follow import Onlooker
+from twin.follow.follow import RunListener
 from twin.follow.forecast import Forecast
 from twin.follow.lines import end_sentence
 from twin.follow.state import FollowedRun, RobotProgress, Violation
@@ -25,7 +25,7 @@ _SILENT_S = 5.0
 _PAUSE_S = 0.1
 
 
-class TerminalDisplay(Onlooker):
+class TerminalDisplay(RunListener):
     """Draws the state of a run again whenever it has changed, ten times a second at most."""
 
     def __init__(self, run: FollowedRun, title: str, console: Console) -> None:

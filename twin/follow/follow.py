@@ -1,4 +1,4 @@
-"""The twin of a running cell: follows its events, flags what must not be, forecasts the end."""
+"""Following a running cell: applies its events, flags forbidden ones, forecasts the end."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from twin.run.event_log import EventLogError, parse_event
 from twin.run.events import Event
 
 
-class Onlooker:
+class RunListener:
     """Something that shows or keeps what is seen of a run; each kind overrides what it wants."""
 
     def event(self, event: Event, run: FollowedRun) -> None:
@@ -38,7 +38,7 @@ def follow(
     lines: Iterable[str | None],
     run: FollowedRun,
     forecaster: Forecaster,
-    onlookers: Sequence[Onlooker],
+    listeners: Sequence[RunListener],
     *,
     every_s: float = 2.0,
     clock: Callable[[], float] = time.monotonic,
@@ -52,7 +52,7 @@ def follow(
         lines: of the event log; None stands for nothing to read yet.
         run: its state, which is kept equal to the events.
         forecaster: of the same plan.
-        onlookers: told of everything.
+        listeners: told of everything.
         every_s: time of the run between forecasts [s].
         clock: a clock of seconds.
 
@@ -64,12 +64,12 @@ def follow(
     heard = clock()
     number = 0
 
-    def foresee(now_ns: int) -> None:
+    def make_forecast(now_ns: int) -> None:
         nonlocal due
         due = (now_ns // every + 1) * every
         forecast = forecaster.forecast(run, now_ns)
-        for onlooker in onlookers:
-            onlooker.forecast(forecast, run)
+        for listener in listeners:
+            listener.forecast(forecast, run)
 
     try:
         for line in lines:
@@ -77,9 +77,9 @@ def follow(
                 silent_s = clock() - heard
                 now = run.now_ns + int(silent_s * NANOSECONDS)
                 if run.events and now >= due:
-                    foresee(now)
-                for onlooker in onlookers:
-                    onlooker.waiting(run, silent_s)
+                    make_forecast(now)
+                for listener in listeners:
+                    listener.waiting(run, silent_s)
                 continue
             number += 1
             heard = clock()
@@ -88,19 +88,19 @@ def follow(
             try:
                 event = parse_event(line)
             except EventLogError as error:
-                for onlooker in onlookers:
-                    onlooker.unreadable(number, error)
+                for listener in listeners:
+                    listener.unreadable(number, error)
                 continue
             if event.t_ns >= due and not run.outcome:
-                foresee(max(event.t_ns // every * every, run.now_ns))
+                make_forecast(max(event.t_ns // every * every, run.now_ns))
             found = run.apply(event)
-            for onlooker in onlookers:
-                onlooker.event(event, run)
+            for listener in listeners:
+                listener.event(event, run)
                 for violation in found:
-                    onlooker.violation(violation)
+                    listener.violation(violation)
             if run.outcome:
                 break
     finally:
-        for onlooker in onlookers:
-            onlooker.close(run)
+        for listener in listeners:
+            listener.close(run)
     return run

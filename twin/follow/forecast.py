@@ -1,4 +1,4 @@
-"""Forecasts how a run in progress will end, by drawing what is not done again and again.
+"""Forecasts of the end of a run in progress, by drawing what is not done again and again.
 
 What is done is known. What is under way is drawn on condition that it takes longer than it has
 taken already. The rest is drawn as for any run. Everything then follows from the graph.
@@ -25,7 +25,7 @@ from twin.engine.bulk.message_times import Past, end_times
 from twin.engine.bulk.policy_graph import policy_graph
 from twin.engine.execution_model import ExecutionModel
 from twin.engine.messages import Messages
-from twin.follow.conditional import longer_than
+from twin.follow.conditional import conditional_quantiles
 from twin.follow.state import FollowedRun, RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, Standstill
@@ -211,7 +211,7 @@ class Forecaster:
             [task.kind],
             "duration",
         )[0]
-        seconds = longer_than(model, worked / NANOSECONDS / share, u)
+        seconds = conditional_quantiles(model, worked / NANOSECONDS / share, u)
         return to_nanoseconds(seconds * share)
 
     def _retries(self, k: int, robot: RobotProgress, node: int) -> Nanoseconds:
@@ -242,7 +242,9 @@ class Forecaster:
             "standstill",
         )[0]
         model = self._standing_model(robot.standing)
-        return to_nanoseconds(np.maximum(longer_than(model, stood_s, u) - stood_s, 0))
+        return to_nanoseconds(
+            np.maximum(conditional_quantiles(model, stood_s, u) - stood_s, 0)
+        )
 
     def _standing_model(self, why: str) -> DurationModel:
         found = self._disturbances

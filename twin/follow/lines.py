@@ -1,4 +1,4 @@
-"""What is seen of a followed run as lines: JSON for programs, sentences for people."""
+"""Text output of a followed run: JSON for programs, sentences for people."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from twin.durations import NANOSECONDS
-from twin.follow.follow import Onlooker
+from twin.follow.follow import RunListener
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, Violation
 from twin.run.event_log import EventLogError
@@ -16,7 +16,7 @@ from twin.run.event_log import EventLogError
 Write = Callable[[str], None]
 
 
-class JsonLines(Onlooker):
+class JsonLines(RunListener):
     """Writes one JSON object a line: forecasts, violations, unreadable lines, and the end."""
 
     def __init__(self, write: Write) -> None:
@@ -69,7 +69,7 @@ class JsonLines(Onlooker):
         self._write(json.dumps({"kind": what, **values}))
 
 
-class PlainLines(Onlooker):
+class PlainLines(RunListener):
     """Writes sentences, for where there is no terminal to draw on."""
 
     def __init__(self, write: Write) -> None:

@@ -10,7 +10,7 @@ import rerun as rr
 
 from planning.errors import OutputError
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
-from twin.follow.follow import Onlooker
+from twin.follow.follow import RunListener
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, Violation
 from twin.recorders.rerun import layout as layout
@@ -39,7 +39,7 @@ _STATES = {
 _QUANTILES = {"P50": (0.5, (47, 111, 178)), "P90": (0.9, (206, 54, 48))}
 
 
-class LiveRecording(Onlooker):
+class LiveRecording(RunListener):
     """Keeps a followed run: motion, objects, events, forecasts, what should not have happened.
 
     A robot is shown to have moved once it has completed a node.

@@ -1,4 +1,4 @@
-"""What a followed run is expected to do: policy, messages, durations, disturbances."""
+"""Execution model of a followed run: from its manifest, or from a scenario file."""
 
 from __future__ import annotations
 

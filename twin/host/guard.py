@@ -1,4 +1,4 @@
-"""What every command shares: errors become messages and exit codes, never tracebacks."""
+"""Exit codes of commands: errors become messages, never tracebacks."""
 
 from __future__ import annotations
 

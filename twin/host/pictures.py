@@ -1,4 +1,4 @@
-"""The look that all pictures share, and writing them whole."""
+"""Style of all pictures, and atomic writing of them."""
 
 from __future__ import annotations
 

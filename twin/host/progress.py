@@ -1,4 +1,4 @@
-"""How long-running work tells how far it has come, and a display of it on a terminal."""
+"""Progress reports of long-running work, and their display on a terminal."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from planning.errors import OutputError
-from twin.run.event_log import event_line, hold
+from twin.run.event_log import event_line, lock_log
 from twin.run.events import Event
 
 
@@ -18,7 +18,7 @@ class JsonlRecorder:
             self._file = path.open("w", buffering=1, encoding="utf-8", newline="\n")
         except OSError as error:
             raise OutputError(f"{path}: cannot write the event log: {error}") from error
-        hold(self._file, path)
+        lock_log(self._file, path)
 
     def record(self, event: Event) -> None:
         """Write an event."""

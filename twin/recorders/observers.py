@@ -1,4 +1,4 @@
-"""Recorders watch the events of a run; none can stop it."""
+"""Recorders, which watch the events of a run; none can stop it."""
 
 from __future__ import annotations
 

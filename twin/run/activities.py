@@ -1,4 +1,4 @@
-"""What each robot was doing when, as the events of a run tell it: the lanes of charts."""
+"""Activities of robots over time, told by the events of a run: the lanes of charts."""
 
 from __future__ import annotations
 
@@ -52,12 +52,14 @@ def robot_activities(
     """
     end_ns = events[-1].t_ns if events else 0
     return {
-        chain.robot: tuple(_joined(_Story(tpg, k).tell(events, end_ns), nodes=nodes))
+        chain.robot: tuple(
+            _joined(_RobotLog(tpg, k).activities(events, end_ns), nodes=nodes)
+        )
         for k, chain in enumerate(tpg.chains)
     }
 
 
-class _Story:
+class _RobotLog:
     """Follows one robot through the events."""
 
     def __init__(self, tpg: TemporalPlanGraph, chain: int) -> None:
@@ -70,20 +72,20 @@ class _Story:
         self._clock = 0
         self._out: list[Activity] = []
 
-    def tell(self, events: Iterable[Event], end_ns: int) -> list[Activity]:
+    def activities(self, events: Iterable[Event], end_ns: int) -> list[Activity]:
         """Return all stretches of the robot, none of them empty."""
         mine = [event for event in events if event.robot == self._chain.robot]
         for event in mine:
-            self._hear(event)
+            self._take(event)
         if self._next < len(self._chain):
             self._until(end_ns, FAILED if self._failed else self._state())
         return self._out
 
-    def _hear(self, event: Event) -> None:
+    def _take(self, event: Event) -> None:
         t = event.t_ns
         if event.kind in ("retried", "failed") and self._node >= 0:
             self._until(t, RETRYING)
-            self._nothing_came_of_it()
+            self._mark_failed_attempt()
             self._failed = event.kind == "failed"
             return
         self._until(t, self._state())
@@ -97,7 +99,7 @@ class _Story:
         elif event.kind == "resumed" and self._stands:
             self._stands.pop()
 
-    def _nothing_came_of_it(self) -> None:
+    def _mark_failed_attempt(self) -> None:
         """Tell the motion of the node under way as a failed attempt: motion comes last."""
         for k in range(len(self._out) - 1, -1, -1):
             if self._out[k].first != self._node:

@@ -47,7 +47,7 @@ def event_line(event: Event) -> str:
     )
 
 
-def hold(file: IO[Any], path: Path) -> None:
+def lock_log(file: IO[Any], path: Path) -> None:
     """Keep other processes from writing a log while this one does, until it is closed.
 
     Where a file system or an operating system knows no locks nothing is done.

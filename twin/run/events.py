@@ -1,4 +1,4 @@
-"""What happens in a run, as rows."""
+"""Events of a run."""
 
 from __future__ import annotations
 

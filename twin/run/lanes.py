@@ -1,4 +1,4 @@
-"""What charts, graphs and recordings share: states of robots, their colours, causes of edges."""
+"""States of robots in charts and recordings, their colours, and causes of edges in words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What happened in a run, as data."""
+"""Record of one execution: outcome, node times, waits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The figures of a run as a table for people."""
+"""Terminal table of the figures of a run."""
 
 from __future__ import annotations
 

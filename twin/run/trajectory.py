@@ -1,4 +1,4 @@
-"""Where everything was, and when: the motion of a run, from its node times."""
+"""Trajectories of robots and placements of objects, from the node times of a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the cell of a scenario to the cell that planning works with."""
+"""Construction of a cell from a scenario."""
 
 from __future__ import annotations
 

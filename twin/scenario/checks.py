@@ -1,4 +1,4 @@
-"""Checks that need the whole scenario: do the parts fit together?"""
+"""Checks of a whole scenario: do its parts fit together?"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The folder of a study: what it was asked, and what it has so far."""
+"""Folder of a study: names of its files, and its request as a manifest."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def read_request(folder: Path) -> StudyRequest:
         raise OutputError(f"{path}: is no manifest of a study: {error}") from error
 
 
-def same_study(folder: Path, scenario: Scenario) -> None:
+def require_same_study(folder: Path, scenario: Scenario) -> None:
     """Refuse a folder that holds a study of another scenario.
 
     Raises:
@@ -93,7 +93,7 @@ def same_study(folder: Path, scenario: Scenario) -> None:
         )
 
 
-def no_study_yet(folder: Path | None, scenario: Scenario) -> None:
+def require_no_study(folder: Path | None, scenario: Scenario) -> None:
     """Refuse a folder that holds a study already.
 
     Raises:
@@ -101,7 +101,7 @@ def no_study_yet(folder: Path | None, scenario: Scenario) -> None:
         OutputError: it holds something else.
     """
     if folder is not None and (folder / MANIFEST).exists():
-        same_study(folder, scenario)
+        require_same_study(folder, scenario)
         raise RequestError(
             f"{folder} holds a study already: go on with it by --resume {folder}, or give"
             " another folder"

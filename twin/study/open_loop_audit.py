@@ -1,4 +1,4 @@
-"""What happens without coordination: replications in which nobody waits, checked for collisions."""
+"""Collision audit of open-loop replications, in which nobody waits for anybody."""
 
 from __future__ import annotations
 

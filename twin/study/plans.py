@@ -1,4 +1,4 @@
-"""The plans that a study executes, and the workloads that are made of them."""
+"""Plans that a study executes, and the workloads made of them."""
 
 from __future__ import annotations
 

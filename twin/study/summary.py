@@ -1,4 +1,4 @@
-"""What a study found out, as figures: ``summary.json``."""
+"""Figures of a study: ``summary.json``."""
 
 from __future__ import annotations
 

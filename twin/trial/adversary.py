@@ -1,4 +1,4 @@
-"""The worst that delays can do: a robot that never finishes a node while all others go on.
+"""Worst-case delays: one robot never finishes a node while all others go on.
 
 Every type-2 edge makes a robot wait for a node of another one. If that node is never complete,
 the others run until nothing moves, and the cell stands still in a state that no nominal run

@@ -1,4 +1,4 @@
-"""Goes on with a run whose process was killed.
+"""Resumption of a run whose process was killed.
 
 Runs are deterministic: the same scenario, plan and seed give the same events. So a run is resumed
 by running it again from the start, comparing every event with the log as far as that goes, and
@@ -14,7 +14,7 @@ from planning.errors import OutputError, TwinError
 from scheduling.graph.plan_files import load_plan
 from twin.host.progress import Report, report_nothing
 from twin.recorders.memory import MemoryRecorder
-from twin.run.event_log import LogLines, event_line, hold, parse_event, read_log
+from twin.run.event_log import LogLines, event_line, lock_log, parse_event, read_log
 from twin.run.events import Event
 from twin.run.folder import EVENTS, SUMMARY
 from twin.scenario.manifest import read_manifest
@@ -125,7 +125,7 @@ def _append(path: Path, size: int, lines: list[str]) -> None:
     """Cut a torn line off and write what is missing."""
     try:
         with path.open("ab") as file:
-            hold(file, path)
+            lock_log(file, path)
             file.truncate(size)
             file.writelines(line.encode() for line in lines)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""From a scenario to how its plan is executed."""
+"""Execution model of a scenario: durations, policy, messages, disturbances."""
 
 from __future__ import annotations
 

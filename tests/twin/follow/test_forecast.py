@@ -16,7 +16,7 @@ from twin.durations import Exponential, Fixed, Lognormal, Measured, Uniform
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.engine.messages import Messages
-from twin.follow.conditional import longer_than
+from twin.follow.conditional import conditional_quantiles
 from twin.follow.forecast import Forecaster
 from twin.follow.state import FollowedRun
 from twin.recorders.memory import MemoryRecorder
@@ -45,23 +45,23 @@ U = (np.arange(400) + 0.5) / 400
 
 
 def test_longer_than_a_bound_of_a_uniform_is_uniform_above_it() -> None:
-    found = longer_than(Uniform(low_s=2.0, high_s=6.0), 3.0, U)
+    found = conditional_quantiles(Uniform(low_s=2.0, high_s=6.0), 3.0, U)
     assert found == pytest.approx(3.0 + 3.0 * U, abs=1e-6)
 
 
 def test_what_has_no_memory_begins_afresh() -> None:
     model = Exponential(mean_s=4.0)
-    assert longer_than(model, 7.0, U) == pytest.approx(7.0 + model.ppf(U), abs=1e-6)
+    assert conditional_quantiles(model, 7.0, U) == pytest.approx(7.0 + model.ppf(U), abs=1e-6)
 
 
 def test_of_measured_times_only_the_longer_ones_are_left() -> None:
     values = np.array([1.0, 2.0, 2.0, 3.0, 5.0, 8.0])
-    found = longer_than(Measured(values=tuple(values)), 2.0, U)
+    found = conditional_quantiles(Measured(values=tuple(values)), 2.0, U)
     left, counts = np.unique(found, return_counts=True)
     assert left.tolist() == [3.0, 5.0, 8.0]
     assert counts / len(U) == pytest.approx([1 / 3] * 3, abs=0.01)
-    assert np.all(longer_than(Measured(values=tuple(values)), 9.0, U) == 9.0)
-    assert np.all(longer_than(Fixed(value_s=3.0), 1.0, U) == 3.0)
+    assert np.all(conditional_quantiles(Measured(values=tuple(values)), 9.0, U) == 9.0)
+    assert np.all(conditional_quantiles(Fixed(value_s=3.0), 1.0, U) == 3.0)
 
 
 # Forecasts

@@ -1,4 +1,4 @@
-"""How the Rerun viewer shows a run: camera, lanes, plots, text."""
+"""Layout of the Rerun viewer: camera, lanes, plots, text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Problems of a scenario file, as a person wants to read them: place, reason, remedy."""
+"""Problems of a scenario file: place, reason, remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of pydantic, translated for the person who wrote the file."""
+"""Translation of pydantic's errors for the person who wrote the file."""
 
 from __future__ import annotations
 

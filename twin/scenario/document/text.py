@@ -1,4 +1,4 @@
-"""Writing a scenario as YAML that people like to read: one line an entry."""
+"""Writer of scenarios as YAML that people like to read: one line an entry."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""YAML as people mean it: one document, no key twice, YAML 1.2 numbers, and a place for everything.
+"""Strict YAML: one document, no key twice, YAML 1.2 numbers, and a place for every value.
 
 PyYAML follows YAML 1.1, where ``on`` is true, ``1e3`` is text and ``1:30`` is ninety, and it lets
 the last of two equal keys win. A scenario must not change its meaning by such traps, so the

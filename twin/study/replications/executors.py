@@ -1,4 +1,4 @@
-"""Where replications are computed: in this process, on all its cores, or on a cluster.
+"""Executors of replications: this process, all its cores, or a cluster.
 
 Everything goes through ``concurrent.futures.Executor``, so a study does not know which it is, and
 its results do not depend on it.

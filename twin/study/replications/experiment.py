@@ -1,4 +1,4 @@
-"""What a study is to find out: policies, varied inputs, and how many replications of each."""
+"""Design of a study: policies, varied inputs, and how many replications of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One row a replication: its outcome, makespan, and what every robot waited for."""
+"""Rows of replications: outcome, makespan, and waits by cause."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs the replications of a study wherever they are to be run, until there are enough."""
+"""Runner of replications: on any executor, until there are enough."""
 
 from __future__ import annotations
 

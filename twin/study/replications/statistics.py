@@ -1,4 +1,4 @@
-"""What a sample of replications says, and how sure one can be of it.
+"""Statistics of replications: means, quantiles and shares with confidence intervals.
 
 Replications are independent: each has draws of its own. An assembly ends, so there is no warm-up
 to cut off. A share that was never seen, such as 0 failures of 50, still has an upper bound.

@@ -1,4 +1,4 @@
-"""What is kept of every task over many replications, in an amount that does not grow with them."""
+"""Tallies of tasks over many replications, in an amount that does not grow with them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plan without its geometry: all that matters once paths are known to be safe is time.
+"""Timing graphs: plans without geometry, as only time matters once paths are known to be safe.
 
 A timing graph is a TemporalPlanGraph that can be executed and sent anywhere, but not drawn: a
 few hundred kilobytes for the plan of an assembly of hundreds of steps, less when contracted.

@@ -1,4 +1,4 @@
-"""The work of one cell of a study, in a form that can be sent to any process or machine."""
+"""Workload of one cell of a study, in a form that can be sent to any process or machine."""
 
 from __future__ import annotations
 

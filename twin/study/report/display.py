@@ -1,4 +1,4 @@
-"""The progress of a study on a terminal: how many replications, and how much longer."""
+"""Progress of a study on a terminal: how many replications, and how much longer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``report.html``: what a study found out, in one file that opens anywhere and needs no network."""
+"""``report.html``: figures and tables of a study in one file that needs no network."""
 
 from __future__ import annotations
 

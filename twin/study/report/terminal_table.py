@@ -1,4 +1,4 @@
-"""What a study found out, as a table on the terminal."""
+"""Terminal table of the figures of a study."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The inputs of a plan that can be made smaller and larger, for questions of sensitivity."""
+"""Inputs of a plan that can be made smaller and larger."""
 
 from __future__ import annotations
 

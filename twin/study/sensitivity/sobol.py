@@ -1,4 +1,4 @@
-"""Which inputs the makespan hangs on when all of them vary at once: Sobol indices."""
+"""Sobol indices: the share of each input in the variance of the mean makespan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which inputs the makespan hangs on: one at a time, a little less and a little more of each."""
+"""Tornado analysis: the mean makespan when one input at a time is smaller or larger."""
 
 from __future__ import annotations
 
