@@ -7,9 +7,9 @@ their URDF files, boxes from their sizes, motion from the tables that the run wr
 from __future__ import annotations
 
 import math
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 from planning.transforms import Transform
 from scheduling.graph.plan_files import load_plan
@@ -79,7 +79,7 @@ def audit_run(folder: Path, progress: Report = report_nothing) -> AuditReport:
         return auditor.audit(read_recording(folder, scene), progress)
 
 
-class Auditor:
+class Auditor(AbstractContextManager["Auditor"]):
     """Audits any number of executions in one cell; a context manager.
 
     Args:
@@ -91,16 +91,7 @@ class Auditor:
         self._world = AuditWorld(scene)
         self._exempt = overlapping_at_home(self._world)
 
-    def __enter__(self) -> Auditor:
-        """Return the auditor itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Let go of Bullet."""
         self._world.close()
 

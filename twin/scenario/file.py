@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from twin.scenario.checks import find_problems
 from twin.scenario.document.problems import InvalidScenarioError, Problem
-from twin.scenario.document.schema_errors import schema_problems
-from twin.scenario.document.yaml_text import Mark, read_yaml
+from twin.scenario.document.validation import parsed, validated
+from twin.scenario.document.yaml_text import Mark
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.structure_file import check_structure_file, include_structure
 
@@ -26,21 +23,11 @@ def load_scenario(path: Path) -> Scenario:
     Raises:
         InvalidScenarioError: with every problem found, each at its line and column.
     """
-    document = read_yaml(path, _read_text(path))
-    problems = [*document.problems]
-    if document.data is None:
-        problems = problems or [Problem(Mark(1, 1), "the file is empty")]
-        raise InvalidScenarioError(path, problems, document.lines)
-    document, included = include_structure(document)
-    try:
-        # Validating JSON text, not Python objects: strict mode then takes lists for tuples.
-        scenario = Scenario.model_validate_json(json.dumps(document.data))
-    except ValidationError as error:
-        problems += schema_problems(document, scenario_schema(), error.errors())
-        raise InvalidScenarioError(path, problems, document.lines) from None
+    document, included = include_structure(parsed(path, _read_text(path)))
+    scenario = validated(document, Scenario, scenario_schema())
     if included is not None:
         check_structure_file(scenario, included)
-    problems += find_problems(scenario, document)
+    problems = [*document.problems, *find_problems(scenario, document)]
     if problems:
         raise InvalidScenarioError(path, problems, document.lines)
     return scenario

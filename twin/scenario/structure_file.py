@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import Any
 
-from pydantic import ValidationError
-
 from twin.scenario.document.problems import InvalidScenarioError, Problem
-from twin.scenario.document.schema_errors import schema_problems
-from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument, read_yaml
+from twin.scenario.document.validation import parsed, validated
+from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.drawn_structure import StructureSection
 from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.scenario import Scenario
@@ -44,14 +41,10 @@ def include_structure(
             document.mark_of((*_AT, "file")), f"{path}: cannot be read: {reason}"
         )
         raise InvalidScenarioError(document.path, [problem], document.lines) from None
-    included = read_yaml(path, text)
-    problems = [*included.problems]
-    if included.data is not None:
-        problems += _section_problems(included)
-    elif not problems:
-        problems.append(Problem(Mark(1, 1), "the file is empty"))
-    if problems:
-        raise InvalidScenarioError(path, problems, included.lines)
+    included = parsed(path, text)
+    validated(included, StructureSection, StructureSection.model_json_schema())
+    if included.problems:
+        raise InvalidScenarioError(path, included.problems, included.lines)
     data = dict(document.data)
     data["assembly"] = {**data["assembly"], "structure": included.data}
     return replace(document, data=data), included
@@ -87,12 +80,3 @@ def _file_name(data: Any) -> str | None:
         return None
     name = structure["file"]
     return name if isinstance(name, str) else None
-
-
-def _section_problems(included: YamlDocument) -> list[Problem]:
-    try:
-        StructureSection.model_validate_json(json.dumps(included.data))
-    except ValidationError as error:
-        schema = StructureSection.model_json_schema()
-        return schema_problems(included, schema, error.errors())
-    return []

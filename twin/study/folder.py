@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from planning.errors import OutputError, RequestError
 from twin.scenario.manifest import MANIFEST, read_manifest, write_manifest
 from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.experiment import Experiment
+from twin.study.sensitivity.sobol import check_points
 
 PLANS, BLOCKS, AUDITS = "plans", "blocks", "audits"
 REPLICATIONS, TASKS, EDGES = (
@@ -33,6 +35,9 @@ class StudyRequest:
         candidates: shortcuts tried, where a policy takes them.
         deadline_s: ask how likely the run is over by then [s], None not to.
         sobol_points: of the sample for Sobol indices, 0 for none.
+
+    Raises:
+        RequestError: the deadline is no positive time, or the points are no power of 2.
     """
 
     scenario: Scenario
@@ -41,6 +46,15 @@ class StudyRequest:
     candidates: int
     deadline_s: float | None = None
     sobol_points: int = 0
+
+    def __post_init__(self) -> None:
+        deadline_s = self.deadline_s
+        if deadline_s is not None and not 0 < deadline_s < math.inf:
+            raise RequestError(
+                f"a deadline must be more than 0 s, not {deadline_s:g} s"
+            )
+        if self.sobol_points:
+            check_points(self.sobol_points)
 
 
 def write_request(folder: Path, request: StudyRequest, cell: Workcell) -> None:

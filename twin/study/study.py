@@ -32,8 +32,7 @@ from twin.study.plans import Plans, load_plans, plan_for_study, save_plans, work
 from twin.study.replications.experiment import PLAN_OF_POLICY, Experiment
 from twin.study.replications.runner import OpenExecutor, run_replications
 from twin.study.replications.workload import Workload
-from twin.study.sensitivity.sobol import check_points
-from twin.study.summary import check_deadline, summarise_study
+from twin.study.summary import summarise_study
 from twin.study.tables import cell_tally, write_edges, write_replications, write_tasks
 from twin.uncertainty.disturbances import Speed
 
@@ -74,9 +73,6 @@ def start_study(
         ScenarioError: a varied input does not fit the scenario.
         RequestError: the scenario cannot be planned, or the deadline is not possible.
     """
-    check_deadline(request.deadline_s)
-    if request.sobol_points:
-        check_points(request.sobol_points)
     experiment, scenario = request.experiment, request.scenario
     # Refuses what does not fit before the time that planning takes is spent.
     for variant in experiment.variants:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from planning.errors import RequestError
 from planning.transforms import Array
 from twin.durations import NANOSECONDS
 from twin.study.replications.experiment import Experiment
@@ -161,16 +160,6 @@ def _differences(
             }
         )
     return found
-
-
-def check_deadline(deadline_s: float | None) -> None:
-    """Refuse a deadline that no run can meet or that is no time at all.
-
-    Raises:
-        RequestError: it is not a positive, finite number.
-    """
-    if deadline_s is not None and not 0 < deadline_s < math.inf:
-        raise RequestError(f"a deadline must be more than 0 s, not {deadline_s:g} s")
 
 
 def _entry(interval: Interval) -> dict[str, Any]:

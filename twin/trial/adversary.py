@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.audit import Auditor, Violation
 from twin.audit.cell_description import scene_of
@@ -70,21 +71,13 @@ def run_until_still(tpg: TemporalPlanGraph, frozen: int, node: int) -> tuple[int
         frozen: chain of the node.
         node: the node that is never complete.
     """
-    sources: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    for a, u, b, v in tpg.edges.tolist():
-        sources.setdefault((b, v), []).append((a, u))
-    done = [0] * len(tpg.chains)
-    moved = True
-    while moved:
-        moved = False
-        for b, chain in enumerate(tpg.chains):
-            end = node if b == frozen else len(chain)
-            while done[b] < end and all(
-                u < done[a] for a, u in sources.get((b, done[b]), ())
-            ):
-                done[b] += 1
-                moved = True
-    return tuple(done)
+    dispatcher = Dispatcher(tpg)
+    ready = dispatcher.ready()
+    while ready:
+        chain, index = ready.pop()
+        if (chain, index) != (frozen, node):
+            ready += dispatcher.complete(chain, index)
+    return tuple(dispatcher.completed(k) for k in range(len(tpg.chains)))
 
 
 def standing_recording(tpg: TemporalPlanGraph, state: StandingState) -> Recording:

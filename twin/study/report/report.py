@@ -190,35 +190,34 @@ def _span(entry: Mapping[str, Any] | None, form: str, factor: float) -> str:
 
 
 def _differences(summary: Mapping[str, Any]) -> str:
-    items = []
+    texts = []
     for entry in summary["differences"]:
         span = _span(entry["makespan_s"], "{:+.1f} s", 1.0)
         where = "".join(f", {key} = {value}" for key, value in entry["variant"].items())
-        text = (
+        texts.append(
             f"{entry['policy']} against {entry['reference']}{where}: {span},"
             f" {100 * entry['relative']:+.1f} %"
         )
-        items.append(f"<li>{html.escape(text)}</li>")
-    if not items:
-        return ""
-    return f"<h2>Differences, replication by replication</h2><ul>{''.join(items)}</ul>"
+    return _list("Differences, replication by replication", texts)
 
 
 def _open_loop(summary: Mapping[str, Any]) -> str:
-    items = []
+    texts = []
     for cell in summary["cells"]:
         if "collided" in cell:
             entry = cell["collided"]
             hits = round(entry["estimate"] * entry["count"])
-            text = (
+            texts.append(
                 f"{cell_label(cell)}: {hits} of {entry['count']} audited replications"
                 f" collided, {_span(entry, '{:.0f} %', 100.0)}"
             )
-            items.append(f"<li>{html.escape(text)}</li>")
-    if not items:
-        return ""
-    heading = "When nobody waits for anybody"
-    return f"<h2>{heading}</h2><ul>{''.join(items)}</ul>"
+    return _list("When nobody waits for anybody", texts)
+
+
+def _list(heading: str, texts: Sequence[str]) -> str:
+    """Return a list with its heading, nothing where there are no entries."""
+    items = "".join(f"<li>{html.escape(text)}</li>" for text in texts)
+    return f"<h2>{heading}</h2><ul>{items}</ul>" if items else ""
 
 
 def _design(result: StudyResult) -> dict[str, Any]:

@@ -1,17 +1,22 @@
-"""Translation of pydantic's errors for the person who wrote the file."""
+"""Validation of documents, with pydantic's errors translated for who wrote the file."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
 
 from twin.scenario.document.problems import (
+    InvalidScenarioError,
     Problem,
     meant_key,
     unknown_key,
     unknown_name,
 )
-from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument, read_yaml
 
 # Kinds of pydantic's errors, and what was expected.
 _EXPECTED = {
@@ -33,6 +38,44 @@ _BOUNDS = {
     "less_than": ("lt", "must be less than"),
     "less_than_equal": ("le", "must be at most"),
 }
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def parsed(path: Path, text: str) -> YamlDocument:
+    """Return what a file says, as far as it is YAML.
+
+    Raises:
+        InvalidScenarioError: it is no YAML at all, or empty.
+    """
+    document = read_yaml(path, text)
+    if document.data is None:
+        problems = document.problems or [Problem(Mark(1, 1), "the file is empty")]
+        raise InvalidScenarioError(path, problems, document.lines)
+    return document
+
+
+def validated(
+    document: YamlDocument, model: type[Model], schema: dict[str, Any]
+) -> Model:
+    """Return the section that a document holds.
+
+    Args:
+        document: a file.
+        model: what it should hold.
+        schema: the JSON schema of that.
+
+    Raises:
+        InvalidScenarioError: with all that is wrong with single values.
+    """
+    try:
+        # Validating JSON text, not Python objects: strict mode then takes lists for tuples.
+        return model.model_validate_json(json.dumps(document.data))
+    except ValidationError as error:
+        found = schema_problems(document, schema, error.errors())
+        problems = [*document.problems, *found]
+        raise InvalidScenarioError(document.path, problems, document.lines) from None
 
 
 def schema_problems(
