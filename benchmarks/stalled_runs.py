@@ -31,7 +31,6 @@ from benchmarks.machine import date_line, machine_line
 from benchmarks.stalled_runs_report import report
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.audit import Auditor
-from twin.audit.cell_description import scene_of
 from twin.audit.executed import read_recording
 from twin.host.atomic import write_json
 from twin.planning.pipeline import plan_scenario
@@ -118,8 +117,7 @@ def audited_runs(
         plan: what the rows call it.
         wanted: seed and stalls of each robot, run by run.
     """
-    scene = scene_of(tpg)
-    with Auditor(scene) as auditor, tempfile.TemporaryDirectory() as scratch:
+    with Auditor(tpg) as auditor, tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         for seed, stalls in wanted:
             start = time.process_time()
@@ -130,7 +128,7 @@ def audited_runs(
             motions = robot_trajectories(tpg, run)
             write_table(folder / TRAJECTORY, trajectory_table(motions))
             write_table(folder / OBJECTS, objects_table(object_placements(tpg, run)))
-            found = auditor.audit(read_recording(folder, scene))
+            found = auditor.audit(read_recording(folder, tpg.cell))
             least = found.min_distance_m
             yield AuditedRun(
                 plan,

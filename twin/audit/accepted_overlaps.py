@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from twin.audit.cell_description import AuditScene
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.executed import Recording, RobotRows
 
 CONTACT_DEPTH = 0.003
@@ -24,20 +24,20 @@ class ContactRule:
     Robots never touch each other, and an arm never touches anything.
 
     Args:
-        scene: the allowed contacts of the plan.
+        tpg: the allowed contacts of the plan, and the tasks of nodes.
         recording: tells which task each robot is at.
     """
 
-    def __init__(self, scene: AuditScene, recording: Recording) -> None:
+    def __init__(self, tpg: TemporalPlanGraph, recording: Recording) -> None:
         self._recording = recording
-        self._tasks = scene.task_of_node
+        self._tasks = {chain.robot: chain.task for chain in tpg.chains}
         self._known: dict[tuple[str, float], frozenset[int]] = {}
-        objects = {box.name for box in scene.objects}
-        fixtures = {box.name for box in scene.fixtures}
-        tools = {f"{robot.name}/tool": robot.name for robot in scene.robots}
+        objects = {box.name for box in tpg.cell.objects}
+        fixtures = {box.name for box in tpg.cell.fixtures}
+        tools = {f"{robot.name}/tool": robot.name for robot in tpg.cell.robots}
         self._tools: Mapping[str, str] = tools
         self._allowed: dict[frozenset[str], list[frozenset[int]]] = {}
-        for contact in scene.allowed:
+        for contact in tpg.allowed:
             pair = frozenset((contact.first, contact.second))
             partners = pair - objects
             if (
@@ -75,7 +75,7 @@ class ContactRule:
         key = (robot, t)
         if key not in self._known:
             rows = self._recording.robots[robot]
-            tasks = self._tasks[robot]
+            tasks = self._tasks.get(robot, ())
             if len(tasks):
                 nodes = np.clip(_nodes_at(rows, t), 0, len(tasks) - 1)
                 self._known[key] = frozenset(tasks[nodes].tolist())

@@ -1,7 +1,8 @@
 """The independent witness: PyBullet replays what a run executed and measures every distance.
 
 It shares nothing with the planner but the plan's list of allowed contacts: robots come from
-their URDF files, boxes from their sizes, motion from the tables that the run wrote.
+their URDF files, boxes from their sizes, motion from the tables that the run wrote. Of the cell
+only names, files, sizes and first poses are read: no hull, no capsule, no kinematics.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ from pathlib import Path
 
 from planning.transforms import Transform
 from scheduling.graph.plan_files import load_plan
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.accepted_overlaps import ContactRule
 from twin.audit.bullet_world import AuditWorld, homogeneous, overlapping_at_home
-from twin.audit.cell_description import AuditScene, scene_of
 from twin.audit.executed import Recording, read_recording
 from twin.audit.pairs import gaps
 from twin.audit.sampling import Stretch, stretches
@@ -74,21 +75,21 @@ def audit_run(folder: Path, progress: Report = report_nothing) -> AuditReport:
     Raises:
         OutputError: a file is missing or does not fit the others.
     """
-    scene = scene_of(load_plan(folder))
-    with Auditor(scene) as auditor:
-        return auditor.audit(read_recording(folder, scene), progress)
+    tpg = load_plan(folder)
+    with Auditor(tpg) as auditor:
+        return auditor.audit(read_recording(folder, tpg.cell), progress)
 
 
 class Auditor(AbstractContextManager["Auditor"]):
     """Audits any number of executions in one cell; a context manager.
 
     Args:
-        scene: what stands in the cell, and who may touch whom.
+        tpg: says what stands in the cell, and who may touch whom.
     """
 
-    def __init__(self, scene: AuditScene) -> None:
-        self.scene = scene
-        self._world = AuditWorld(scene)
+    def __init__(self, tpg: TemporalPlanGraph) -> None:
+        self._tpg = tpg
+        self._world = AuditWorld(tpg.cell)
         self._exempt = overlapping_at_home(self._world)
 
     def __exit__(self, *error: object) -> None:
@@ -107,7 +108,7 @@ class Auditor(AbstractContextManager["Auditor"]):
             recording: what was executed.
             progress: told how far the audit has come.
         """
-        rule = ContactRule(self.scene, recording)
+        rule = ContactRule(self._tpg, recording)
         watch = _Watch(self._world, rule, self._exempt)
         for stretch in stretches(self._world, recording):
             watch.look(stretch)
@@ -202,12 +203,12 @@ class _Watch:
         if self._before is None:
             return
         t = float(stretch.t[0])
-        for box in self._world.scene.objects:
+        for box in self._world.cell.objects:
             name, size = box.name, box.size
             before = self._before.placements.get(name)
             if before is stretch.placements.get(name):
                 continue
-            old = box.pose if before is None else self._pose(self._before, name, -1)
+            old = box.start if before is None else self._pose(self._before, name, -1)
             new = self._pose(stretch, name, 0)
             turned = math.sqrt(float(((old[:3, :3] - new[:3, :3]) ** 2).sum()) / 2.0)
             moved = math.dist(old[:3, 3], new[:3, 3])
@@ -219,11 +220,11 @@ class _Watch:
         placement = stretch.placements[name]
         if placement.holder is None:
             return placement.pose
-        names = [robot.name for robot in self._world.scene.robots]
+        names = [robot.name for robot in self._world.cell.robots]
         index = names.index(placement.holder)
         samples = stretch.robots[index]
         hand = homogeneous(samples.rotation[sample, -1], samples.position[sample, -1])
-        return hand @ self._world.scene.robots[index].flange @ placement.pose
+        return hand @ self._world.cell.robots[index].model.flange @ placement.pose
 
     def report(self) -> AuditReport:
         """Return everything seen so far."""

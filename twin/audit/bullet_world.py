@@ -15,9 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
+from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import RobotModelError
+from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform, quat_wxyz
-from twin.audit.cell_description import AuditBox, AuditRobot, AuditScene
 from twin.audit.exact_urdf import one_shape_a_link
 from twin.audit.quiet_pybullet import pybullet
 
@@ -56,16 +57,16 @@ class AuditWorld:
     """A PyBullet world without dynamics: things are put somewhere and distances measured.
 
     Args:
-        scene: what to load.
+        cell: what to load: URDF files of robots, boxes for the rest.
 
     Attributes:
         robot_shapes: all shapes of all robots.
         fixtures: one shape a fixture.
-        objects: one shape an object, in the order of the scene.
+        objects: one shape an object, in the order of the cell.
     """
 
-    def __init__(self, scene: AuditScene) -> None:
-        self.scene = scene
+    def __init__(self, cell: Workcell) -> None:
+        self.cell = cell
         self._client = pybullet.connect(pybullet.DIRECT)
         # A description that changed on disk must not be taken from the cache.
         pybullet.setPhysicsEngineParameter(
@@ -74,17 +75,18 @@ class AuditWorld:
         self._bodies: list[int] = []
         self._moved: list[list[int]] = []
         self.robot_shapes: list[Shape] = []
-        for index, robot in enumerate(scene.robots):
+        for index, robot in enumerate(cell.robots):
             self._load(index, robot)
-        self.fixtures = [self._box(box) for box in scene.fixtures]
-        self.objects = [self._box(box) for box in scene.objects]
+        self.fixtures = [self._box(f.name, f.size, f.pose) for f in cell.fixtures]
+        self.objects = [self._box(o.name, o.size, o.start) for o in cell.objects]
 
     def close(self) -> None:
         """Disconnect from Bullet."""
         pybullet.disconnect(physicsClientId=self._client)
 
-    def _load(self, index: int, robot: AuditRobot) -> None:
-        text, shapes = one_shape_a_link(robot.urdf, robot.package_dirs)
+    def _load(self, index: int, robot: PlacedRobot) -> None:
+        model = robot.model
+        text, shapes = one_shape_a_link(model.urdf, model.package_dirs)
         w, x, y, z = quat_wxyz(robot.base)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "robot.urdf")
@@ -105,19 +107,22 @@ class AuditWorld:
             joints[info[1].decode()] = j
             links[info[12].decode()] = j
             parent[j] = info[16]
-        missing = [name for name in robot.joints if name not in joints]
+        missing = [name for name in model.joint_names if name not in joints]
         if missing:
             raise RobotModelError(
-                f"{robot.urdf} has no joint {missing[0]!r}", choices=tuple(joints)
+                f"{model.urdf} has no joint {missing[0]!r}", choices=tuple(joints)
             )
-        moved = [joints[name] for name in robot.joints]
+        moved = [joints[name] for name in model.joint_names]
         self._bodies.append(body)
         self._moved.append(moved)
-        for name, value in robot.frozen.items():
+        entry = ROBOTS.get(model.name)
+        for name, value in (entry.frozen if entry else {}).items():
             pybullet.resetJointState(
                 body, joints[name], value, physicsClientId=self._client
             )
         rotation, position = self.link_frames(index, np.zeros((1, len(moved))))
+        # pinocchio names shapes "<link>_<number>"; only the names are used here.
+        tool = {p.body.name.rsplit("_", 1)[0] for p in model.parts if p.group == "tool"}
         for shape in shapes:
             link = links[shape.link]
             carrier = link
@@ -128,7 +133,7 @@ class AuditWorld:
                 pybullet.getAABB(body, link, physicsClientId=self._client)
             )
             middle = 0.5 * (low + high) - position[0, joint + 1]
-            group = "tool" if shape.owner in robot.tool_links else "arm"
+            group = "tool" if shape.owner in tool else "arm"
             self.robot_shapes.append(
                 Shape(
                     f"{robot.name}/{group}",
@@ -143,8 +148,8 @@ class AuditWorld:
                 )
             )
 
-    def _box(self, box: AuditBox) -> Shape:
-        half = (0.5 * np.asarray(box.size)).tolist()
+    def _box(self, name: str, size: Array, pose: Transform) -> Shape:
+        half = (0.5 * np.asarray(size)).tolist()
         shape = pybullet.createCollisionShape(
             pybullet.GEOM_BOX, halfExtents=half, physicsClientId=self._client
         )
@@ -152,10 +157,10 @@ class AuditWorld:
         pybullet.changeDynamics(
             body, BASE, collisionMargin=0.0, physicsClientId=self._client
         )
-        self.place(body, box.pose)
+        self.place(body, pose)
         return Shape(
-            box.name,
-            box.name,
+            name,
+            name,
             body,
             BASE,
             None,
@@ -200,7 +205,7 @@ class AuditWorld:
                 body, moved, computeForwardKinematics=1, physicsClientId=self._client
             )
             states[k] = [s[4] + s[5] for s in found]
-        base = self.scene.robots[robot].base
+        base = self.cell.robots[robot].base
         position = np.empty((len(q), len(moved) + 1, 3))
         rotation = np.empty((len(q), len(moved) + 1, 3, 3))
         position[:, 0], rotation[:, 0] = base[:3, 3], base[:3, :3]
@@ -276,7 +281,7 @@ def overlapping_at_home(world: AuditWorld) -> frozenset[tuple[int, int]]:
     Shapes of one link or of neighbouring links touch by design. Shapes that overlap at HOME,
     which is free of collisions, only do so because hulls are larger than what they contain.
     """
-    for index, robot in enumerate(world.scene.robots):
+    for index, robot in enumerate(world.cell.robots):
         world.configure(index, robot.home)
     out = set()
     shapes = world.robot_shapes

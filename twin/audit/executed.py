@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from planning.cell.workcell import Workcell
 from planning.errors import OutputError
 from planning.transforms import Array, Indices, Transform, from_quat_wxyz
-from twin.audit.cell_description import AuditScene
 
 WORLD = "world"
 
@@ -66,7 +66,7 @@ class Recording:
     """An execution.
 
     Attributes:
-        robots: the rows of every robot of the scene.
+        robots: the rows of every robot of the cell.
         objects: rows by time.
         end: time of the last row [s].
     """
@@ -76,22 +76,22 @@ class Recording:
     end: float
 
 
-def read_recording(folder: Path, scene: AuditScene) -> Recording:
+def read_recording(folder: Path, cell: Workcell) -> Recording:
     """Read the tables of a run.
 
     Args:
         folder: of the run.
-        scene: names robots and objects; a robot without rows stands at HOME.
+        cell: names robots and objects; a robot without rows stands at HOME.
 
     Raises:
-        OutputError: a table is missing, or does not fit the scene.
+        OutputError: a table is missing, or does not fit the cell.
     """
     moves = _read(folder / "trajectory.parquet")
     names = np.asarray(moves["robot"])
-    known = {robot.name for robot in scene.robots}
+    known = {robot.name for robot in cell.robots}
     _reject(folder, set(names.tolist()) - known, "robot", known)
     robots = {}
-    for robot in scene.robots:
+    for robot in cell.robots:
         mine = names == robot.name
         t = np.asarray(moves["t_s"], dtype=float)[mine]
         if not len(t):
@@ -99,13 +99,13 @@ def read_recording(folder: Path, scene: AuditScene) -> Recording:
                 np.zeros(1), robot.home[None, :], np.full(1, -1)
             )
             continue
-        columns = [f"q_{j}" for j in range(len(robot.joints))]
+        columns = [f"q_{j}" for j in range(robot.model.dof)]
         q = np.stack([np.asarray(moves[c], dtype=float)[mine] for c in columns], axis=1)
         node = np.asarray(moves["node"], dtype=np.int64)[mine]
         _check_rows(folder, robot.name, t, q)
         robots[robot.name] = RobotRows(t, q, node)
     table = _read(folder / "objects.parquet")
-    boxes = {box.name for box in scene.objects}
+    boxes = {box.name for box in cell.objects}
     _reject(folder, set(table["object"]) - boxes, "object", boxes)
     rows = []
     for t_s, name, parent, xyz, quat in zip(

@@ -88,10 +88,10 @@ def tracks_of(world: AuditWorld, stretch: Stretch) -> tuple[list[Track], list[Tr
         moving.append(Track(shape, shape.robot, shape.joint + 1, rotation, centre))
     resting = [
         Track(s, None, 0, f.pose[None, :3, :3], f.pose[None, :3, 3], f.size)
-        for s, f in zip(world.fixtures, world.scene.fixtures, strict=True)
+        for s, f in zip(world.fixtures, world.cell.fixtures, strict=True)
     ]
-    robots = {robot.name: i for i, robot in enumerate(world.scene.robots)}
-    for shape, box in zip(world.objects, world.scene.objects, strict=True):
+    robots = {robot.name: i for i, robot in enumerate(world.cell.robots)}
+    for shape, box in zip(world.objects, world.cell.objects, strict=True):
         placement = stretch.placements.get(box.name)
         if placement is None:
             continue

@@ -44,7 +44,7 @@ class Stretch:
 
     Attributes:
         t: times of the samples, shape (m,), the ends included [s].
-        robots: in the order of the scene.
+        robots: in the order of the cell.
         placements: where every object is that is there: held, or at rest.
     """
 
@@ -55,10 +55,9 @@ class Stretch:
 
 def stretches(world: AuditWorld, recording: Recording) -> Iterator[Stretch]:
     """Yield the whole run in order; each stretch starts when the one before it ends."""
-    scene = world.scene
     placements = {
-        box.name: ObjectRow(0.0, box.name, None, box.pose)
-        for box in scene.objects
+        box.name: ObjectRow(0.0, box.name, None, box.start)
+        for box in world.cell.objects
         if not box.later
     }
     rows = list(recording.objects)
@@ -97,7 +96,7 @@ def _sample(
     knots: Array,
     placements: Mapping[str, ObjectRow],
 ) -> Stretch:
-    names = [robot.name for robot in world.scene.robots]
+    names = [robot.name for robot in world.cell.robots]
     wide = np.zeros(len(knots) - 1)
     for name in names:
         step = np.abs(np.diff(recording.robots[name].at(knots), axis=0))
@@ -155,7 +154,7 @@ def _furthest(
             moved = np.maximum(moved, travel(rotation, centre, shape.radius))
     for shape in world.objects:
         placement = placements.get(shape.entity)
-        if placement and placement.holder == world.scene.robots[index].name:
+        if placement and placement.holder == world.cell.robots[index].name:
             rotation, centre = load_frames(world, index, samples, placement.pose)
             moved = np.maximum(moved, travel(rotation, centre, shape.radius))
     return moved
@@ -165,5 +164,5 @@ def load_frames(
     world: AuditWorld, index: int, samples: RobotSamples, pose: Transform
 ) -> tuple[Array, Array]:
     """Return rotations and positions of what a robot holds at ``pose`` in its flange."""
-    local = world.scene.robots[index].flange @ pose
+    local = world.cell.robots[index].model.flange @ pose
     return carried_poses(samples.rotation[:, -1], samples.position[:, -1], local)

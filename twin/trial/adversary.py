@@ -15,7 +15,6 @@ import numpy as np
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.audit import Auditor, Violation
-from twin.audit.cell_description import scene_of
 from twin.audit.executed import ObjectRow, Recording, RobotRows
 from twin.host.progress import Report, report_nothing
 
@@ -117,7 +116,7 @@ def audit_standing_states(
     """
     states = list(standing_states(tpg))
     least, found = np.inf, []
-    with Auditor(scene_of(tpg)) as auditor:
+    with Auditor(tpg) as auditor:
         for k, state in enumerate(states):
             report = auditor.audit(standing_recording(tpg, state))
             least = min(least, report.min_distance_m)

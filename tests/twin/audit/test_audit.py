@@ -29,7 +29,6 @@ from tests.twin.audit.audit_cell import (
 from twin.audit.accepted_overlaps import CONTACT_DEPTH, SLACK
 from twin.audit.audit import Auditor, AuditReport, audit_run
 from twin.audit.bullet_world import AuditWorld, overlapping_at_home, travel
-from twin.audit.cell_description import scene_of
 from twin.audit.executed import read_recording
 from twin.audit.pairs import tracks_of
 from twin.audit.sampling import STEP, stretches
@@ -330,11 +329,11 @@ def test_skipping_measurements_changes_nothing(tmp_path: Path, seed: int) -> Non
     folder = _random_run(seed, tmp_path)
     from scheduling.graph.plan_files import load_plan
 
-    scene = scene_of(load_plan(folder))
-    recording = read_recording(folder, scene)
-    with Auditor(scene) as auditor:
+    tpg = load_plan(folder)
+    recording = read_recording(folder, tpg.cell)
+    with Auditor(tpg) as auditor:
         report = auditor.audit(recording)
-    world = AuditWorld(scene)
+    world = AuditWorld(tpg.cell)
     exempt = overlapping_at_home(world)
     least, deepest, samples = np.inf, {}, 0
     for stretch in stretches(world, recording):
@@ -374,9 +373,9 @@ def test_no_point_moves_further_than_the_step(tmp_path: Path) -> None:
     folder = _random_run(7, tmp_path)
     from scheduling.graph.plan_files import load_plan
 
-    scene = scene_of(load_plan(folder))
-    recording = read_recording(folder, scene)
-    world = AuditWorld(scene)
+    tpg = load_plan(folder)
+    recording = read_recording(folder, tpg.cell)
+    world = AuditWorld(tpg.cell)
     largest = 0.0
     for stretch in stretches(world, recording):
         for track in tracks_of(world, stretch)[0]:
@@ -395,7 +394,7 @@ def test_bullet_measures_what_coal_measures(tmp_path: Path, name: str) -> None:
     box = CellObject("box", "box", size, np.eye(4), box_body("box", size))
     run = HandWrittenRun(Workcell((placed,), (), (box,)))
     run.move("arm", [0.0, 1.0], np.stack([model.home] * 2))
-    world = AuditWorld(scene_of(run.tpg()))
+    world = AuditWorld(run.tpg().cell)
     reference = ReferenceRobot(placed)
     assert [s.entity for s in world.robot_shapes] == [p.entity for p in reference.parts]
     rng = np.random.default_rng(3)

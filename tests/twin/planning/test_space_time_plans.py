@@ -37,7 +37,6 @@ from tests.planning.construction.toy_teams import (
     team,
 )
 from twin.audit.audit import Auditor
-from twin.audit.cell_description import scene_of
 from twin.audit.executed import read_recording
 from twin.durations import Uniform
 from twin.engine.engine import Simulator
@@ -142,8 +141,7 @@ def test_nothing_touches_whatever_is_delayed(tmp_path: Path) -> None:
     skills = ("pick", "place-down", "handover")
     varied = SkillDurations({skill: Uniform(low_s=0.3, high_s=4.0) for skill in skills})
     stalls = Disturbances(stalls=Stalls(count_per_robot=4, duration_s=(1.0, 10.0)))
-    scene = scene_of(tpg)
-    with Auditor(scene) as auditor:
+    with Auditor(tpg) as auditor:
         for seed in range(4):
             simulator = Simulator(tpg, SkillDurations({}))
             if seed:
@@ -154,7 +152,7 @@ def test_nothing_touches_whatever_is_delayed(tmp_path: Path) -> None:
             write_table(tmp_path / TRAJECTORY, trajectory_table(motions))
             placements = object_placements(tpg, run)
             write_table(tmp_path / OBJECTS, objects_table(placements))
-            found = auditor.audit(read_recording(tmp_path, scene))
+            found = auditor.audit(read_recording(tmp_path, tpg.cell))
             assert found.violations == ()
             assert found.configurations > 1000
 

@@ -226,18 +226,16 @@ def test_a_brick_that_comes_up_elsewhere_is_a_violation(
 ) -> None:
     """The audit holds the recording against the place that the plan gives."""
     from twin.audit.audit import Auditor
-    from twin.audit.cell_description import scene_of
     from twin.audit.executed import read_recording
 
-    scene = scene_of(planned.tpg)
-    recording = read_recording(folder / "run", scene)
+    recording = read_recording(folder / "run", planned.tpg.cell)
     rows = tuple(
         replace(row, pose=translation(0.0, 0.0, 0.2) @ row.pose)
         if row.object == "far.2"
         else row
         for row in recording.objects
     )
-    with Auditor(scene) as auditor:
+    with Auditor(planned.tpg) as auditor:
         report = auditor.audit(replace(recording, objects=rows))
     jumps = [v for v in report.violations if v.second == "jump"]
     assert [v.first for v in jumps] == ["far.2"]
