@@ -13,7 +13,7 @@ import numpy as np
 from planning.errors import OutputError
 from twin.run.event_log import EventLogError, parse_event, read_log
 from twin.run.events import Event
-from twin.run.folder import EVENTS, OBJECTS, SUMMARY, TRAJECTORY
+from twin.run.folder import EVENTS, SUMMARY
 from twin.scenario.manifest import MANIFEST
 
 if TYPE_CHECKING:
@@ -56,16 +56,6 @@ class RecordedRun:
             except EventLogError as error:
                 raise OutputError(f"{path}:{number}: {error}") from error
         return tuple(out)
-
-    @cached_property
-    def trajectory(self) -> pa.Table:
-        """Where every robot was."""
-        return self._table(TRAJECTORY)
-
-    @cached_property
-    def objects(self) -> pa.Table:
-        """Where every object was."""
-        return self._table(OBJECTS)
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -122,7 +112,8 @@ class RecordedRun:
             raise OutputError(f"{path}: an object was expected")
         return content
 
-    def _table(self, name: str) -> pa.Table:
+    def table(self, name: str) -> pa.Table:
+        """Return one of the tables ``trajectory.parquet`` and ``objects.parquet``."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 

@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.exports.recorded_run import RecordedRun
+from twin.run.folder import OBJECTS, TRAJECTORY
 
 _PARTS = {"xyz": ("x", "y", "z"), "quat_wxyz": ("qw", "qx", "qy", "qz")}
 
@@ -59,7 +60,11 @@ def _tables(run: RecordedRun) -> Mapping[str, pa.Table]:
             "detail": pa.array([e.detail for e in rows], pa.string()),
         }
     )
-    return {"events": events, "trajectory": run.trajectory, "objects": run.objects}
+    return {
+        "events": events,
+        "trajectory": run.table(TRAJECTORY),
+        "objects": run.table(OBJECTS),
+    }
 
 
 def _csv(table: pa.Table) -> bytes:

@@ -203,14 +203,7 @@ class Forecaster:
         share = float(chain.duration[node]) / total if total > 0 else 0.0
         if share <= 0:
             return None
-        u = uniforms(
-            self._seed,
-            np.arange(self._samples),
-            [chain.robot],
-            [task.index],
-            [task.kind],
-            "duration",
-        )[0]
+        u = self._uniforms(chain.robot, task.index, task.kind, "duration")
         seconds = conditional_quantiles(model, worked / NANOSECONDS / share, u)
         return to_nanoseconds(seconds * share)
 
@@ -233,18 +226,17 @@ class Forecaster:
     def _standstill(self, robot: RobotProgress, now: int) -> Nanoseconds:
         """Draw for how much longer a robot stands [ns]."""
         stood_s = max(now - robot.since_ns, 0) / NANOSECONDS
-        u = uniforms(
-            self._seed,
-            np.arange(self._samples),
-            [robot.name],
-            [-1],
-            [robot.standing],
-            "standstill",
-        )[0]
+        u = self._uniforms(robot.name, -1, robot.standing, "standstill")
         model = self._standing_model(robot.standing)
         return to_nanoseconds(
             np.maximum(conditional_quantiles(model, stood_s, u) - stood_s, 0)
         )
+
+    def _uniforms(self, robot: str, task: int, kind: str, purpose: str) -> Array:
+        """Return a draw for every future, shape (samples,)."""
+        futures = np.arange(self._samples)
+        drawn = uniforms(self._seed, futures, [robot], [task], [kind], purpose)
+        return np.asarray(drawn[0])
 
     def _standing_model(self, why: str) -> DurationModel:
         found = self._disturbances

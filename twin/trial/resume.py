@@ -59,9 +59,11 @@ def resume_run(
         about = Preparation(**manifest["run"])
     except (KeyError, TypeError) as error:
         raise OutputError(f"{folder}: does not say how to resume: {error}") from error
-    log = read_log(folder / EVENTS) if (folder / EVENTS).exists() else _NO_LOG
+    path = folder / EVENTS
+    log = read_log(path) if path.exists() else LogLines((), 0, b"")
     known = _before_interrupt(log)
-    if _ended(folder) and len(known.lines) == len(log.lines):
+    # The summary is written last.
+    if (folder / SUMMARY).exists() and len(known.lines) == len(log.lines):
         return Resumption(len(log.lines), 0, None)
     tpg = load_plan(folder)
     progress(SIMULATION, 0, 1)
@@ -76,19 +78,11 @@ def resume_run(
     if run.outcome == "aborted":
         raise KeyboardInterrupt
     lines = [event_line(event) for event in memory.events]
-    _require_agreement(folder / EVENTS, known.lines, lines, memory.events)
-    _append(folder / EVENTS, known.size, lines[len(known.lines) :])
+    _require_agreement(path, known.lines, lines, memory.events)
+    _append(path, known.size, lines[len(known.lines) :])
     progress(SIMULATION, 1, 1)
     trial = conclude(scenario, tpg, folder, run, memory.events, about, progress)
     return Resumption(len(known.lines), len(lines) - len(known.lines), trial)
-
-
-_NO_LOG = LogLines((), 0, b"")
-
-
-def _ended(folder: Path) -> bool:
-    """Tell whether a summary was written, which is done last."""
-    return (folder / SUMMARY).exists()
 
 
 def _before_interrupt(log: LogLines) -> LogLines:

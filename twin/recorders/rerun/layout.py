@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -45,18 +47,8 @@ def run_layout(cell: Workcell, makespan_s: float) -> rrb.Blueprint:
         name="Robots that wait",
         axis_x=rrb.TimeAxis(view_range=whole),
     )
-    return rrb.Blueprint(
-        rrb.Vertical(
-            rrb.Horizontal(_scene(cell), _events(), column_shares=[5, 2]),
-            rrb.Horizontal(
-                lanes, rrb.Vertical(progress, waiting), column_shares=[5, 2]
-            ),
-            row_shares=[5, 2],
-        ),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-    )
+    plots = rrb.Vertical(progress, waiting)
+    return _blueprint(cell, lanes, plots, play_state="paused")
 
 
 def follow_layout(cell: Workcell) -> rrb.Blueprint:
@@ -67,13 +59,23 @@ def follow_layout(cell: Workcell) -> rrb.Blueprint:
         name="Forecast of the end [s]",
         plot_legend=rrb.Corner2D.RightBottom,
     )
+    return _blueprint(cell, lanes, forecast, play_state="following")
+
+
+def _blueprint(
+    cell: Workcell,
+    lanes: rrb.StateTimelineView,
+    plots: rrb.Vertical | rrb.TimeSeriesView,
+    *,
+    play_state: Literal["paused", "following"],
+) -> rrb.Blueprint:
     return rrb.Blueprint(
         rrb.Vertical(
             rrb.Horizontal(_scene(cell), _events(), column_shares=[5, 2]),
-            rrb.Horizontal(lanes, forecast, column_shares=[5, 2]),
+            rrb.Horizontal(lanes, plots, column_shares=[5, 2]),
             row_shares=[5, 2],
         ),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state=play_state),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )

@@ -70,7 +70,7 @@ def draw_ecdf(
     axes.set_xlabel("makespan [s]")
     axes.set_ylabel("replications that are over [%]")
     axes.set_ylim(0, 100.5)
-    _legend(axes, below=True)
+    _legend_below(axes)
     return figure
 
 
@@ -85,11 +85,9 @@ def draw_waits(summary: Mapping[str, Any]) -> Figure:
         left = left + values
     for k, total in enumerate(left.tolist()):
         axes.annotate(f" {total:.0f} s", (total, k), va="center", fontsize=9, color=INK)
-    axes.set_yticks(range(len(cells)), [cell_label(cell) for cell in cells])
-    axes.invert_yaxis()
     axes.margins(x=0.1)
+    _label_bars(axes, [cell_label(cell) for cell in cells])
     axes.set_xlabel("mean wait of all robots together [s]")
-    _legend(axes, below=True)
     return figure
 
 
@@ -113,10 +111,8 @@ def draw_tornado(
             Rectangle((0, 0), 0, 0, color=colour, label=f"{100 * share:.0f} % {word}")
         )
     axes.axvline(0, color=INK, linewidth=1.0)
-    axes.set_yticks(range(len(shown)), [one.name for one in shown])
-    axes.invert_yaxis()
+    _label_bars(axes, [one.name for one in shown])
     axes.set_xlabel(f"change of the mean makespan of {mean_s:.0f} s [s]")
-    _legend(axes, below=True)
     return figure
 
 
@@ -130,13 +126,11 @@ def draw_sobol(indices: Sequence[SobolIndex], share: float) -> Figure:
         (0.18, COLOURS[1], "alone and together with others", [o.total for o in shown]),
     ):
         axes.barh(places + offset, values, height=0.34, color=colour, label=label)
-    axes.set_yticks(places, [one.name for one in shown])
-    axes.invert_yaxis()
+    _label_bars(axes, [one.name for one in shown])
     axes.set_xlabel(
         f"share in the variance of the mean makespan, inputs within"
         f" {100 * share:.0f} % of what they are"
     )
-    _legend(axes, below=True)
     return figure
 
 
@@ -182,7 +176,7 @@ def draw_response(
     axes.set_xlabel(key)
     axes.set_ylabel("mean makespan [s]")
     axes.set_ylim(bottom=0)
-    _legend(axes)
+    axes.legend(frameon=False, fontsize=9)
     return figure
 
 
@@ -197,10 +191,12 @@ def _figure(width: float, height: float) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _legend(axes: Axes, *, below: bool = False) -> None:
-    if below:
-        axes.figure.legend(
-            loc="outside lower center", ncols=3, frameon=False, fontsize=9
-        )
-    else:
-        axes.legend(frameon=False, fontsize=9)
+def _label_bars(axes: Axes, names: Sequence[str]) -> None:
+    """Name horizontal bars, the first on top."""
+    axes.set_yticks(range(len(names)), names)
+    axes.invert_yaxis()
+    _legend_below(axes)
+
+
+def _legend_below(axes: Axes) -> None:
+    axes.figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=9)
