@@ -10,6 +10,7 @@ neighbouring samples of a motion do not share such a slip.
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import RobotModelError
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform, quat_wxyz
-from twin.audit.exact_urdf import one_shape_a_link
+from twin.audit.exact_urdf import ShapeLink, one_shape_a_link
 from twin.audit.quiet_pybullet import pybullet
 
 BASE = -1
@@ -87,18 +88,7 @@ class AuditWorld:
     def _load(self, index: int, robot: PlacedRobot) -> None:
         model = robot.model
         text, shapes = one_shape_a_link(model.urdf, model.package_dirs)
-        w, x, y, z = quat_wxyz(robot.base)
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, "robot.urdf")
-            path.write_text(text)
-            body = pybullet.loadURDF(
-                str(path),
-                robot.base[:3, 3].tolist(),
-                [x, y, z, w],
-                useFixedBase=1,
-                flags=pybullet.URDF_USE_IMPLICIT_CYLINDER,
-                physicsClientId=self._client,
-            )
+        body = self._urdf_body(text, robot.base)
         joints: dict[str, int] = {}
         links: dict[str, int] = {}
         parent: dict[int, int] = {}
@@ -120,9 +110,41 @@ class AuditWorld:
             pybullet.resetJointState(
                 body, joints[name], value, physicsClientId=self._client
             )
+        self._watch(index, robot, shapes, links, parent)
+
+    def _urdf_body(self, text: str, base: Transform) -> int:
+        """Load a description, fixed at a pose; return Bullet's number for it."""
+        w, x, y, z = quat_wxyz(base)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "robot.urdf")
+            path.write_text(text)
+            body: int = pybullet.loadURDF(
+                str(path),
+                base[:3, 3].tolist(),
+                [x, y, z, w],
+                useFixedBase=1,
+                flags=pybullet.URDF_USE_IMPLICIT_CYLINDER,
+                physicsClientId=self._client,
+            )
+        return body
+
+    def _watch(
+        self,
+        index: int,
+        robot: PlacedRobot,
+        shapes: Sequence[ShapeLink],
+        links: Mapping[str, int],
+        parent: Mapping[int, int],
+    ) -> None:
+        """Note the shapes of a robot: what moves each, and a sphere around it."""
+        body, moved = self._bodies[index], self._moved[index]
         rotation, position = self.link_frames(index, np.zeros((1, len(moved))))
         # pinocchio names shapes "<link>_<number>"; only the names are used here.
-        tool = {p.body.name.rsplit("_", 1)[0] for p in model.parts if p.group == "tool"}
+        tool = {
+            p.body.name.rsplit("_", 1)[0]
+            for p in robot.model.parts
+            if p.group == "tool"
+        }
         for shape in shapes:
             link = links[shape.link]
             carrier = link

@@ -1,4 +1,4 @@
 """Runs in the formats of other programs.
 
-Imports run; commands import it.
+Imports run, and of scenario the manifest; commands import it.
 """

@@ -1,4 +1,4 @@
 """Monte-Carlo studies: plans, replications, summary and report.
 
-Imports its rooms (replications, sensitivity), planning and audit; commands import it.
+Imports its rooms (replications, sensitivity), planning, trial and audit; commands import it.
 """

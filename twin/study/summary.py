@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -77,7 +78,7 @@ def _cell(
     """Return the makespans [s] of a cell, NaN where it did not complete, and its figures."""
     confidence = experiment.precision.confidence
     parts, busy, waited, ends = [], [], [], []
-    outcomes: dict[str, int] = {}
+    outcomes: Counter[str] = Counter()
     robots: tuple[str, ...] = ()
     for result in cell_blocks(blocks, cell):
         rows = result.rows
@@ -87,18 +88,19 @@ def _cell(
         waited.append(rows.waited_ns[:, done].sum(axis=1, dtype=float))
         ends.append(rows.makespan_ns[done].sum(dtype=float))
         robots = rows.robots
-        for outcome in rows.outcome.tolist():
-            outcomes[outcome] = outcomes.get(outcome, 0) + 1
+        outcomes.update(rows.outcome.tolist())
     sample = np.concatenate(parts)
     completed = sample[np.isfinite(sample)]
     count = len(sample)
+
+    def share(hits: int) -> dict[str, Any]:
+        return _entry(share_interval(hits, count, confidence=confidence))
+
     figures: dict[str, Any] = {
         "replications": count,
         "outcomes": dict(sorted(outcomes.items())),
-        "not_completed": _entry(
-            share_interval(count - len(completed), count, confidence=confidence)
-        ),
-        "errors": outcomes.get(ERROR, 0),
+        "not_completed": share(count - len(completed)),
+        "errors": outcomes[ERROR],
     }
     if len(completed) == 0:
         return sample, figures
@@ -112,10 +114,7 @@ def _cell(
             quantile_interval(completed, p, confidence=confidence)
         )
     if deadline_s is not None:
-        in_time = int(np.count_nonzero(completed <= deadline_s))
-        figures["in_time"] = _entry(
-            share_interval(in_time, count, confidence=confidence)
-        )
+        figures["in_time"] = share(int(np.count_nonzero(completed <= deadline_s)))
     total = float(np.sum(ends))
     figures["utilisation"] = dict(
         zip(robots, (np.sum(busy, axis=0) / total).tolist(), strict=True)
