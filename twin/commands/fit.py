@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from twin.commands.options import AsJson, Quiet
 from twin.host.guard import guarded
 
 if TYPE_CHECKING:
@@ -47,8 +48,6 @@ Resamples = Annotated[
     int, typer.Option(min=19, max=100_000, help="Bootstrap samples of each test.")
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Of the bootstrap.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print fit.json only.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
 
 @guarded

@@ -6,16 +6,12 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from planning.transforms import Array
 from twin.fit.selection import Candidate
 from twin.fit.snippet import Fit
-from twin.host.atomic import replacing
+from twin.host.pictures import INK, new_picture, save_png, style_axes
 
-_INK = "#2b2f36"
-_GRID = "#e4e7eb"
 _BARS = "#c9d3de"
 _COLOURS = ("#1f5f9e", "#d97b29", "#2f7f66")
 _SHOWN = len(_COLOURS)
@@ -34,10 +30,7 @@ def draw_fit(path: Path, fit: Fit) -> None:
     Raises:
         OutputError: the picture cannot be written.
     """
-    picture = Figure(
-        figsize=(11.0, 4.8), dpi=120, facecolor="white", layout="constrained"
-    )
-    FigureCanvasAgg(picture)
+    picture = new_picture(11.0, 4.8)
     left, right = picture.subplots(1, 2)
     values = np.sort(fit.sample.values_s)
     _histogram(left, values, fit.candidates[:_SHOWN])
@@ -45,10 +38,9 @@ def draw_fit(path: Path, fit: Fit) -> None:
     labels = fit.sample.labels
     title = ", ".join(labels.values()) if labels else "durations"
     picture.suptitle(
-        f"{title}: {len(values)} durations, {_verdict(fit)}", color=_INK, fontsize=12
+        f"{title}: {len(values)} durations, {_verdict(fit)}", color=INK, fontsize=12
     )
-    with replacing(path) as temporary:
-        picture.savefig(temporary, format="png")
+    save_png(picture, path)
 
 
 def _verdict(fit: Fit) -> str:
@@ -72,18 +64,18 @@ def _histogram(axes: Axes, values: Array, candidates: tuple[Candidate, ...]) -> 
         log = candidate.family.log_density(t[None], candidate.theta[None])[0]
         axes.plot(t, np.exp(log), color=colour, label=_legend(candidate), linewidth=1.8)
         tallest = max(tallest, 1.1 * float(np.exp(np.percentile(log, 99))))
-    axes.plot(values, np.zeros_like(values), "|", color=_INK, markersize=9, alpha=0.5)
+    axes.plot(values, np.zeros_like(values), "|", color=INK, markersize=9, alpha=0.5)
     # A density may rise without bound where its support begins.
     axes.set_ylim(0, min(tallest, 3 * axes.get_ylim()[1]))
     axes.set_xlabel("duration [s]")
     axes.set_ylabel("density [1/s]")
     axes.legend(frameon=False, fontsize=8)
-    _finish(axes)
+    style_axes(axes)
 
 
 def _quantiles(axes: Axes, values: Array, candidates: tuple[Candidate, ...]) -> None:
     u = (np.arange(len(values)) + 0.5) / len(values)
-    axes.axline((values[0], values[0]), slope=1, color=_INK, linewidth=1.0)
+    axes.axline((values[0], values[0]), slope=1, color=INK, linewidth=1.0)
     for candidate, colour in zip(candidates, _COLOURS, strict=False):
         axes.plot(
             *(candidate.model.ppf(u), values, "o"),
@@ -97,17 +89,9 @@ def _quantiles(axes: Axes, values: Array, candidates: tuple[Candidate, ...]) -> 
     if candidates:
         axes.legend(frameon=False, fontsize=8, loc="upper left")
     axes.set_aspect("equal", adjustable="datalim")
-    _finish(axes)
+    style_axes(axes)
 
 
 def _legend(candidate: Candidate) -> str:
     verdict = ", rejected" if candidate.rejected else ""
     return f"{candidate.family.title} (p = {candidate.p_value:.2g}{verdict})"
-
-
-def _finish(axes: Axes) -> None:
-    axes.set_axisbelow(True)
-    axes.grid(color=_GRID)
-    axes.tick_params(colors=_INK, labelsize=8)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)

@@ -51,7 +51,9 @@ def test_longer_than_a_bound_of_a_uniform_is_uniform_above_it() -> None:
 
 def test_what_has_no_memory_begins_afresh() -> None:
     model = Exponential(mean_s=4.0)
-    assert conditional_quantiles(model, 7.0, U) == pytest.approx(7.0 + model.ppf(U), abs=1e-6)
+    assert conditional_quantiles(model, 7.0, U) == pytest.approx(
+        7.0 + model.ppf(U), abs=1e-6
+    )
 
 
 def test_of_measured_times_only_the_longer_ones_are_left() -> None:
