@@ -5,6 +5,8 @@ VENV ?= .venv
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+# A file's tests stay in one process, as they share what they plan.
+PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadscope
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test guides lint paper clean
@@ -15,11 +17,11 @@ help: ## show this list
 demo: $(VENV)/.installed ## plan, simulate and check the cliff; leaves logs/cliff-<time>/
 	$(BIN)/twin run scenarios/lego/cliff.yaml
 
-test: $(VENV)/.installed-dev ## run the tests
-	$(BIN)/python -m pytest --numprocesses auto -m 'not expensive'
+test: $(VENV)/.installed-dev ## run the tests; lists the ten slowest
+	$(PYTEST) -m 'not expensive' --durations=10
 
 guides: $(VENV)/.installed-dev ## run the commands of the guides that take longer
-	$(BIN)/python -m pytest --numprocesses auto -m expensive
+	$(PYTEST) -m expensive
 
 lint: $(VENV)/.installed-dev ## check style and types
 	$(BIN)/ruff check .

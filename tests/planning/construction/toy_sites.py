@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from hashlib import sha256
+
 import numpy as np
 
 from planning.cell.workcell import PlacedRobot, Workcell
+from planning.construction.planner import plan_construction
 from planning.construction.problem.models import ModelPart
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.site import (
@@ -47,3 +50,14 @@ CHEST = (
     toy_part("slab", (1.0, 0.3, 0.1), (0.0, 0.0, 0.45)),
 )
 """A chest under a slab on two posts: gripped from above, it must come before the slab."""
+
+
+def slab_digest() -> str:
+    """Plan a slab on two posts, and hash everything about the plan."""
+    plan = plan_construction(toy_problem(CHEST[:2] + CHEST[3:], 2))
+    digest = sha256()
+    for _, line in sorted(plan.building.world.robots.items()):
+        digest.update(line.time.tobytes() + line.path.tobytes())
+    for work in plan.building.work:
+        digest.update(repr((work.robot, work.kind, work.part, work.grip)).encode())
+    return digest.hexdigest()

@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from planning.errors import PlanInvariantError
 from planning.motion.speed import L1Speed
+from scheduling.build_tpg import build_tpg
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.object_spans import Rest
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.shortcuts import replacement_check as shortcut_check
 from scheduling.shortcuts.shortcutting import Board
-from twin.host.stage_watch import StageWatch
-from twin.planning.pipeline import order_motions, plan_in_turns
-from twin.scenario.file import load_scenario
-
-CLIFF = Path(__file__).parents[3] / "scenarios" / "lego" / "cliff.yaml"
+from tests.shipped_runs import ShippedRuns
 
 
 @pytest.fixture(scope="module")
-def cliff() -> TemporalPlanGraph:
-    turns = plan_in_turns(load_scenario(CLIFF), CLIFF.parent, StageWatch())
-    return order_motions(turns.motion_plan, StageWatch())
+def cliff(shipped: ShippedRuns) -> TemporalPlanGraph:
+    return build_tpg(shipped("lego/cliff").planned.motion_plan)
 
 
 def the_gift(tpg: TemporalPlanGraph) -> Rest:
