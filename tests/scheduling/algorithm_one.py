@@ -1,7 +1,8 @@
 """Algorithm 1 of APEX-MR as it is written, slow and plain: the oracle of the fast search.
 
-No capsules, no trees, no segments, no clocks: every pair of nodes, every pair of bodies, and
-networkx for the reduction. Occupancies are swept, so an edge starts at the conflicting node.
+No capsules, no trees, no segments, no clocks: every pair of nodes, every pair of bodies but those
+whose balls are apart, and networkx for the reduction. Occupancies are swept, so an edge starts at
+the conflicting node.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from functools import cached_property
 
 import networkx as nx
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from planning.cell.compiled_robot import robot_kernel
 from planning.cell.workcell import Attachment
@@ -20,6 +22,7 @@ from planning.geometry.exact import (
     carried_solid,
     come_close,
     distance_at,
+    place,
     resting_solid,
 )
 from planning.geometry.scene_checker import flange_pose
@@ -37,6 +40,19 @@ class Piece:
     solid: Solid
     q_a: Array
     q_b: Array
+
+    @cached_property
+    def ball(self) -> tuple[Array, float]:
+        """Centre and radius of a ball that the body is in, wherever it is on its motion."""
+        pose, strays = place(self.solid, self.q_a, self.q_b)
+        corners = self.solid.vertices
+        if self.solid.carrier is not None:
+            turn, shift = self.solid.local[:3, :3], self.solid.local[:3, 3]
+            corners = (corners - shift) @ turn
+        middle = corners.mean(axis=0)
+        radius = np.linalg.norm(corners - middle, axis=1).max()
+        centre = pose.getRotation() @ middle + pose.getTranslation()
+        return centre, float(radius + strays)
 
 
 class PlainGraph:
@@ -164,29 +180,30 @@ class PlainGraph:
         least = clearances.robot_robot if robots else clearances.robot_object
         return least + self.slack
 
-    def conflict(self, u: Node, v: Node) -> bool:
-        """Tell whether two nodes conflict: any two bodies, anywhere on both motions."""
-        tasks = (self.task(u), self.task(v))
-        for a in self.pieces[u]:
-            for b in self.pieces[v]:
-                if a.solid.carrier is None and b.solid.carrier is None:
-                    continue
-                if self.may_touch(a.entity, b.entity, tasks):
-                    continue
-                limit = self.limit(a.entity, b.entity)
-                if come_close(a.solid, a.q_a, a.q_b, b.solid, b.q_a, b.q_b, limit):
-                    return True
-        return False
+    def conflict(self, u: Node, v: Node, a: Piece, b: Piece) -> bool:
+        """Tell whether a body of one node may meet one of another, anywhere on both motions."""
+        if a.solid.carrier is None and b.solid.carrier is None:
+            return False
+        if self.may_touch(a.entity, b.entity, (self.task(u), self.task(v))):
+            return False
+        limit = self.limit(a.entity, b.entity)
+        return come_close(a.solid, a.q_a, a.q_b, b.solid, b.q_a, b.q_b, limit)
 
     @cached_property
     def conflicts(self) -> set[tuple[Node, Node]]:
         """All conflicting pairs of nodes of different robots, the earlier one first."""
-        return {
-            (u, v)
-            for j, v in enumerate(self.nodes)
-            for u in self.nodes[:j]
-            if u[0] != v[0] and self.conflict(u, v)
-        }
+        bodies = [(node, piece) for node in self.nodes for piece in self.pieces[node]]
+        centre = np.array([piece.ball[0] for _, piece in bodies])
+        radius = np.array([piece.ball[1] for _, piece in bodies])
+        clearances = self.tpg.cell.clearances
+        most = max(clearances.robot_robot, clearances.robot_object) + self.slack + 1e-6
+        near = cdist(centre, centre) < radius[:, None] + radius[None] + most
+        out: set[tuple[Node, Node]] = set()
+        for i, j in np.argwhere(np.triu(near, 1)).tolist():
+            (u, a), (v, b) = bodies[i], bodies[j]
+            if u[0] != v[0] and (u, v) not in out and self.conflict(u, v, a, b):
+                out.add((u, v))
+        return out
 
     def reduced_edges(self, task_edges: Array) -> set[tuple[int, int, int, int]]:
         """Type-2 edges of the transitive reduction of the graph with every raw edge."""
