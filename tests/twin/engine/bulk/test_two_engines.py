@@ -46,7 +46,7 @@ def test_engines_agree(path: Path, policy: Policy) -> None:
 
 def test_the_graph_of_the_cliff_is_current(shipped: ShippedRuns) -> None:
     plan = shipped("lego/cliff").planned.motion_plan
-    assert_current("cliff", timing_graph(build_tpg(plan), contracted=True))
+    assert_current("cliff", timing_graph(contract(build_tpg(plan)).tpg))
 
 
 def test_a_graph_that_is_made_anew_is_the_one_that_is_kept() -> None:
