@@ -140,10 +140,17 @@ def study(
     All policies and variants see the same draws, so their differences are sharp. Leaves
     replications.parquet, tasks.parquet, edges.parquet, summary.json, pictures and report.html.
     """
+    from rich.progress import (
+        MofNCompleteColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    from twin.host.progress import StageDisplay
     from twin.scenario.file import load_scenario
     from twin.study.folder import require_no_study, require_same_study
     from twin.study.replications.executors import check_scheduler, open_executor
-    from twin.study.report.display import StudyDisplay
     from twin.study.study import resume_study, start_study
 
     def executor() -> AbstractContextManager[Executor]:
@@ -151,7 +158,11 @@ def study(
 
     if scheduler is not None:
         check_scheduler(scheduler)  # now, not after the planning
-    with StudyDisplay(enabled=not (quiet or as_json)) as progress:
+    columns = (
+        *(MofNCompleteColumn(), TimeElapsedColumn()),
+        *(TextColumn("left"), TimeRemainingColumn()),
+    )
+    with StageDisplay(enabled=not (quiet or as_json), columns=columns) as progress:
         if resume is not None:
             if scenario is not None:
                 require_same_study(resume, load_scenario(scenario))

@@ -87,24 +87,25 @@ def _millimetres(report: VerificationReport) -> str:
 def _content(
     report: VerificationReport, standing: AdversaryReport | None
 ) -> dict[str, object]:
-    robots, objects = report.min_distance_robots_m, report.min_distance_objects_m
-    return {
+    content: dict[str, object] = {
         "ok": report.ok and not (standing and standing.violations),
         "pairs_checked": report.pairs_checked,
-        "min_distance_robots_m": robots if math.isfinite(robots) else None,
-        "min_distance_objects_m": objects if math.isfinite(objects) else None,
+        "min_distance_robots_m": _known(report.min_distance_robots_m),
+        "min_distance_objects_m": _known(report.min_distance_objects_m),
         "problems": [{"kind": p.kind, "message": p.message} for p in report.problems],
-        "adversary": None if standing is None else _standing_content(standing),
+        "adversary": None,
     }
+    if standing is not None:
+        content["adversary"] = {
+            "states": standing.states,
+            "min_distance_m": _known(standing.min_distance_m),
+            "violations": [
+                {**asdict(state), **asdict(violation)}
+                for state, violation in standing.violations
+            ],
+        }
+    return content
 
 
-def _standing_content(standing: AdversaryReport) -> dict[str, object]:
-    least = standing.min_distance_m
-    return {
-        "states": standing.states,
-        "min_distance_m": least if math.isfinite(least) else None,
-        "violations": [
-            {**asdict(state), **asdict(violation)}
-            for state, violation in standing.violations
-        ],
-    }
+def _known(distance_m: float) -> float | None:
+    return distance_m if math.isfinite(distance_m) else None

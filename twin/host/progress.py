@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Self
 
 from rich.console import Console
@@ -26,21 +26,25 @@ def report_nothing(stage: str, done: float, total: float) -> None:
 
 
 class StageDisplay:
-    """A line a stage on standard error; nothing when that is no terminal or not wanted."""
+    """A line a stage on standard error; nothing when that is no terminal or not wanted.
 
-    def columns(self) -> tuple[ProgressColumn, ...]:
-        """Return what stands behind the bar of a stage."""
-        return (TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn())
+    Args:
+        enabled: show anything.
+        columns: what stands behind the bar of a stage; by default a share and the time it took.
+    """
 
-    def __init__(self, *, enabled: bool = True) -> None:
-        """Show nothing unless ``enabled`` and on a terminal."""
+    def __init__(
+        self, *, enabled: bool = True, columns: Sequence[ProgressColumn] = ()
+    ) -> None:
+        """Show nothing yet."""
+        share = (TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn())
         self._live = enabled and sys.stderr.isatty()
         self._stages: dict[str, TaskID] = {}
         self._progress = Progress(
             SpinnerColumn(),
             TextColumn("{task.description:<24}"),
             BarColumn(bar_width=30),
-            *self.columns(),
+            *(columns or share),
             console=Console(stderr=True),
             transient=True,
             disable=not self._live,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -38,7 +38,10 @@ def summarise(
     if makespan_sequential_s is None:
         total_ns = sum(int(t.sum()) for t in (*run.duration_ns, *run.stall_ns))
         makespan_sequential_s = total_ns / NANOSECONDS
-    robots = [chain.robot for chain in tpg.chains]
+
+    def seconds(of: Callable[[int], int]) -> dict[str, float]:
+        return {c.robot: of(k) / NANOSECONDS for k, c in enumerate(tpg.chains)}
+
     return {
         "scenario": scenario,
         "seed": run.seed,
@@ -47,14 +50,9 @@ def summarise(
         "makespan_s": run.makespan_s,
         "makespan_sequential_s": makespan_sequential_s,
         "lower_bound_s": lower_bound_s(tpg, run),
-        "wait_s": {name: run.wait_ns(k) / NANOSECONDS for k, name in enumerate(robots)},
-        "stall_s": {
-            name: run.stalled_ns(k) / NANOSECONDS for k, name in enumerate(robots)
-        },
-        "stopped_s": {
-            name: run.halted_ns(k, run.makespan_ns) / NANOSECONDS
-            for k, name in enumerate(robots)
-        },
+        "wait_s": seconds(run.wait_ns),
+        "stall_s": seconds(run.stalled_ns),
+        "stopped_s": seconds(lambda k: run.halted_ns(k, run.makespan_ns)),
         "failure": run.failure or None,
         "nodes": sum(len(chain) for chain in tpg.chains),
         "type2_edges": len(tpg.edges),
