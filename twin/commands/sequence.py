@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +14,7 @@ from twin.commands.options import AsJson, ScenarioFile
 from twin.host.guard import COMPLETED, guarded
 
 if TYPE_CHECKING:
-    from planning.lego.bricks.assembly import Press, Support
+    from planning.lego.bricks.assembly import Support
     from planning.lego.sequencing.sequencing import SequencedStep, SequencedStructure
 
 Output = Annotated[
@@ -83,20 +84,16 @@ def step_section(item: SequencedStep) -> dict[str, Any]:
         out["turned"] = True
     if step.up:
         out["place"] = "up"
-    out["press"] = _press(item.step.presses[0])
-    if len(item.step.presses) > 1:
-        out["presses"] = [_press(press) for press in item.step.presses]
-    if item.step.supports:
-        out["support"] = _support(item.step.supports[0])
-    if len(item.step.supports) > 1:
-        out["supports"] = [_support(support) for support in item.step.supports]
+    out["press"] = asdict(step.presses[0])
+    if len(step.presses) > 1:
+        out["presses"] = [asdict(press) for press in step.presses]
+    if step.supports:
+        out["support"] = _support(step.supports[0])
+    if len(step.supports) > 1:
+        out["supports"] = [_support(support) for support in step.supports]
     if step.attack != 1:
         out["attack"] = step.attack
     return out
-
-
-def _press(press: Press) -> dict[str, Any]:
-    return {"side": press.side, "offset": press.offset}
 
 
 def _support(support: Support) -> dict[str, Any]:

@@ -153,25 +153,19 @@ class LiveRecording(RunListener):
         self._trees = {}
         self._rows: dict[str, list[Trajectory]] = {}
         for robot in tpg.cell.robots:
-            home = Trajectory(
-                robot.name,
-                np.zeros(1, dtype=np.int64),
-                robot.home[None],
-                np.full(1, -1, dtype=np.int64),
-            )
-            if robot.name in self._chain:
-                start = tpg.chains[self._chain[robot.name]].start
-                home = Trajectory(robot.name, home.t_ns, start[None], home.node)
+            chain = self._chain.get(robot.name)
+            q = robot.home if chain is None else tpg.chains[chain].start
             self._trees[robot.name] = draw_robot(rec, robot)
-            self._rows[robot.name] = [home]
+            self._rows[robot.name] = [
+                Trajectory(robot.name, np.array([0]), q[None], np.array([-1]))
+            ]
         self._drawn: set[str] = set()
         self._shown = {chain.robot: 0 for chain in tpg.chains}
         for item in tpg.cell.objects:
             if not item.later:
                 draw_object(rec, item, 0)
-                place_object(
-                    rec, item.name, [Placement(0, item.name, None, item.start)]
-                )
+                there = Placement(0, item.name, None, item.start)
+                place_object(rec, item.name, [there])
         for name, (_, colour) in _QUANTILES.items():
             rec.log(
                 entity_path(layout.FORECAST, name),

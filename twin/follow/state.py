@@ -146,11 +146,8 @@ class FollowedRun:
     def waits_for(self, chain: int) -> str:
         """Return which nodes of others a robot's next node waits for in words, or nothing."""
         node = self.robots[chain].completed
-        chains, tasks = self._graph.chains, self._graph.tasks
-        names = [
-            f"node {u} of {chains[r].robot} ({tasks[int(chains[r].task[u])].label})"
-            for r, u in self._dispatcher.waits_for(chain, node)
-        ]
+        waits = self._dispatcher.waits_for(chain, node)
+        names = [f"{self._node(r, u)})" for r, u in waits]
         return "waits for " + " and ".join(names) if names else ""
 
     def apply(self, event: Event) -> Sequence[Violation]:
@@ -258,17 +255,20 @@ class FollowedRun:
         waits = self._dispatcher.waits_for(k, event.node)
         if not waits:
             return
-        chains, tasks = self._graph.chains, self._graph.tasks
-        reasons = []
-        for r, u in waits:
-            label = tasks[int(chains[r].task[u])].label
-            reason = CAUSES[self._cause[(r, u, k, event.node)]]
-            reasons.append(f"node {u} of {chains[r].robot} ({label}; {reason})")
+        reasons = [
+            f"{self._node(r, u)}; {CAUSES[self._cause[r, u, k, event.node]]})"
+            for r, u in waits
+        ]
         self._flag(
             event,
             "the plan lets it wait for " + " and ".join(reasons),
-            tuple((chains[r].robot, u) for r, u in waits),
+            tuple((self.robots[r].name, u) for r, u in waits),
         )
+
+    def _node(self, chain: int, node: int) -> str:
+        """Return a node in words, with a bracket that is still open."""
+        task = self._graph.tasks[int(self._graph.chains[chain].task[node])]
+        return f"node {node} of {self.robots[chain].name} ({task.label}"
 
     def _flag(
         self, event: Event, reason: str, edges: tuple[tuple[str, int], ...] = ()

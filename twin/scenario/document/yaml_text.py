@@ -8,7 +8,6 @@ document is composed to nodes (which know their line and column) and built from 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -177,8 +176,14 @@ class _Builder:
 
     def _mapping(self, node: yaml.MappingNode, path: KeyPath) -> dict[str, Any]:
         out: dict[str, Any] = {}
-        for key_node, value_node in self._entries(node):
+        for key_node, value_node in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                self.report(key_node, "a key must be plain text")
+                continue
             key = str(key_node.value)
+            if key == "<<":
+                self.report(key_node, "merge keys (<<) are not supported")
+                continue
             if key in out:
                 first = self.keys[(*path, key)]
                 self.report(
@@ -188,15 +193,6 @@ class _Builder:
             self.keys[(*path, key)] = _mark(key_node)
             out[key] = self.build(value_node, (*path, key))
         return out
-
-    def _entries(self, node: yaml.MappingNode) -> Iterator[tuple[yaml.Node, yaml.Node]]:
-        for key_node, value_node in node.value:
-            if not isinstance(key_node, yaml.ScalarNode):
-                self.report(key_node, "a key must be plain text")
-            elif key_node.value == "<<":
-                self.report(key_node, "merge keys (<<) are not supported")
-            else:
-                yield key_node, value_node
 
     def _scalar(self, node: yaml.ScalarNode) -> Any:
         text = str(node.value)
