@@ -22,7 +22,9 @@ import numpy as np
 from benchmarks.machine import date_line, machine_line
 from benchmarks.timing_graph_files import load_timing_graph, save_timing_graph
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.durations import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine
+from twin.engine.bulk.max_plus import completions, makespans
 from twin.engine.engine import Simulator
 from twin.host.progress import StageDisplay
 from twin.host.stage_watch import StageWatch
@@ -100,9 +102,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def measure(name: str, tpg: TemporalPlanGraph, durations: SkillDurations) -> Rates:
     """Measure both engines with one plan, kernels compiled."""
     bulk = BulkEngine(tpg, durations)
-    bulk.run(seed=0, replications=range(2))
+    _everything(bulk, range(2))
     events = Simulator(tpg, durations)
-    found = bulk.makespans_ns(seed=0, replications=range(MANY))
+    found = _makespans_ns(bulk, MANY)
     count = 0
 
     def replicate() -> None:
@@ -122,9 +124,7 @@ def measure(name: str, tpg: TemporalPlanGraph, durations: SkillDurations) -> Rat
         segments=len(bulk.graph.order),
         edges=len(bulk.graph.source),
         events_per_s=rate,
-        makespans_s=_seconds(
-            lambda: bulk.makespans_ns(seed=0, replications=range(MANY))
-        ),
+        makespans_s=_seconds(lambda: _makespans_ns(bulk, MANY)),
         everything_s=_seconds(lambda: _in_blocks(bulk)),
     )
 
@@ -132,7 +132,16 @@ def measure(name: str, tpg: TemporalPlanGraph, durations: SkillDurations) -> Rat
 def _in_blocks(bulk: BulkEngine) -> None:
     """Execute MANY replications as a study does, some hundred at a time."""
     for first in range(0, MANY, 500):
-        bulk.run(seed=0, replications=range(first, first + 500))
+        _everything(bulk, range(first, first + 500))
+
+
+def _everything(bulk: BulkEngine, replications: range) -> None:
+    completions(bulk.graph, bulk.sample(seed=0, replications=replications).busy_ns)
+
+
+def _makespans_ns(bulk: BulkEngine, count: int) -> Nanoseconds:
+    times = bulk.sample(seed=0, replications=range(count))
+    return makespans(bulk.graph, times.busy_ns)
 
 
 def _seconds(work: Callable[[], object]) -> float:

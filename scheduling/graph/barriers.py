@@ -14,7 +14,9 @@ from scheduling.graph.temporal_plan_graph import (
 )
 
 
-def with_barriers(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+def with_barriers(
+    tpg: TemporalPlanGraph, cause: int = TASK_DEPENDENCY
+) -> TemporalPlanGraph:
     """Return the graph in which no robot enters a slot before everyone has left all earlier ones.
 
     Every node that is the first of its robot in a slot waits for the last node of each other
@@ -22,6 +24,7 @@ def with_barriers(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
 
     Args:
         tpg: of a plan made in slots.
+        cause: of the waits that are added.
 
     Raises:
         PlanInvariantError: the plan was not made in slots, or a robot goes back to an earlier
@@ -49,12 +52,14 @@ def with_barriers(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
             rows[:, 0], rows[:, 1] = i, last[new]
             rows[:, 2], rows[:, 3] = k, entries[new]
             edges.append(rows)
-    return _with_edges(tpg, np.concatenate(edges))
+    return _with_edges(tpg, np.concatenate(edges), cause)
 
 
-def _with_edges(tpg: TemporalPlanGraph, edges: Indices) -> TemporalPlanGraph:
+def _with_edges(
+    tpg: TemporalPlanGraph, edges: Indices, added: int
+) -> TemporalPlanGraph:
     """Return the graph with these edges, its own ones first, each once."""
-    cause = np.full(len(edges), TASK_DEPENDENCY, dtype=np.uint8)
+    cause = np.full(len(edges), added, dtype=np.uint8)
     cause[: len(tpg.edges)] = tpg.cause
     unique, first = np.unique(edges, axis=0, return_index=True)
     return replace(tpg, edges=unique, cause=cause[first])

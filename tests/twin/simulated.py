@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.engine.bulk.bulk_engine import BulkEngine
+from twin.engine.bulk.max_plus import Completions, completions
 from twin.engine.engine import Simulator
 from twin.engine.messages import Messages
 from twin.recorders.observers import Recorder
@@ -33,3 +35,11 @@ def simulate(
         disturbances=disturbances,
     )
     return simulator.run(seed=seed, replication=replication, recorders=recorders)
+
+
+def run_bulk(
+    engine: BulkEngine, *, seed: int, replications: Sequence[int]
+) -> Completions:
+    """Execute replications side by side; nodes are segments of the engine's contraction."""
+    times = engine.sample(seed=seed, replications=replications)
+    return completions(engine.graph, times.busy_ns)

@@ -120,7 +120,7 @@ class Forecaster:
             now_ns: the time, by default that of its last event [ns].
         """
         now = run.now_ns if now_ns is None else max(now_ns, run.now_ns)
-        first = self._graph.chain_first
+        first = self._graph.first
         busy = self._motion + self._stall
         not_before = np.full((len(run.robots), self._samples), now, dtype=np.int64)
         fails = np.zeros(self._samples, dtype=bool)
@@ -158,14 +158,14 @@ class Forecaster:
         high = int(np.searchsorted(chain.task, chain.task[node], side="right"))
         rest = np.arange(node, high)[~chain.skill[node:high]]
         moving = to_nanoseconds(chain.duration[rest] * pace)
-        rows = self._graph.chain_first[k] + rest
+        rows = self._graph.first[k] + rest
         busy[rows] = moving[:, None] + self._stall[rows]
 
     def _rest(self, k: int, robot: RobotProgress, now: int) -> Nanoseconds:
         """Return how much longer the node under way takes in every future [ns]."""
         chain, node = self._tpg.chains[k], robot.under_way
         worked = robot.worked_ns(now)
-        row = int(self._graph.chain_first[k]) + node
+        row = int(self._graph.first[k]) + node
         rest = np.maximum(self._motion[row] - worked, 0)
         if chain.skill[node]:
             total = self._skill_total(k, node, worked)

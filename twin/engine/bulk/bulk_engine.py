@@ -17,7 +17,7 @@ from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds, to_nanoseconds
 from twin.engine.bulk.flat_graph import PrecedenceArrays
-from twin.engine.bulk.max_plus import Completions, completions, makespans
+from twin.engine.bulk.max_plus import makespans
 from twin.engine.bulk.policy_graph import policy_graph
 from twin.run.run_record import Policy
 from twin.uncertainty.contraction import Contraction, contract
@@ -102,11 +102,6 @@ class BulkEngine:
         )
         return busy
 
-    def makespans_ns(self, *, seed: int, replications: npt.ArrayLike) -> Nanoseconds:
-        """Return the makespan of each replication, shape (r,) [ns], and nothing else."""
-        times = self.sample(seed=seed, replications=replications)
-        return makespans(self.graph, times.busy_ns)
-
     def least_makespan_ns(self) -> int:
         """Return the makespan if every skill is as quick as it can be [ns].
 
@@ -117,14 +112,6 @@ class BulkEngine:
             totals[rows] = to_nanoseconds(model.minimum)
         busy = self._busy(totals)
         return int(makespans(self.graph, busy)[0])
-
-    def run(self, *, seed: int, replications: npt.ArrayLike) -> Completions:
-        """Execute replications in none of which a task fails for good.
-
-        Nodes of what is returned are segments of ``contraction``.
-        """
-        times = self.sample(seed=seed, replications=replications)
-        return completions(self.graph, times.busy_ns)
 
 
 def _shares(draws: SkillDraws, contraction: Contraction) -> _Shares:

@@ -33,7 +33,7 @@ def explain(
     start = np.ascontiguousarray(start_ns, dtype=np.int64)
     end = np.ascontiguousarray(end_ns, dtype=np.int64)
     nodes, replications = start.shape
-    waited = np.zeros((len(graph.chain_first) - 1, 3, replications), dtype=np.int64)
+    waited = np.zeros((len(graph.first) - 1, 3, replications), dtype=np.int64)
     critical = np.zeros((nodes, replications), dtype=np.bool_)
     critical_edge = np.zeros((len(graph.source), replications), dtype=np.bool_)
     _waits(graph, start, end, waited)
@@ -65,20 +65,19 @@ def _waits(
     end: Nanoseconds,
     waited: Nanoseconds,
 ) -> None:
-    chains = len(graph.chain_first) - 1
-    for chain in range(chains):
-        for n in range(graph.chain_first[chain], graph.chain_first[chain + 1]):
-            own = graph.before[n]
-            for r in range(start.shape[1]):
-                since = end[own, r] if own >= 0 else 0
-                if start[n, r] <= since:
-                    continue
-                edge, done = _latest_source(graph, end, n, r)
-                if edge >= 0 and done > since:
-                    until = min(done, start[n, r])
-                    waited[chain, int(graph.cause[edge]), r] += until - since
-                    since = until
-                waited[chain, OTHER, r] += start[n, r] - since
+    for n in range(len(graph.order)):
+        chain = graph.chain[n]
+        own = n - 1 if n > graph.first[chain] else -1
+        for r in range(start.shape[1]):
+            since = end[own, r] if own >= 0 else 0
+            if start[n, r] <= since:
+                continue
+            edge, done = _latest_source(graph, end, n, r)
+            if edge >= 0 and done > since:
+                until = min(done, start[n, r])
+                waited[chain, int(graph.cause[edge]), r] += until - since
+                since = until
+            waited[chain, OTHER, r] += start[n, r] - since
 
 
 @njit(cache=True, nogil=True)
@@ -93,13 +92,13 @@ def _critical_paths(
     """Mark one critical path a replication, from the end back to the start of the run."""
     for r in range(start.shape[1]):
         n, latest = -1, -1
-        for chain in range(len(graph.chain_first) - 1):
-            last = graph.chain_first[chain + 1] - 1
-            if last >= graph.chain_first[chain] and last_end[chain, r] > latest:
+        for chain in range(len(graph.first) - 1):
+            last = graph.first[chain + 1] - 1
+            if last >= graph.first[chain] and last_end[chain, r] > latest:
                 n, latest = last, last_end[chain, r]
         while n >= 0:
             critical[n, r] = True
-            own = graph.before[n]
+            own = n - 1 if n > graph.first[graph.chain[n]] else -1
             since = end[own, r] if own >= 0 else 0
             edge, done = _latest_source(graph, end, n, r)
             if graph.not_before[n] > max(since, done):

@@ -96,7 +96,7 @@ def _ends(
     end: Nanoseconds,
 ) -> None:
     for n in graph.order:
-        own = graph.before[n]
+        own = n - 1 if n > graph.first[graph.chain[n]] else -1
         for r in range(low, high):
             end[n, r] = graph.not_before[n]
         if own >= 0:
@@ -124,7 +124,7 @@ def _latest_ends(
             latest[n, r] = makespan[r]
     for k in range(len(graph.order) - 1, -1, -1):
         n = graph.order[k]
-        own = graph.before[n]
+        own = n - 1 if n > graph.first[graph.chain[n]] else -1
         for r in range(replications):
             begin = latest[n, r] - busy[n, r]
             if own >= 0:

@@ -38,17 +38,6 @@ class Past(NamedTuple):
     not_before_ns: Nanoseconds
 
 
-def nothing_yet(graph: PrecedenceArrays, replications: int) -> Past:
-    """Return the past of a run that has not begun."""
-    nodes, chains = len(graph.order), len(graph.chain_first) - 1
-    return Past(
-        0,
-        np.full(nodes, -1, dtype=np.int64),
-        np.full(nodes, -1, dtype=np.int64),
-        np.zeros((chains, replications), dtype=np.int64),
-    )
-
-
 def end_times(
     graph: PrecedenceArrays, busy_ns: Nanoseconds, messages: Messages, past: Past
 ) -> Nanoseconds:
@@ -90,13 +79,9 @@ def _end_times(
     end: Nanoseconds,
 ) -> None:
     now = np.int64(past.now_ns)
-    chain_of = np.empty(len(graph.order), np.int64)
-    for chain in range(len(graph.chain_first) - 1):
-        for n in range(graph.chain_first[chain], graph.chain_first[chain + 1]):
-            chain_of[n] = chain
     for n in graph.order:
-        chain = chain_of[n]
-        own = graph.before[n]
+        chain = graph.chain[n]
+        own = n - 1 if n > graph.first[chain] else -1
         ahead = n - depth
         known_start, known_end = past.start_ns[n], past.end_ns[n]
         for r in range(busy.shape[1]):
@@ -111,7 +96,7 @@ def _end_times(
             t = np.int64(0)
             if own >= 0:
                 t = released[own, r]
-            if ahead >= graph.chain_first[chain]:
+            if ahead >= graph.first[chain]:
                 t = max(t, end[ahead, r] + report)
             for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
                 t = max(t, end[graph.source[e], r] + report)

@@ -11,6 +11,7 @@ from heapq import heapify, heappop, heappush
 
 import numpy as np
 
+from planning.transforms import Indices
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.rollout import durations_ns, earliest_times
@@ -33,10 +34,9 @@ def policy_graph(tpg: TemporalPlanGraph, policy: Policy) -> PrecedenceArrays:
         PlanInvariantError: the policy is synchronous, but the plan was not made in slots.
     """
     if policy == "synchronous":
-        barred = with_barriers(tpg)
+        barred = with_barriers(tpg, cause=OTHER)
         # Barriers need not follow the planned starts, as edges do.
-        order = np.fromiter(sequential_order(barred), dtype=np.int64)
-        return _turns_marked(barred, tpg)._replace(order=order)
+        return precedence_arrays(barred)._replace(order=_sequential_order(barred))
     if policy == "sequential":
         return _in_turns(tpg)
     if policy == "open-loop":
@@ -49,11 +49,11 @@ def policy_graph(tpg: TemporalPlanGraph, policy: Policy) -> PrecedenceArrays:
 
 def _in_turns(tpg: TemporalPlanGraph) -> PrecedenceArrays:
     """Return one chain of all nodes, in the order in which they take their turns."""
-    order = np.fromiter(sequential_order(tpg), dtype=np.int64)
+    order = _sequential_order(tpg)
     plain = precedence_arrays(tpg)
     source = np.full(len(order), -1, dtype=np.int64)
     source[order[1:]] = order[:-1]
-    has_edge = (source >= 0) & (source != plain.before)
+    has_edge = (source >= 0) & (plain.chain[source] != plain.chain)
     return plain._replace(
         order=order,
         edge_first=np.concatenate([[0], np.cumsum(has_edge)]).astype(np.int64),
@@ -62,15 +62,8 @@ def _in_turns(tpg: TemporalPlanGraph) -> PrecedenceArrays:
     )
 
 
-def _turns_marked(
-    barred: TemporalPlanGraph, tpg: TemporalPlanGraph
-) -> PrecedenceArrays:
-    """Return a graph with barriers, in which a wait for a barrier is one for a turn."""
-    own = {tuple(edge) for edge in tpg.edges.tolist()}
-    added = np.array([tuple(edge) not in own for edge in barred.edges.tolist()], bool)
-    return precedence_arrays(
-        replace(barred, cause=np.where(added, OTHER, barred.cause).astype(np.uint8))
-    )
+def _sequential_order(tpg: TemporalPlanGraph) -> Indices:
+    return np.fromiter(sequential_order(tpg), dtype=np.int64)
 
 
 def sequential_order(tpg: TemporalPlanGraph) -> Iterator[int]:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.simulated import run_bulk
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Lognormal, Uniform
 from twin.engine.bulk.bulk_engine import BulkEngine
@@ -49,7 +50,7 @@ def test_engines_agree_to_the_nanosecond(
     tpg = random_tpg(seed, dofs=(2,) * robots, edges=10 if robots > 1 else 0)
     events = Simulator(tpg, DURATIONS, policy=policy)
     bulk = BulkEngine(tpg, DURATIONS, policy=policy)
-    found = bulk.run(seed=seed, replications=range(5, 9))
+    found = run_bulk(bulk, seed=seed, replications=range(5, 9))
     for column, replication in enumerate(range(5, 9)):
         run = events.run(seed=seed, replication=replication)
         assert run.makespan_ns == found.makespan_ns[column]
@@ -62,11 +63,13 @@ def test_engines_agree_in_slots() -> None:
     tpg = _in_slots(random_tpg(3, dofs=(2, 2, 2), tasks=12, edges=4))
     events = Simulator(tpg, DURATIONS, policy="synchronous")
     bulk = BulkEngine(tpg, DURATIONS, policy="synchronous")
-    found = bulk.makespans_ns(seed=1, replications=range(8))
+    found = run_bulk(bulk, seed=1, replications=range(8)).makespan_ns
     runs = [events.run(seed=1, replication=r).makespan_ns for r in range(8)]
     assert found.tolist() == runs
     asynchronous = BulkEngine(tpg, DURATIONS)
-    assert np.any(asynchronous.makespans_ns(seed=1, replications=range(8)) < found)
+    assert np.any(
+        run_bulk(asynchronous, seed=1, replications=range(8)).makespan_ns < found
+    )
 
 
 def test_slots_are_asked_for() -> None:
@@ -87,11 +90,13 @@ def test_turns_are_taken_in_the_order_of_the_event_engine() -> None:
 def test_open_loop_waits_for_the_clock_alone() -> None:
     tpg = random_tpg(6, dofs=(2, 2), edges=10)
     late = SkillDurations({"pick": Uniform(low_s=50.0, high_s=60.0)})
-    found = BulkEngine(tpg, late, policy="open-loop").run(seed=0, replications=[0])
-    nominal = BulkEngine(tpg, SkillDurations({})).run(seed=0, replications=[0])
+    found = run_bulk(
+        BulkEngine(tpg, late, policy="open-loop"), seed=0, replications=[0]
+    )
+    nominal = run_bulk(BulkEngine(tpg, SkillDurations({})), seed=0, replications=[0])
     assert np.all(found.start_ns >= nominal.start_ns)
     own_way = BulkEngine(tpg, SkillDurations({}), policy="open-loop")
-    assert own_way.run(seed=0, replications=[0]).end_ns.tolist() == (
+    assert run_bulk(own_way, seed=0, replications=[0]).end_ns.tolist() == (
         nominal.end_ns.tolist()
     )
 
@@ -99,6 +104,9 @@ def test_open_loop_waits_for_the_clock_alone() -> None:
 def test_replications_do_not_know_of_each_other() -> None:
     tpg = random_tpg(8, dofs=(2, 2, 2), edges=12)
     engine = BulkEngine(tpg, DURATIONS)
-    together = engine.makespans_ns(seed=2, replications=range(200))
-    apart = [engine.makespans_ns(seed=2, replications=[r])[0] for r in (0, 63, 64, 199)]
+    together = run_bulk(engine, seed=2, replications=range(200)).makespan_ns
+    apart = [
+        run_bulk(engine, seed=2, replications=[r]).makespan_ns[0]
+        for r in (0, 63, 64, 199)
+    ]
     assert together[[0, 63, 64, 199]].tolist() == apart

@@ -18,7 +18,7 @@ from scheduling.graph.temporal_plan_graph import (
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Nanoseconds, Uniform
 from twin.engine.bulk.critical_paths import OTHER
-from twin.engine.bulk.flat_graph import edge_order, precedence_arrays
+from twin.engine.bulk.flat_graph import precedence_arrays
 from twin.engine.bulk.max_plus import completions, makespans
 from twin.engine.engine import Simulator
 from twin.uncertainty.contraction import contract
@@ -131,7 +131,8 @@ def test_the_clock_holds_nodes_back() -> None:
 def test_edges_can_be_traced_to_the_graph() -> None:
     tpg = random_tpg(7, dofs=(2, 2, 2), edges=14)
     graph = precedence_arrays(tpg)
-    rows = tpg.edges[edge_order(tpg)]
-    sources = graph.chain_first[rows[:, 0]] + rows[:, 1]
+    order = np.lexsort((tpg.edges[:, 3], tpg.edges[:, 2]))
+    rows = tpg.edges[order]
+    sources = graph.first[rows[:, 0]] + rows[:, 1]
     assert np.array_equal(graph.source, sources)
-    assert np.array_equal(graph.cause, tpg.cause[edge_order(tpg)])
+    assert np.array_equal(graph.cause, tpg.cause[order])

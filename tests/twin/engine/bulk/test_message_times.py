@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
 from twin.durations import to_nanoseconds
-from twin.engine.bulk.message_times import Past, end_times, nothing_yet
+from twin.engine.bulk.flat_graph import PrecedenceArrays
+from twin.engine.bulk.message_times import Past, end_times
 from twin.engine.bulk.policy_graph import policy_graph
 from twin.engine.engine import Simulator
 from twin.engine.messages import Messages
@@ -17,6 +18,17 @@ from twin.uncertainty.disturbances import Disturbances, Stalls
 
 LATENCIES = st.sampled_from([0.0, 0.001, 0.1, 0.7])
 POLICIES = st.sampled_from(["asynchronous", "sequential", "open-loop"])
+
+
+def nothing_yet(graph: PrecedenceArrays, replications: int) -> Past:
+    """Return the past of a run that has not begun."""
+    nodes, chains = len(graph.order), len(graph.first) - 1
+    return Past(
+        0,
+        np.full(nodes, -1, dtype=np.int64),
+        np.full(nodes, -1, dtype=np.int64),
+        np.zeros((chains, replications), dtype=np.int64),
+    )
 
 
 def simulator(

@@ -12,6 +12,7 @@ from benchmarks.timing_graphs import SCENARIOS, contracted_graph
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.shipped_runs import ShippedRuns
+from tests.twin.simulated import run_bulk
 from twin.durations import packaged_timings
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
@@ -35,7 +36,9 @@ def test_engines_agree(path: Path, policy: Policy) -> None:
     durations = SkillDurations(packaged_timings())
     events = Simulator(tpg, durations, policy=policy)
     numbers = [0, 1, 77]
-    found = BulkEngine(tpg, durations, policy=policy).run(seed=4, replications=numbers)
+    found = run_bulk(
+        BulkEngine(tpg, durations, policy=policy), seed=4, replications=numbers
+    )
     for column, replication in enumerate(numbers):
         run = events.run(seed=4, replication=replication)
         assert run.outcome == "completed"
