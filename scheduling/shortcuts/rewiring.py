@@ -15,7 +15,6 @@ import numpy as np
 
 from planning.transforms import Array, Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.conflicts.object_spans import Moment, Node, ObjectHistory
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, Causes, NodeChain
 
 Edge = tuple[int, int, int, int]
@@ -69,10 +68,7 @@ def rewire(
         replace(h, node=swap.moved(h.node)) if h.robot == swap.chain else h
         for h in tpg.handlings
     )
-    after = graph.derive(
-        replace(tpg, chains=tuple(chains), handlings=handlings),
-        history=shift_history(graph.history, swap),
-    )
+    after = graph.derive(replace(tpg, chains=tuple(chains), handlings=handlings))
     return after.with_edges(
         np.concatenate([moved, extra]),
         np.append(cause, np.full(len(extra), MOTION_CONFLICT, dtype=np.uint8)),
@@ -138,32 +134,3 @@ def splice_chain(chain: NodeChain, swap: Swap, new: NodeChain) -> NodeChain:
         a, b = (lo, hi) if name in ("waypoints", "fraction") else (first, stop)
         arrays[name] = np.concatenate([old[:a], getattr(new, name), old[b:]])
     return replace(chain, **arrays)
-
-
-def shift_history(history: ObjectHistory, swap: Swap) -> ObjectHistory:
-    """Return where every object is after nodes were replaced."""
-
-    def node(of: Node | None) -> Node | None:
-        if of is None or of[0] != swap.chain:
-            return of
-        return (of[0], swap.moved(of[1]))
-
-    def moment(of: Moment) -> Moment:
-        return (swap.moved(of[0]), of[1])
-
-    spans = tuple(
-        replace(span, start=moment(span.start), end=moment(span.end))
-        if span.robot == swap.chain
-        else span
-        for span in history.spans
-    )
-    rests = tuple(
-        replace(
-            rest,
-            after=node(rest.after),
-            before=node(rest.before),
-            stood=node(rest.stood),
-        )
-        for rest in history.rests
-    )
-    return ObjectHistory(spans, rests)

@@ -51,23 +51,12 @@ def _may_lie_there(
     order: NodeOrder, rest: Rest, index: int, first: int, last: int
 ) -> bool:
     """Tell whether an object may be at rest while nodes are under way."""
-    if rest.after is not None:
-        robot, node = rest.after
-        too_late = (
-            node > last if robot == index else order.precedes(index, last, *rest.after)
-        )
-        if too_late:
-            return False
-    if rest.before is not None:
-        robot, node = rest.before
-        gone = (
-            node < first
-            if robot == index
-            else order.precedes(*rest.before, index, first - 1)
-        )
-        if gone:
-            return False
-    return True
+    too_late = rest.after is not None and order.precedes(index, last, *rest.after)
+    gone = rest.before is not None and (
+        rest.before == (index, first - 1)
+        or order.precedes(*rest.before, index, first - 1)
+    )
+    return not (too_late or gone)
 
 
 def _checker(

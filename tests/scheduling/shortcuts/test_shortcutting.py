@@ -12,14 +12,11 @@ from planning.geometry.exact import TOLERANCE
 from planning.motion.motion_plan import MotionPlan
 from planning.motion.speed import L1Speed
 from scheduling.build_tpg import build_tpg
-from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.conflicts.object_spans import ObjectSpan, Rest
 from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.graph.rollout import earliest_times, latest_ends
-from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.shortcuts.rewiring import Swap, rewire, splice_edges
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.shortcuts.rewiring import Swap, splice_edges
 from scheduling.shortcuts.shortcutting import ShortcutReport, shorten_tpg
-from scheduling.shortcuts.spans import find_spans
 from scheduling.verification.verify import verify_plan
 from tests.scheduling.algorithm_one import PlainGraph
 from tests.scheduling.mini_world import random_plan
@@ -85,46 +82,6 @@ def test_a_shortened_plan_is_proved_safe_and_stands_still_safely(
     assert report.taken > 0
     assert verify_plan(report.tpg).problems == ()
     assert audit_standing_states(report.tpg).violations == ()
-
-
-@pytest.mark.parametrize(("robots", "seed"), CASES)
-def test_objects_are_where_tracing_them_anew_finds_them(robots: int, seed: int) -> None:
-    tpg = build_tpg(random_plan(robots, seed, rounds=10, step=0.5))
-    graph = DerivedTpg(tpg)
-    chosen = np.random.default_rng(seed)
-    for span in find_spans(graph):
-        # Any shape of path will do: nothing is checked against anything here.
-        chain = tpg.chains[span.chain]
-        first, last = np.sort(
-            chosen.integers(span.first, span.last + 1, size=2)
-        ).tolist()
-        count = int(chosen.integers(1, 2 * (last - first) + 2))
-        ends = chain.waypoints[[chain.first[first] - 1, chain.first[last + 1] - 1]]
-        path = ends[0] + np.linspace(0, 1, count + 1)[1:, None] * (ends[1] - ends[0])
-        new = NodeChain(
-            chain.robot,
-            ends[0],
-            path,
-            np.ones(count),
-            np.arange(count + 1),
-            np.repeat(chain.task[last], count),
-            np.zeros(count, dtype=np.bool_),
-            np.full(count, 0.1),
-            np.repeat(chain.planned_start[last], count),
-        )
-        after = rewire(graph, Swap(span.chain, first, last, count), new, ())
-        shifted, anew = after.history, DerivedTpg(after.tpg).history
-        for ours, theirs in (
-            (shifted.spans, anew.spans),
-            (shifted.rests, anew.rests),
-        ):
-            assert [_without_pose(item) for item in ours] == [
-                _without_pose(item) for item in theirs
-            ]
-
-
-def _without_pose(item: ObjectSpan | Rest) -> dict[str, object]:
-    return {k: v for k, v in vars(item).items() if k != "pose"}
 
 
 def test_the_papers_rule_loses_an_order_of_three_robots() -> None:
