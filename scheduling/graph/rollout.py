@@ -38,14 +38,6 @@ class Rollout:
         ends = [e[-1].item() for e in self.end if len(e)]
         return max(ends, default=0)
 
-    def wait(self, robot: int) -> float | int:
-        """Return the end of a robot's last node minus the sum of its durations."""
-        if len(self.end[robot]) == 0:
-            return 0
-        busy = self.duration[robot].sum()
-        value: float | int = (self.end[robot][-1] - busy).item()
-        return value
-
 
 @njit(cache=True, nogil=True)
 def _longest_paths(

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from itertools import combinations, product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -122,9 +123,8 @@ class ClearanceCheck:
                         b.pieces.tasks[j].tolist(),
                     ):
                         continue
-                    found = self._closer(
-                        (a, x.part, i), (b, y.part, j), limit, between_robots=both
-                    )
+                    sides = _side(a, x.part, i), _side(b, y.part, j)
+                    found = self._closer(sides, limit, between_robots=both)
                     if found is not None:
                         first, second = moment_of(a, x.part, i), moment_of(b, y.part, j)
                         seen[key] = conflict(first, second, found)
@@ -132,11 +132,11 @@ class ClearanceCheck:
 
     def _rest(self, robot: RobotBodies, rest: Resting, precedence: Precedence) -> None:
         part = resting_part(rest.object, rest.size, rest.pose)
+        still = _Side(None, part, np.zeros(0), np.zeros(0), np.eye(4))
         fixture = any(f.name == rest.object for f in self.tpg.cell.fixtures)
         there = while_there(robot, rest, precedence)
         self.pairs += int(there.sum())
         limit = self.tpg.cell.clearances.robot_object
-        world = np.eye(4)
         inverse = rest.pose[:3, :3]
         seen: dict[Key, Problem] = {}
         for x in robot.bodies:
@@ -159,7 +159,7 @@ class ClearanceCheck:
                     x.part.entity, rest.object, tasks, rest.tasks
                 ):
                     continue
-                found = self._closer((robot, x.part, i), (None, part, world), limit)
+                found = self._closer((_side(robot, x.part, i), still), limit)
                 if found is not None:
                     first = moment_of(robot, x.part, i)
                     second = Moment(None, -1, -1, True, rest.object)
@@ -179,52 +179,65 @@ class ClearanceCheck:
         return False
 
     def _closer(
-        self,
-        first: tuple[RobotBodies, Part, int],
-        second: tuple[RobotBodies, Part, int] | tuple[None, Part, Array],
-        limit: float,
-        *,
-        between_robots: bool = False,
+        self, sides: tuple[_Side, _Side], limit: float, *, between_robots: bool = False
     ) -> float | None:
         """Return a distance below the limit, None if there is none.
 
         Both motions are halved until the sample in the middle decides: either it is too close,
         or it is further away than both can move from there.
         """
-        a, part_a, i = first
-        spans = [(a.pieces.q_a[i], a.pieces.q_b[i])]
-        if second[0] is not None:
-            b, part_b, j = second
-            spans.append((b.pieces.q_a[j], b.pieces.q_b[j]))
-            frame_b = b.frames[j, part_b.joint + 1]
-        else:
-            _, part_b, frame_b = second
         count = 0
-        todo = [(0.0, count, spans, a.frames[i, part_a.joint + 1], frame_b)]
+        todo = [(0.0, count, sides)]
         while todo:  # what may be closest first
-            _, _, spans, frame_a, frame_b = heapq.heappop(todo)
-            gap = measure(part_a, frame_a, part_b, frame_b)
+            _, _, sides = heapq.heappop(todo)
+            a, b = sides
+            gap = measure(a.part, a.frame, b.part, b.frame)
             self.least[between_robots] = min(self.least[between_robots], gap)
             if gap < limit - TOLERANCE:
                 return gap
-            moved = [
-                0.5 * float(np.abs(end - start) @ part.weight)
-                for (start, end), part in zip(spans, (part_a, part_b), strict=False)
-            ]
+            moved = a.moved(), b.moved()
             if gap - sum(moved) >= limit - TOLERANCE or max(moved) < _FINEST:
                 continue
-            cut = int(np.argmax(moved))
-            start, end = spans[cut]
-            middle = 0.5 * (start + end)
-            for half in ((start, middle), (middle, end)):
-                q = 0.5 * (half[0] + half[1])
+            if moved[0] >= moved[1]:
+                halves = [(half, b) for half in a.halves()]
+            else:
+                halves = [(a, half) for half in b.halves()]
+            for half in halves:
                 count += 1
-                if cut == 0:
-                    frame = a.robot.joint_frames(q)[part_a.joint + 1]
-                    entry = ([half, *spans[1:]], frame, frame_b)
-                else:
-                    assert second[0] is not None
-                    frame = second[0].robot.joint_frames(q)[part_b.joint + 1]
-                    entry = ([spans[0], half], frame_a, frame)
-                heapq.heappush(todo, (gap - sum(moved), count, *entry))
+                heapq.heappush(todo, (gap - sum(moved), count, half))
         return None
+
+
+class _Side(NamedTuple):
+    """A part in a straight motion of its robot.
+
+    Attributes:
+        robot: the robot, None for what rests in the world.
+        part: the part.
+        q_a, q_b: where the motion begins and ends, shape (n,).
+        frame: pose of the part's joint in the middle of the motion, shape (4, 4).
+    """
+
+    robot: ReferenceRobot | None
+    part: Part
+    q_a: Array
+    q_b: Array
+    frame: Transform
+
+    def moved(self) -> float:
+        """Return how far the part gets at most from where it is in the middle [m]."""
+        return 0.5 * float(np.abs(self.q_b - self.q_a) @ self.part.weight)
+
+    def halves(self) -> Iterator[_Side]:
+        """Yield both halves of the motion."""
+        assert self.robot is not None
+        middle = 0.5 * (self.q_a + self.q_b)
+        for q_a, q_b in ((self.q_a, middle), (middle, self.q_b)):
+            frames = self.robot.joint_frames(0.5 * (q_a + q_b))
+            yield self._replace(q_a=q_a, q_b=q_b, frame=frames[self.part.joint + 1])
+
+
+def _side(robot: RobotBodies, part: Part, piece: int) -> _Side:
+    pieces = robot.pieces
+    frame = robot.frames[piece, part.joint + 1]
+    return _Side(robot.robot, part, pieces.q_a[piece], pieces.q_b[piece], frame)

@@ -159,7 +159,8 @@ def test_times_are_the_earliest_possible(
         assert same_times(run, earliest.start, earliest.end)
         assert run.makespan_ns == earliest.makespan
         assert [run.wait_ns(k) for k in range(len(tpg.chains))] == [
-            earliest.wait(k) for k in range(len(tpg.chains))
+            end[-1] - busy.sum()
+            for end, busy in zip(earliest.end, earliest.duration, strict=True)
         ]
 
 
