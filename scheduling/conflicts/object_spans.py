@@ -17,7 +17,6 @@ from planning.geometry.scene_checker import flange_pose
 from planning.transforms import Indices, Transform
 from scheduling.graph.reduction import NodeOrder
 from scheduling.graph.temporal_plan_graph import (
-    NodeChain,
     NodeHandling,
     TemporalPlanGraph,
 )
@@ -93,11 +92,13 @@ def trace_objects(tpg: TemporalPlanGraph, ranks: Sequence[Indices]) -> ObjectHis
     handled: dict[str, list[NodeHandling]] = {h.object: [] for h in tpg.handlings}
     for handling in handlings_in_order(tpg, ranks):
         handled[handling.object].append(handling)
-    spans: list[ObjectSpan] = []
-    rests: list[Rest] = []
-    for name, events in handled.items():
-        _trace_object(tpg, ranks, name, events, spans, rests)
-    return ObjectHistory(tuple(spans), tuple(rests))
+    traces = [_Trace(tpg, ranks, name) for name in handled]
+    for trace, events in zip(traces, handled.values(), strict=True):
+        trace.follow(events)
+    return ObjectHistory(
+        tuple(span for trace in traces for span in trace.spans),
+        tuple(rest for trace in traces for rest in trace.rests),
+    )
 
 
 def handlings_in_order(
@@ -107,122 +108,140 @@ def handlings_in_order(
     return sorted(tpg.handlings, key=lambda h: (ranks[h.robot][h.node], h.waypoint))
 
 
-def _trace_object(
-    tpg: TemporalPlanGraph,
-    ranks: Sequence[Indices],
-    name: str,
-    events: list[NodeHandling],
-    spans: list[ObjectSpan],
-    rests: list[Rest],
-) -> None:
-    index = tpg.chain_index
+@dataclass(frozen=True)
+class _Place:
+    """Where an object is from one handling to the next.
+
+    Attributes:
+        pose: of its centre in the world, or in the flange frame of the robot that carries it.
+        holder: chain of that robot, None at rest.
+        node: node that left it at rest, None from the start on, and where it is carried.
+        since: moment from which it rests there, or is carried.
+    """
+
+    pose: Transform
     holder: int | None = None
-    item = tpg.cell.object(name)
-    pose = item.start
-    after: Node | None = None  # node that left the object where it rests
-    since: Moment = (0, 0)  # moment from which the holder carries it
-    rest_from: Moment | None = None  # set while it rests within the node of ``after``
-    if item.later:
-        first, events = events[0], events[1:]
-        if first.holder is not None:
-            raise PlanInvariantError(
-                f"task {tpg.chains[first.robot].task[first.node]} handles {name!r}, which"
-                " is not there yet"
-            )
-        pose, after = first.pose, (first.robot, first.node)
-        rest_from = (first.node, first.waypoint)
-    for event in events:
-        chain = tpg.chains[event.robot]
-        here: Moment = (event.node, event.waypoint)
-        node: Node = (event.robot, event.node)
-        if holder == event.robot:
-            spans.append(ObjectSpan(name, holder, since, here, True, pose))
-        elif holder is None:
-            # At rest until now: within this node, and between the nodes before it.
-            begin: Moment = (event.node, 0)
-            if after == node and rest_from is not None:
-                begin = rest_from
-            elif after is not None and rest_from is not None:
-                spans.append(_tail(tpg.chains, name, after, rest_from, pose))
-            spans.append(ObjectSpan(name, event.robot, begin, here, False, pose))
-            if after != node:
-                rests.append(Rest(name, after, node, pose))
-        else:
+    node: Node | None = None
+    since: Moment = (0, 0)
+
+
+class _Trace:
+    """Follows one object through its handlings, and notes its spans and rests."""
+
+    def __init__(
+        self, tpg: TemporalPlanGraph, ranks: Sequence[Indices], name: str
+    ) -> None:
+        self.spans: list[ObjectSpan] = []
+        self.rests: list[Rest] = []
+        self._tpg, self._ranks, self._name = tpg, ranks, name
+
+    def follow(self, events: list[NodeHandling]) -> None:
+        item = self._tpg.cell.object(self._name)
+        place = _Place(item.start)
+        if item.later:
+            first, *events = events
+            node, here = (first.robot, first.node), (first.node, first.waypoint)
+            if first.holder is not None:
+                raise PlanInvariantError(
+                    f"task {self._task(node)} handles {self._name!r}, which is not there"
+                    " yet"
+                )
+            place = _Place(first.pose, None, node, here)
+        for event in events:
+            self._until(place, event)
+            place = self._after(place, event)
+        self._to_the_end(place)
+
+    def _until(self, place: _Place, event: NodeHandling) -> None:
+        """Note where the object is until a handling."""
+        node, here = (event.robot, event.node), (event.node, event.waypoint)
+        if place.holder == event.robot:
+            self._span(event.robot, place.since, here, True, place.pose)
+        elif place.holder is not None:
             # The receiver takes it from the hand of a robot that stands.
-            last = _last_before(ranks, holder, node)
-            spans.append(
-                ObjectSpan(
-                    name, holder, since, _end_of(tpg.chains[holder], last), True, pose
-                )
-            )
-            held = _hand(tpg, holder, last) @ pose
-            spans.append(
-                ObjectSpan(name, event.robot, (event.node, 0), here, False, held)
-            )
-            stood = (holder, last) if last >= 0 else None
-            rests.append(Rest(name, stood, node, held, holder, stood))
-        rest_from = None
-        if event.holder is None:
-            if holder != event.robot:
-                raise PlanInvariantError(
-                    f"task {chain.task[event.node]} of robot {chain.robot!r} puts down"
-                    f" {name!r}, which it does not hold"
-                )
-            holder, pose, after, rest_from = None, event.pose, node, here
-        elif event.holder == chain.robot:
-            holder, pose, since, after = event.robot, event.pose, here, None
+            last = self._last_before(place.holder, node)
+            end = self._end_of((place.holder, last))
+            self._span(place.holder, place.since, end, True, place.pose)
+            held = self._hand((place.holder, last)) @ place.pose
+            self._span(event.robot, (event.node, 0), here, False, held)
+            stood = (place.holder, last) if last >= 0 else None
+            self.rests.append(Rest(self._name, stood, node, held, place.holder, stood))
+        elif place.node == node:
+            self._span(event.robot, place.since, here, False, place.pose)
         else:
-            if event.holder not in index:
+            # At rest within the node that left it, between the nodes, and within this one.
+            self._rest_of_node(place)
+            self._span(event.robot, (event.node, 0), here, False, place.pose)
+            self.rests.append(Rest(self._name, place.node, node, place.pose))
+
+    def _after(self, place: _Place, event: NodeHandling) -> _Place:
+        """Return where the object is after a handling."""
+        chain = self._tpg.chains[event.robot]
+        node, here = (event.robot, event.node), (event.node, event.waypoint)
+        if event.holder is None:
+            if place.holder != event.robot:
                 raise PlanInvariantError(
-                    f"task {chain.task[event.node]} hands {name!r} to {event.holder!r},"
-                    " a robot that has no node",
-                    choices=tuple(index),
+                    f"task {self._task(node)} of robot {chain.robot!r} puts down"
+                    f" {self._name!r}, which it does not hold"
                 )
-            receiver = index[event.holder]
-            last = _last_before(ranks, receiver, node)
-            held = _hand(tpg, receiver, last) @ event.pose
-            spans.append(_tail(tpg.chains, name, node, here, held))
-            following: Node | None = (receiver, last + 1)
-            if last + 1 >= len(tpg.chains[receiver]):
-                following = None
-            stood = (receiver, last) if last >= 0 else None
-            rests.append(Rest(name, node, following, held, receiver, stood))
-            holder, pose, since, after = receiver, event.pose, (last + 1, 0), None
-    if holder is None:
-        if after is not None and rest_from is not None:
-            spans.append(_tail(tpg.chains, name, after, rest_from, pose))
-        rests.append(Rest(name, after, None, pose))
-    else:
-        # Kept to the end, the hold after the last node included.
-        end = (len(tpg.chains[holder]), 0)
-        spans.append(ObjectSpan(name, holder, since, end, True, pose))
+            return _Place(event.pose, None, node, here)
+        if event.holder == chain.robot:
+            return _Place(event.pose, event.robot, None, here)
+        index = self._tpg.chain_index
+        if event.holder not in index:
+            raise PlanInvariantError(
+                f"task {self._task(node)} hands {self._name!r} to {event.holder!r}, a robot"
+                " that has no node",
+                choices=tuple(index),
+            )
+        receiver = index[event.holder]
+        last = self._last_before(receiver, node)
+        held = self._hand((receiver, last)) @ event.pose
+        self._rest_of_node(_Place(held, None, node, here))
+        going_on = last + 1 < len(self._tpg.chains[receiver])
+        following = (receiver, last + 1) if going_on else None
+        stood = (receiver, last) if last >= 0 else None
+        self.rests.append(Rest(self._name, node, following, held, receiver, stood))
+        return _Place(event.pose, receiver, None, (last + 1, 0))
 
+    def _to_the_end(self, place: _Place) -> None:
+        """Note where the object stays."""
+        if place.holder is None:
+            self._rest_of_node(place)
+            self.rests.append(Rest(self._name, place.node, None, place.pose))
+        else:
+            # The hold after the last node is included.
+            end = (len(self._tpg.chains[place.holder]), 0)
+            self._span(place.holder, place.since, end, True, place.pose)
 
-def _last_before(ranks: Sequence[Indices], robot: int, node: Node) -> int:
-    """Return the last node of ``robot`` before ``node`` in the total order, or -1."""
-    return int(ranks[robot].searchsorted(ranks[node[0]][node[1]])) - 1
+    def _rest_of_node(self, place: _Place) -> None:
+        """Note that the object rests to the end of the node that left it, if one did."""
+        if place.node is not None:
+            end = self._end_of(place.node)
+            self._span(place.node[0], place.since, end, False, place.pose)
 
+    def _span(
+        self, chain: int, start: Moment, end: Moment, carried: bool, pose: Transform
+    ) -> None:
+        self.spans.append(ObjectSpan(self._name, chain, start, end, carried, pose))
 
-def _end_of(chain: NodeChain, node: int) -> Moment:
-    if node < 0:
-        return (0, 0)
-    return (node, int(chain.first[node + 1] - chain.first[node]))
+    def _task(self, node: Node) -> int:
+        return int(self._tpg.chains[node[0]].task[node[1]])
 
+    def _last_before(self, chain: int, node: Node) -> int:
+        """Return the last node of a chain before ``node`` in the total order, or -1."""
+        return int(self._ranks[chain].searchsorted(self._ranks[node[0]][node[1]])) - 1
 
-def _tail(
-    chains: Sequence[NodeChain], name: str, node: Node, start: Moment, pose: Transform
-) -> ObjectSpan:
-    """Return the span of an object at rest from ``start`` to the end of its node."""
-    return ObjectSpan(
-        name, node[0], start, _end_of(chains[node[0]], node[1]), False, pose
-    )
+    def _end_of(self, node: Node) -> Moment:
+        """Return the moment in which a node (-1: the start) ends."""
+        chain, k = self._tpg.chains[node[0]], node[1]
+        return (0, 0) if k < 0 else (k, int(chain.first[k + 1] - chain.first[k]))
 
-
-def _hand(tpg: TemporalPlanGraph, robot: int, node: int) -> Transform:
-    """Return the flange pose of a robot that stands after ``node`` (-1: at its start)."""
-    chain = tpg.chains[robot]
-    q = chain.start if node < 0 else chain.waypoints[chain.first[node + 1] - 1]
-    return flange_pose(tpg.cell.robot(chain.robot), q)
+    def _hand(self, node: Node) -> Transform:
+        """Return the flange pose of a robot that stands after a node (-1: at its start)."""
+        chain, k = self._tpg.chains[node[0]], node[1]
+        q = chain.start if k < 0 else chain.waypoints[chain.first[k + 1] - 1]
+        return flange_pose(self._tpg.cell.robot(chain.robot), q)
 
 
 def while_at_rest(
