@@ -68,6 +68,7 @@ class Body:
         part: the part.
         robot: True for a part of the robot, False for a load.
         pieces: which ones, rising, shape (k,).
+        turn: rotation of its joint in the middle of each piece, shape (k, 9).
         centre: of the sphere around it in the middle of each piece, shape (k, 3) [m].
         radius: of that sphere, grown by the motion within the piece, shape (k,) [m].
     """
@@ -75,6 +76,7 @@ class Body:
     part: Part
     robot: bool
     pieces: Indices
+    turn: Array
     centre: Array
     radius: Array
 
@@ -138,7 +140,8 @@ class RobotBodies:
         centre = frames[:, :3, :3] @ part.centre + frames[:, :3, 3]
         step = np.abs(self.pieces.q_b[pieces] - self.pieces.q_a[pieces])
         radius = part.radius + 0.5 * step @ part.weight
-        return Body(part, robot, pieces, centre, radius)
+        turn = frames[:, :3, :3].reshape(-1, 9)
+        return Body(part, robot, pieces, turn, centre, radius)
 
 
 def _standing_for_ever(home: Array) -> Pieces:

@@ -233,8 +233,8 @@ class _Side(NamedTuple):
         assert self.robot is not None
         middle = 0.5 * (self.q_a + self.q_b)
         for q_a, q_b in ((self.q_a, middle), (middle, self.q_b)):
-            frames = self.robot.joint_frames(0.5 * (q_a + q_b))
-            yield self._replace(q_a=q_a, q_b=q_b, frame=frames[self.part.joint + 1])
+            frame = self.robot.joint_frame(0.5 * (q_a + q_b), self.part.joint)
+            yield self._replace(q_a=q_a, q_b=q_b, frame=frame)
 
 
 def _side(robot: RobotBodies, part: Part, piece: int) -> _Side:

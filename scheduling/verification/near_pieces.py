@@ -81,7 +81,7 @@ def unsettled(
     rows, columns = close
     while len(rows):
         k = len(rows) // 2
-        row, column = rows[k], columns[k]
+        row, column = int(rows[k]), int(columns[k])
         i, j = int(x.pieces[row]), int(y.pieces[column])
         gap = measure(
             x.part,
@@ -89,7 +89,7 @@ def unsettled(
             y.part,
             b.frames[j, y.part.joint + 1],
         )
-        left = gap - _displaced(a, x, row, rows) - _displaced(b, y, column, columns)
+        left = gap - _displaced(x, row, rows) - _displaced(y, column, columns)
         unsettled = left < limit - TOLERANCE
         if unsettled[k]:
             unsettled[k] = False
@@ -97,15 +97,15 @@ def unsettled(
         rows, columns = rows[unsettled], columns[unsettled]
 
 
-def _displaced(robot: RobotBodies, body: Body, start: int, others: Indices) -> Array:
+def _displaced(body: Body, start: int, others: Indices) -> Array:
     """Return how far any point of a body gets from one piece's middle in other pieces [m]."""
-    low, high = int(others.min()), int(others.max()) + 1
-    low, high = min(low, int(start)), max(high, int(start) + 1)
-    frames = robot.frames[body.pieces[low:high], body.part.joint + 1, :3, :3]
-    turned = (frames - frames[start - low]).reshape(-1, 9)
+    low = min(int(others.min()), start)
+    span = slice(low, max(int(others.max()), start) + 1)
+    turned = body.turn[span] - body.turn[start]
+    shift = body.centre[span] - body.centre[start]
     angle = np.sqrt(np.einsum("ij,ij->i", turned, turned) / 2.0)
-    moved = np.linalg.norm(body.centre[low:high] - body.centre[start], axis=1)
-    within = body.radius[low:high] - body.part.radius
+    moved = np.sqrt(np.einsum("ij,ij->i", shift, shift))
+    within = body.radius[span] - body.part.radius
     return np.asarray((moved + body.part.radius * angle + within)[others - low])
 
 

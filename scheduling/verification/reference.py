@@ -78,14 +78,12 @@ class ReferenceRobot:
         box = coal.Box(*(float(s) for s in size))
         return self._part(entity, self.dof - 1, self._flange @ pose, box)
 
-    def joint_frames(self, q: Array) -> Array:
-        """Return the world poses of base and joints at ``q``, shape (n + 1, 4, 4)."""
+    def joint_frame(self, q: Array, joint: int) -> Array:
+        """Return the world pose of a joint at ``q``, of the base for -1, shape (4, 4)."""
+        if joint < 0:
+            return self.base
         pinocchio.forwardKinematics(self._model, self._data, np.asarray(q))
-        frames = np.empty((self.dof + 1, 4, 4))
-        frames[0] = self.base
-        for j in range(self.dof):
-            frames[j + 1] = self.base @ self._data.oMi[j + 1].homogeneous
-        return frames
+        return np.asarray(self.base @ self._data.oMi[joint + 1].homogeneous)
 
     def joint_frames_along(self, path: Array) -> Array:
         """Return world poses at many configurations at once, shape (s, n + 1, 4, 4).
@@ -110,7 +108,7 @@ class ReferenceRobot:
 
     def flange_pose(self, q: Array) -> Transform:
         """Return the world pose of the flange at ``q``, shape (4, 4)."""
-        return np.asarray(self.joint_frames(q)[-1] @ self._flange)
+        return np.asarray(self.joint_frame(q, self.dof - 1) @ self._flange)
 
     def _part(self, entity: str, joint: int, local: Transform, shape: Any) -> Part:
         shape.computeLocalAABB()

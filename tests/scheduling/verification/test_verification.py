@@ -357,16 +357,14 @@ def test_a_part_never_moves_further_than_its_weights_say() -> None:
     corners = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
     for _ in range(60):
         q, step = rng.uniform(-1.5, 1.5, 6), rng.uniform(-0.3, 0.3, 6)
-        a, b = robot.joint_frames(q), robot.joint_frames(q + step)
         for part in robot.parts:
             points = part.centre + part.radius * corners / np.sqrt(3)
-            ends = [
-                points @ f[part.joint + 1][:3, :3].T + f[part.joint + 1][:3, 3]
-                for f in (a, b)
-            ]
+            frames = [robot.joint_frame(end, part.joint) for end in (q, q + step)]
+            ends = [points @ frame[:3, :3].T + frame[:3, 3] for frame in frames]
             moved = np.linalg.norm(ends[1] - ends[0], axis=1).max()
             assert moved <= np.abs(step) @ part.weight + 1e-12
-    far = measure(robot.parts[0], a[0], robot.parts[0], translation(0.0, 5.0, 0.0))
+    base = robot.joint_frame(q, -1)
+    far = measure(robot.parts[0], base, robot.parts[0], translation(0.0, 5.0, 0.0))
     assert far == pytest.approx(5.0 - 0.175, abs=0.02)
 
 

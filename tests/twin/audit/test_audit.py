@@ -402,19 +402,18 @@ def test_bullet_measures_what_coal_measures(tmp_path: Path, name: str) -> None:
     held = reference.load("box", size, np.eye(4))
     for _ in range(150):
         q = rng.uniform(model.lower, model.upper)
-        frames = reference.joint_frames(q)
         world.configure(0, q)
         k = int(rng.integers(len(reference.parts)))
         part = reference.parts[k]
-        centre = frames[part.joint + 1][:3, :3] @ part.centre
-        centre += frames[part.joint + 1][:3, 3]
+        frame = reference.joint_frame(q, part.joint)
+        centre = frame[:3, :3] @ part.centre + frame[:3, 3]
         away = rng.normal(size=3)
         pose = translation(*(centre + away / np.linalg.norm(away) * part.radius))
         world.place(world.objects[0].body, pose)
         at_rest = type(held)(
             "box", -1, np.eye(4), held.shape, np.zeros(3), 0.0, held.weight
         )
-        expected = measure(part, frames[part.joint + 1], at_rest, pose)
+        expected = measure(part, frame, at_rest, pose)
         if not -0.004 < expected < 0.05:
             continue
         close += 1
