@@ -6,7 +6,12 @@ from collections.abc import Mapping
 
 from planning.lego.bricks.assembly import BrickType, Cell
 from planning.lego.bricks.grid import Stud, occupied_studs
-from twin.scenario.sections.lego import LegoSection, StepSection, StockSection
+from twin.scenario.sections.lego import (
+    LegoSection,
+    PressCellSection,
+    StepSection,
+    StockSection,
+)
 
 
 def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
@@ -20,9 +25,14 @@ def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
     return {**BRICKS, **own}
 
 
+def cell_of(item: StockSection | StepSection | PressCellSection) -> Cell:
+    """Return where a brick of the stock or of a step is, or is held."""
+    x, y, z = item.at
+    return Cell(x, y, z, item.turned)
+
+
 def studs_of(
     item: StockSection | StepSection, types: Mapping[str, BrickType]
 ) -> frozenset[Stud]:
     """Return the places on the grid that a brick of the stock or of a step fills."""
-    x, y, z = item.at
-    return occupied_studs(Cell(x, y, z, item.turned), types[item.brick])
+    return occupied_studs(cell_of(item), types[item.brick])

@@ -14,17 +14,13 @@ from planning.errors import ScenarioError
 from planning.transforms import Array, Transform, readonly
 from twin.assemblies.kind import AssemblyKind, PlannedMotions
 from twin.host.stage_watch import StageWatch
+from twin.scenario.document.section import plain_values
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.construction import (
     ConstructionPartSection,
     ConstructionSection,
     ModelSection,
-    PavilionSection,
-    SpiralSection,
     SupplySection,
-    TowerSection,
-    WallSection,
-    WellSection,
 )
 from twin.scenario.sections.poses import build_transform
 
@@ -166,54 +162,20 @@ class ConstructionKind(AssemblyKind):
 
 
 def model_parts(section: ModelSection) -> tuple[ModelPart, ...]:
-    """Return the parts of a model."""
-    from planning.construction.problem.models import pavilion, tower, wall, well
+    """Return the parts of a model: the function of its name knows them."""
+    from planning.construction.problem import models
 
-    match section:
-        case TowerSection():
-            return tower(section.levels, section.size_m)
-        case WallSection():
-            return wall(
-                section.columns, section.courses, section.size_m, section.joint_m
-            )
-        case WellSection():
-            return well(
-                section.sides,
-                section.courses,
-                section.radius_m,
-                section.section_m,
-                section.joint_m,
-            )
-        case PavilionSection():
-            return pavilion(
-                section.arches,
-                section.chord_m,
-                section.depth_m,
-                section.thickness_m,
-                section.joint_m,
-                section.crown_deg,
-            )
+    sizes = {key.removesuffix("_m"): value for key, value in section if key != "name"}
+    parts: tuple[ModelPart, ...] = getattr(models, section.name)(**sizes)
+    return parts
 
 
 def supply_layout(section: SupplySection) -> SupplyLayout:
     """Return the layout of a supply."""
     from planning.construction.problem.supply import Rows, Spiral
 
-    if isinstance(section, SpiralSection):
-        return Spiral(
-            section.radius_m,
-            section.growth_m,
-            section.turn_rad,
-            section.across,
-            section.high,
-        )
-    return Rows(
-        (section.first_m[0], section.first_m[1]),
-        section.columns,
-        (section.pitch_m[0], section.pitch_m[1]),
-        float(np.deg2rad(section.yaw_deg)),
-        section.high,
-    )
+    values = plain_values(section, without=("layout", "near"))
+    return Spiral(**values) if section.layout == "spiral" else Rows(**values)
 
 
 def _own_part(section: ConstructionPartSection) -> ModelPart:

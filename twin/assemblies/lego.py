@@ -11,7 +11,6 @@ import numpy as np
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import (
-    Cell,
     LegoAssembly,
     LegoStep,
     Plate,
@@ -20,7 +19,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.contacts import PlacedBrick
-from twin.assemblies.brick_types import brick_types
+from twin.assemblies.brick_types import brick_types, cell_of
 from twin.assemblies.kind import AssemblyKind, PlannedMotions
 from twin.host.stage_watch import StageWatch
 from twin.scenario.document.problems import Problem
@@ -208,28 +207,20 @@ def _plate(section: PlateSection) -> Plate:
 
 
 def _stock(section: StockSection) -> StockBrick:
-    x, y, z = section.at
-    cell = Cell(x, y, z, section.turned)
-    return StockBrick(section.name, section.brick, cell, section.fixed, section.station)
+    return StockBrick(
+        section.name, section.brick, cell_of(section), section.fixed, section.station
+    )
 
 
 def _step(section: StepSection) -> LegoStep:
-    x, y, z = section.at
-    press = press_cell = support = None
-    if section.press is not None:
-        press = _press(section.press)
-    if section.press_cell is not None:
-        i, j, layer = section.press_cell.at
-        press_cell = Cell(i, j, layer, section.press_cell.turned)
-    if section.support is not None:
-        support = _support(section.support)
+    held = section.press_cell
     return LegoStep(
         brick=section.brick,
-        cell=Cell(x, y, z, section.turned),
+        cell=cell_of(section),
         up=section.place == "up",
-        press=press,
-        press_cell=press_cell,
-        support=support,
+        press=None if section.press is None else _press(section.press),
+        press_cell=None if held is None else cell_of(held),
+        support=None if section.support is None else _support(section.support),
         attack=section.attack,
         stock=section.stock,
         presses=tuple(_press(item) for item in section.presses),

@@ -14,8 +14,9 @@ from planning.transforms import readonly
 from twin.assemblies.kind import AssemblyKind, PlannedMotions
 from twin.host.stage_watch import StageWatch
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
+from twin.scenario.document.section import plain_values
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
-from twin.scenario.sections.pick_place import GripSection, PartSection, PickPlaceSection
+from twin.scenario.sections.pick_place import PartSection, PickPlaceSection
 from twin.scenario.sections.poses import build_transform
 
 if TYPE_CHECKING:
@@ -82,31 +83,17 @@ class PickPlaceKind(AssemblyKind):
 
 def build_pick_place(section: PickPlaceSection) -> PickPlaceAssembly:
     """Return goals, steps and grips of a section."""
+    grips = plain_values(section.grips)
+    directions = [np.asarray(d) / np.linalg.norm(d) for d in grips["directions"]]
+    grips["directions"] = tuple(tuple(d.tolist()) for d in directions)
     return PickPlaceAssembly(
         goals={
             part.name: readonly(build_transform(part.goal))
             for part in section.parts
             if part.goal is not None
         },
-        steps=section.steps,
-        approach=section.approach_m,
-        leave=section.leave_m,
-        touch=section.touch_m,
-        grips=_grips(section.grips),
-    )
-
-
-def _grips(section: GripSection) -> GripRules:
-    directions = [np.asarray(d) / np.linalg.norm(d) for d in section.directions]
-    return GripRules(
-        frame=section.frame,
-        positions=section.positions,
-        end_margin=section.end_margin_m,
-        opening=section.opening_m,
-        depth=section.depth_m,
-        directions=tuple((float(x), float(y), float(z)) for x, y, z in directions),
-        steepest=float(np.deg2rad(section.steepest_deg)),
-        tilts=tuple(float(np.deg2rad(tilt)) for tilt in section.tilts_deg),
+        grips=GripRules(**grips),
+        **plain_values(section, without=("kind", "parts", "grips")),
     )
 
 

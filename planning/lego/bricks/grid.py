@@ -86,27 +86,6 @@ def occupied_studs(cell: Cell, brick: BrickType) -> frozenset[Stud]:
     )
 
 
-def on_plate(plate: Plate, cell: Cell, brick: BrickType) -> bool:
-    """Return True when the whole brick lies over the plate, in layer 1 or above."""
-    nx, ny = footprint(cell, brick)
-    return (
-        cell.x >= 0
-        and cell.y >= 0
-        and cell.z >= 1
-        and cell.x + nx <= plate.studs[0]
-        and cell.y + ny <= plate.studs[1]
-    )
-
-
-def overlapping(
-    cell: Cell,
-    brick: BrickType,
-    others: Mapping[str, tuple[Cell, BrickType]],
-) -> tuple[str, ...]:
-    """Return the names of the other bricks that fill a place this one fills, sorted."""
-    return _names_at(occupied_studs(cell, brick), others)
-
-
 def bricks_above(
     cell: Cell,
     brick: BrickType,

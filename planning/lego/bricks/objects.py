@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-
 import numpy as np
 
 from planning.cell.cover import box_body
 from planning.cell.workcell import CellObject, Fixture
-from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import (
     STUD_PITCH,
     BrickType,
-    Cell,
     LegoAssembly,
     Plate,
     StockBrick,
 )
 from planning.lego.bricks.catalogue import brick_type
-from planning.lego.bricks.grid import box_pose, box_size, on_plate, overlapping
+from planning.lego.bricks.grid import box_pose, box_size
 from planning.lego.bricks.stations import copy_name
 from planning.transforms import readonly, translation
 
@@ -54,32 +50,12 @@ def stock_objects(assembly: LegoAssembly) -> tuple[CellObject, ...]:
     Of a feeding station it is the first brick.
 
     Raises:
-        ScenarioError: a type is unknown, a name is used twice, a brick lies off the plate, or
-            two bricks overlap.
+        ScenarioError: a type is unknown.
     """
-    on: dict[int, dict[str, tuple[Cell, BrickType]]] = defaultdict(dict)
-    for item in assembly.stock:
-        brick = brick_type(item.brick, assembly.bricks)
-        plate = assembly.plate_of(item)
-        placed = on[id(plate)]
-        if any(item.name in bricks for bricks in on.values()):
-            raise ScenarioError(f"two stock bricks are called {item.name!r}")
-        if not on_plate(plate, item.cell, brick):
-            nx, ny = plate.studs
-            raise ScenarioError(
-                f"stock brick {item.name!r} at {_place(item.cell)} is not on the plate of "
-                f"{nx} x {ny} studs"
-            )
-        if clash := overlapping(item.cell, brick, placed):
-            raise ScenarioError(
-                f"stock brick {item.name!r} at {_place(item.cell)} overlaps {clash[0]!r}"
-            )
-        placed[item.name] = (item.cell, brick)
-    return tuple(stock_object(assembly, item) for item in assembly.stock)
+    return tuple(_stock_object(assembly, item) for item in assembly.stock)
 
 
-def stock_object(assembly: LegoAssembly, item: StockBrick) -> CellObject:
-    """Return one stock brick as an object of the cell."""
+def _stock_object(assembly: LegoAssembly, item: StockBrick) -> CellObject:
     brick = brick_type(item.brick, assembly.bricks)
     size = box_size(brick)
     return CellObject(
@@ -99,8 +75,3 @@ def plate_fixture(plate: Plate, name: str = "plate") -> Fixture:
     size = np.array([*(n * STUD_PITCH for n in plate.studs), PLATE_THICKNESS])
     pose = plate.pose @ translation(0.0, 0.0, -PLATE_THICKNESS / 2)
     return Fixture(name, readonly(size), readonly(pose), box_body(name, size))
-
-
-def _place(cell: Cell) -> str:
-    turned = " turned" if cell.turned else ""
-    return f"[{cell.x}, {cell.y}, {cell.z}]{turned}"

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
-from planning.lego.bricks.assembly import BrickType, Cell, Plate, Press, Support
+from planning.lego.bricks.assembly import Cell, Plate, Press, Support
 from planning.lego.bricks.catalogue import BRICKS
 from planning.lego.bricks.grid import (
-    bricks_above,
     occupied_studs,
-    on_plate,
-    overlapping,
 )
 from planning.lego.bricks.grips import check_press, press_cell
 from planning.lego.skills.support import supported_cell
@@ -53,21 +49,26 @@ def test_the_stock_leaves_a_choice(assembly: dict[str, Any]) -> None:
     assert all(have[brick] > count for brick, count in need.items())
 
 
+def studs(item: dict[str, Any]) -> frozenset[tuple[int, int, int]]:
+    return occupied_studs(cell(item), BRICKS[item["brick"]])
+
+
 def test_every_brick_is_joined_when_it_is_placed(assembly: dict[str, Any]) -> None:
-    placed: dict[str, tuple[Cell, BrickType]] = {}
-    stock = {s["name"]: (cell(s), BRICKS[s["brick"]]) for s in assembly["stock"]}
-    for k, step in enumerate(assembly["steps"], start=1):
-        at, brick = cell(step), BRICKS[step["brick"]]
-        assert on_plate(PLATE, at, brick)
-        assert not overlapping(at, brick, {**stock, **placed})
-        above = bricks_above(at, brick, placed)
-        below = overlapping(replace(at, z=at.z - 1), brick, placed)
+    stock = {p for s in assembly["stock"] for p in studs(s)}
+    placed: set[tuple[int, int, int]] = set()
+    nx, ny = PLATE.studs
+    for step in assembly["steps"]:
+        own = studs(step)
+        assert all(0 <= x < nx and 0 <= y < ny and z >= 1 for x, y, z in own)
+        assert own.isdisjoint(stock | placed)
+        above = {(x, y, z + 1) for x, y, z in own} & placed
+        below = {(x, y, z - 1) for x, y, z in own} & placed
         if step.get("place") == "up":
             assert above
             assert not below
         else:
-            assert below or at.z == 1
-        placed[f"step {k}"] = (at, brick)
+            assert below or step["at"][2] == 1
+        placed |= own
 
 
 def test_presses_and_supports_fit_the_structure(assembly: dict[str, Any]) -> None:

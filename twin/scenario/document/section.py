@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Collection
+from typing import Annotated, Any
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=64)]
@@ -16,3 +18,24 @@ class Section(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False
     )
+
+
+def plain_values(section: Section, *, without: Collection[str] = ()) -> dict[str, Any]:
+    """Return the values of a section by names without units, angles in radians.
+
+    ``size_m`` becomes ``size``, ``yaw_deg`` becomes ``yaw``: what classes of planning call them.
+
+    Args:
+        section: the section.
+        without: keys to leave out.
+    """
+    out: dict[str, Any] = {}
+    for key, value in section:
+        name, _, unit = key.rpartition("_")
+        if key in without:
+            continue
+        if unit == "deg":
+            angles = np.deg2rad(value).tolist()
+            value = tuple(angles) if isinstance(angles, list) else angles
+        out[name if unit in ("m", "rad", "deg") else key] = value
+    return out

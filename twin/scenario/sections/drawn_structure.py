@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from planning.lego.bricks.assembly import BrickType, Cell
 from planning.lego.bricks.contacts import PlacedBrick
@@ -23,9 +23,9 @@ from planning.lego.bricks.drawing import (
     read_elevation,
     read_layer,
 )
+from twin.scenario.document.section import Name, Section
 from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=64)]
 Stud2 = Annotated[
     tuple[Annotated[int, Field(ge=-1000, le=1000)], ...],
     Field(min_length=2, max_length=2),
@@ -36,13 +36,7 @@ GridCell = Annotated[
 ]
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, strict=True, allow_inf_nan=False
-    )
-
-
-class ElevationSection(_Section):
+class ElevationSection(Section):
     """A side view, every line of which is one layer; its bricks are equally deep.
 
     Attributes:
@@ -58,7 +52,7 @@ class ElevationSection(_Section):
     drawing: str
 
 
-class StructureBrickSection(_Section):
+class StructureBrickSection(Section):
     """A brick of a structure: its type, and where it goes (as for the stock)."""
 
     brick: str
@@ -67,7 +61,7 @@ class StructureBrickSection(_Section):
     name: Name | None = None
 
 
-class StructureSection(_Section):
+class StructureSection(Section):
     """A finished structure.
 
     Attributes:

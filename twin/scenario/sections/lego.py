@@ -7,16 +7,12 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, model_validator
 
 from twin.scenario.document.section import Name, Section
-from twin.scenario.sections.drawn_structure import StructureSection
+from twin.scenario.sections.drawn_structure import GridCell, StructureSection
 from twin.scenario.sections.poses import PoseSection
 
 Studs = Annotated[
     tuple[Annotated[int, Field(ge=1, le=1000)], ...],
     Field(min_length=2, max_length=2),
-]
-GridCell = Annotated[
-    tuple[Annotated[int, Field(ge=-1000, le=1000)], ...],
-    Field(min_length=3, max_length=3),
 ]
 
 
