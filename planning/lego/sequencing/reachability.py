@@ -13,13 +13,12 @@ from itertools import product
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import LegoAssembly
-from planning.lego.bricks.brick_world import BrickWorld, press_of
+from planning.lego.bricks.brick_world import BrickWorld
 from planning.lego.skills.options import SkillOptions
 from planning.lego.skills.support import support_bottom_targets, support_top_targets
 from planning.lego.skills.targets import (
     APPROACH_HEIGHT,
     HIGH_APPROACH,
-    pick_targets,
     support_skill,
 )
 from planning.skills.joint_paths import SkillPath, resolve_skill
@@ -130,15 +129,8 @@ class _Reach:
                 )
 
     def _pick_ways(self, stock: str, grasps: Iterable[int]) -> Iterator[Way]:
-        world = self._world
-        kind, top = world.kind(world.stock[stock].brick), world.start_top(stock)
-        twist = world.assembly.twist["pick"]
-        for grasp, robot in product(grasps, world.cell.robots):
-            press = press_of(grasp)
-            yield (
-                robot,
-                pick_targets(robot.model.frames, kind, top, press, twist=twist),
-            )
+        for grasp, robot in product(grasps, self._world.cell.robots):
+            yield robot, self._options.pick_targets(robot.name, stock, grasp)
 
     def _supports(self, number: int) -> Iterator[Way]:
         world = self._world

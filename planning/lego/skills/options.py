@@ -12,6 +12,7 @@ from itertools import product
 from typing import Any
 
 from planning.cell.workcell import Attachment, PlacedRobot
+from planning.lego.bricks.assembly import BrickType, Press
 from planning.lego.bricks.brick_world import (
     BrickWorld,
     Placed,
@@ -44,7 +45,7 @@ from planning.skills.joint_paths import (
 )
 from planning.skills.subgoals import SkillTargets, Subgoal
 from planning.skills.surroundings import SkillScene, SkillTrial
-from planning.transforms import Array, translation
+from planning.transforms import Array, Transform, translation
 
 _DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
 """How far behind the pre-pose a support may start [m]."""
@@ -136,19 +137,15 @@ class SkillOptions:
         self, robot: PlacedRobot, stock: str, grasp: int
     ) -> SkillOption | Obstruction:
         world = self.world
-        cell, kind = world.stock[stock].cell, world.kind(world.stock[stock].brick)
-        press, top = press_of(grasp), world.start_top(stock)
-        frames = robot.model.frames
-        targets = pick_targets(
-            frames, kind, top, press, twist=world.assembly.twist["pick"]
-        )
-        others = world.stock_beside(stock)
+        item, top = world.stock[stock], world.start_top(stock)
+        kind = world.kind(item.brick)
         grip = gripped(robot.name, stock)
-        seat = (cell, kind, world.stock_at_rest[stock][1].pose)
+        seat = (item.cell, kind, world.stock_at_rest[stock][1].pose)
         touching = contacts_at_rest(
-            robot.name, stock, seat, others, world.cell.fixtures
+            robot.name, stock, seat, world.stock_beside(stock), world.cell.fixtures
         )
-        held = held_box(frames, "tool", grip_pose(top, kind, press), top)
+        tool = grip_pose(top, kind, press_of(grasp))
+        held = held_box(robot.model.frames, "tool", tool, top)
         above = world.above(stock)
         goals = world.goals(range(1, len(world.assembly.steps) + 1))
         here = {k: v for k, v in world.stock_at_rest.items() if k not in above}
@@ -161,6 +158,7 @@ class SkillOptions:
             self._refill(stock),
         )
         loose = (world.loose_stock & here.keys()) - {stock} | set(goals)
+        targets = self.pick_targets(robot.name, stock, grasp)
         option = self._resolve(robot, targets, scene, loose)
         if isinstance(option, Obstruction):
             return option
@@ -172,6 +170,17 @@ class SkillOptions:
             return None
         item, at = self.world.stock_at_rest[stock]
         return replace(item, name=f"the next brick of {stock}"), at
+
+    def pick_targets(self, robot: str, stock: str, grasp: int) -> SkillTargets:
+        """Return the subgoals of picking a stock brick with a grip."""
+        world = self.world
+        return pick_targets(
+            world.cell.robot(robot).model.frames,
+            world.kind(world.stock[stock].brick),
+            world.start_top(stock),
+            press_of(grasp),
+            twist=world.assembly.twist["pick"],
+        )
 
     def place_targets(
         self,
@@ -190,47 +199,35 @@ class SkillOptions:
             attack: sign of the sideways offset of the approach, the step's own when None.
             height: of the approach of a place-down [m].
         """
-        world = self.world
-        work = world.step(step)
-        frames = world.cell.robot(robot).model.frames
-        kind, top, press = (
-            world.kind(work.brick),
-            world.goal_top(step),
-            press_of(grasp),
-        )
+        work, twist = self.world.step(step), self.world.assembly.twist
+        frames, kind, top, press = self._handled(robot, step, grasp)
+        attack = attack or work.attack
         if work.up:
             contact = side_contact_pose(top, kind, press)
-            return place_up_targets(
-                frames,
-                contact,
-                attack=attack or work.attack,
-                twist=world.assembly.twist["place-up"],
-            )
+            turn = twist["place-up"]
+            return place_up_targets(frames, contact, attack=attack, twist=turn)
+        turn = twist["place-down"]
         return place_down_targets(
-            frames,
-            kind,
-            top,
-            press,
-            attack=attack or work.attack,
-            height=height,
-            twist=world.assembly.twist["place-down"],
+            frames, kind, top, press, attack=attack, height=height, twist=turn
         )
 
     def held_for_place(self, robot: str, step: int, grasp: int) -> Attachment:
         """Return how a robot holds the brick that it is about to place."""
-        world = self.world
-        work = world.step(step)
-        frames = world.cell.robot(robot).model.frames
-        kind, top, press = (
-            world.kind(work.brick),
-            world.goal_top(step),
-            press_of(grasp),
-        )
-        if work.up:
+        frames, kind, top, press = self._handled(robot, step, grasp)
+        if self.world.step(step).up:
             contact = side_contact_pose(top, kind, press)
             return Attachment(robot, held_box(frames, "alt", contact, top))
         tool = grip_pose(top, kind, press)
         return Attachment(robot, held_box(frames, "tool", tool, top))
+
+    def _handled(
+        self, robot: str, step: int, grasp: int
+    ) -> tuple[Mapping[str, Transform], BrickType, Transform, Press]:
+        """Return tool frames, and type, goal of the top face and grip of a step's brick."""
+        world = self.world
+        kind = world.kind(world.step(step).brick)
+        frames = world.cell.robot(robot).model.frames
+        return frames, kind, world.goal_top(step), press_of(grasp)
 
     def around(self, step: int) -> dict[str, Placed]:
         """Return the stock at rest and the goals of the earlier steps."""
@@ -270,18 +267,17 @@ class SkillOptions:
         attacks = [work.attack]
         if grasp_number(work.press or press_of(grasp)) != grasp or not work.press:
             attacks.append(-work.attack)  # that of the step belongs to its own press
-        reason: Obstruction | None = None
         heights = (APPROACH_HEIGHT,) if work.up else (APPROACH_HEIGHT, HIGH_APPROACH)
-        for height, attack in product(heights, attacks):
-            targets = self.place_targets(robot, step, grasp, attack, height)
-            option = self._resolve(
-                world.cell.robot(robot), targets, scene, world.loose_stock
+        placing = world.cell.robot(robot)
+        return _first_option(
+            self._resolve(
+                placing,
+                self.place_targets(robot, step, grasp, attack, height),
+                scene,
+                world.loose_stock,
             )
-            if isinstance(option, SkillOption):
-                return option
-            reason = reason or option
-        assert reason is not None
-        return reason
+            for height, attack in product(heights, attacks)
+        )
 
     def supported(self, robot: str, step: int, choice: int = 0) -> Pairs:
         """Return what a supporting tool may touch, the brick of the step included."""
@@ -306,15 +302,13 @@ class SkillOptions:
             self.home,
             SkillContacts(NOTHING, held, held),
         )
-        reason: Obstruction | None = None
-        for back, k in product(_DRAWN_BACK, range(len(targets.pre))):
-            skill = _drawn_back(support_skill(targets, pre=k), back)
-            option = self._resolve(robot, skill, scene, world.loose_stock)
-            if isinstance(option, SkillOption):
-                return option
-            reason = reason or option
-        assert reason is not None
-        return reason
+        skills = (
+            _drawn_back(support_skill(targets, pre=k), back)
+            for back, k in product(_DRAWN_BACK, range(len(targets.pre)))
+        )
+        return _first_option(
+            self._resolve(robot, skill, scene, world.loose_stock) for skill in skills
+        )
 
     def _resolve(
         self,
@@ -358,6 +352,19 @@ class SkillOptions:
         later = [steps[name] for name in gone if name in steps]
         stock = frozenset(name for name in gone if name not in steps)
         return SkillOption(path, stock, min(later) if later else None)
+
+
+def _first_option(
+    tried: Iterable[SkillOption | Obstruction],
+) -> SkillOption | Obstruction:
+    """Return the first way that is free, or else why the first one is not."""
+    reason: Obstruction | None = None
+    for option in tried:
+        if isinstance(option, SkillOption):
+            return option
+        reason = reason or option
+    assert reason is not None
+    return reason
 
 
 def _drawn_back(skill: SkillTargets, distance: float) -> SkillTargets:
