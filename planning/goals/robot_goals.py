@@ -1,4 +1,4 @@
-"""Work that is nothing but motion: robots go from goal to goal (APEX-MR, Appendix D, c)."""
+"""Assemblies of motions alone: robots go from goal to goal (APEX-MR, Appendix D, c)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _MOST = 12
 
 @dataclass(frozen=True)
 class RobotGoal:
-    """Where a robot goes: to a configuration, or with a frame to a pose.
+    """Goal of a robot: a configuration, or a pose of one of its frames.
 
     Attributes:
         robot: who goes.

@@ -24,7 +24,7 @@ from planning.transforms import Array
 
 @dataclass(frozen=True)
 class CompositeSpeed:
-    """The slowest robot decides.
+    """Speed model of robots that move in lock step: the slowest one decides.
 
     Attributes:
         speeds: of each robot, in the order of their joints.

@@ -48,7 +48,7 @@ class MotionSettings:
 
 @dataclass(frozen=True)
 class _Progress:
-    """Where sequential planning stands."""
+    """State of the cell, last tasks and clock after the tasks planned so far."""
 
     state: WorldState
     last_task: Mapping[str, int]

@@ -1,4 +1,4 @@
-"""How long a straight joint-space motion takes, and where its pose nodes lie."""
+"""Durations of straight joint-space motions, and the pose nodes along them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What planners ask of a scene."""
+"""Collision checks as path planners ask for them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from planning.transforms import Array
 
 
 class MotionChecker(Protocol):
-    """What a planner asks of the scene."""
+    """Collision checks of a configuration and of a straight motion."""
 
     def configuration_free(self, q: Array) -> bool:
         """Tell whether the robot may stand at ``q``."""

@@ -1,4 +1,4 @@
-"""What a part touches where it lies, found from the geometry."""
+"""Contacts of a part where it lies, found from the geometry."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from planning.transforms import Transform
 
 @dataclass(frozen=True)
 class PartWorld:
-    """Where every part is while a step is done.
+    """Poses, grips and contacts of the parts, step by step.
 
     Each step has a part of its own, so the scene of a step is known before anything is
     assigned: the parts of earlier steps are in place, all others where they were.

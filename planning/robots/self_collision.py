@@ -1,4 +1,4 @@
-"""Which pairs of a robot's own parts need no self-collision check."""
+"""Pairs of a robot's own parts that need no collision check."""
 
 from __future__ import annotations
 

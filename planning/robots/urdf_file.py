@@ -1,4 +1,4 @@
-"""What a URDF file says about its joints, checked before anything is built from it."""
+"""The joints of a URDF file, checked before anything is built from it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _CONTINUOUS_LIMIT = 2.0 * math.pi
 
 @dataclass(frozen=True, kw_only=True)
 class UrdfOptions:
-    """What a description does not say of a robot, or says otherwise than wanted.
+    """Properties of a robot that its description leaves open, or that replace it.
 
     Attributes:
         name: of the robot type; the file's stem by default.

@@ -1,4 +1,4 @@
-"""Who may touch whom while a robot does a skill, phase by phase."""
+"""Allowed contacts before, during and after a skill."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NOTHING: Pairs = frozenset()
 
 
 class Phase(Enum):
-    """A part of a skill in which who may touch whom, and where things are, stays the same."""
+    """A part of a skill with the same allowed contacts and the same places of all things."""
 
     BEFORE = "before"
     UNTIL_CHANGE = "until the object changes hands"
@@ -25,7 +25,7 @@ class Phase(Enum):
 
 @dataclass(frozen=True)
 class SkillContacts:
-    """Who may touch whom around a skill.
+    """Allowed contacts before, during and after a skill.
 
     Attributes:
         before: in the transits before it.

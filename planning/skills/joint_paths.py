@@ -1,4 +1,4 @@
-"""Skills in joint space: inverse kinematics of all subgoals, and whether nothing is in the way."""
+"""Skills in joint space: inverse kinematics of all subgoals, and what stands in the way."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class SkillPath:
 
 @dataclass(frozen=True)
 class Obstruction:
-    """Why a skill cannot be done as it is.
+    """The reason why a skill cannot be done as it is.
 
     Attributes:
         words: the reason.

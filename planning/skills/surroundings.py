@@ -1,4 +1,4 @@
-"""What stands around a robot while it does a skill, and a path tried in it."""
+"""The scene around a robot during a skill, and the check of a path in it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Placed = tuple[CellObject, Attachment]
 
 @dataclass(frozen=True)
 class SkillScene:
-    """What stands around a robot while it does a skill.
+    """The scene of a skill: all that stands around the robot, and what changes hands.
 
     Attributes:
         cell: robots and fixtures; its objects are not used.

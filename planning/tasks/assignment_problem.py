@@ -54,7 +54,7 @@ class SupportCandidate:
 
 @dataclass(frozen=True)
 class Rejection:
-    """Why something cannot be a candidate.
+    """The reason why something is no candidate.
 
     Attributes:
         step: counted from 1.
@@ -69,7 +69,7 @@ class Rejection:
 
 @dataclass(frozen=True)
 class AssignmentProblem:
-    """Everything the integer program (1)-(8) of Appendix B speaks of; only feasible candidates.
+    """Data of the integer program (1)-(8) of Appendix B; only feasible candidates.
 
     Attributes:
         robots: the N robots.

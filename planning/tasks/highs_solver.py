@@ -1,4 +1,4 @@
-"""Assigning robots, objects, grasps and supports to steps: the program (1)-(8) of APEX-MR."""
+"""Assignment of robots, objects, grasps and supports to steps: program (1)-(8) of APEX-MR."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ SKILLS = (
 
 @dataclass(frozen=True)
 class Handling:
-    """An object changes hands, or is picked up or put down, within a task.
+    """A change of hands within a task: an object is picked up, put down or handed over.
 
     Attributes:
         object: its name.
@@ -66,7 +66,7 @@ class Task:
 
 @dataclass(frozen=True)
 class AllowedContact:
-    """Two things that may touch while the tasks listed are under way.
+    """A pair of things that may touch while certain tasks are under way.
 
     Attributes:
         first, second: ``"<robot>/tool"``, an object's name or a fixture's name, unordered.

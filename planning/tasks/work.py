@@ -1,4 +1,4 @@
-"""What every kind of assembly offers the planner, and the steps as motion planning asks for them."""
+"""An assembly as the planner takes it, and its steps as motion planning asks for them."""
 
 from __future__ import annotations
 

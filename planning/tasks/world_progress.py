@@ -1,4 +1,4 @@
-"""How the state of the cell moves on as tasks are done one after another."""
+"""The state of the cell as tasks are done one after another."""
 
 from __future__ import annotations
 

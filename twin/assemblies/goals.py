@@ -1,4 +1,4 @@
-"""Goals in the twin: from their section of a scenario to what planning works with."""
+"""Goals of a scenario: from their section to data of planning, and to motions."""
 
 from __future__ import annotations
 

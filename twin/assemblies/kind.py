@@ -1,4 +1,4 @@
-"""What the twin asks of an assembly, whatever it is made of."""
+"""The interface of a kind of assemblies, and the motions that it plans."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""LEGO assemblies in the twin: from their section of a scenario to what planning works with."""
+"""LEGO assemblies of a scenario: from their section to data of planning, and to motions."""
 
 from __future__ import annotations
 
@@ -115,8 +115,8 @@ class LegoKind(AssemblyKind):
         Given steps are checked: the structure must stand, and bear every press. The stages are
         sequence (where there is a structure), assignment and motion.
         """
-        from planning.lego.sequencing.borne_steps import borne_steps
         from planning.lego.sequencing.reachability import check_reach
+        from planning.lego.sequencing.stable_steps import stable_steps
         from planning.lego.skills.candidates import find_candidates
         from planning.lego.skills.expansion import lego_work
         from twin.assemblies.in_turns import ASSIGNMENT, plan_in_turns
@@ -130,7 +130,7 @@ class LegoKind(AssemblyKind):
         with watch.stage("assignment", ASSIGNMENT):
             if self.section.structure is None and self.section.rules.check_steps:
                 rules = sequencing_rules(self.section, robots=robots)
-                assembly = borne_steps(assembly, rules)
+                assembly = stable_steps(assembly, rules)
             check_reach(cell, assembly)
             work = lego_work(find_candidates(cell, assembly))
         return plan_in_turns(cell, assembly, work, settings, watch)

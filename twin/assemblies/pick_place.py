@@ -1,4 +1,4 @@
-"""Pick-and-place assemblies in the twin: from their section to what planning works with."""
+"""Pick-and-place assemblies of a scenario: from their section to data of planning, and to motions."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def apex_mr(
 ) -> None:
     """Read a task as the authors of APEX-MR publish them."""
     from planning.importers.apex_mr.importer import import_apex_mr
-    from planning.lego.sequencing.borne_steps import borne_steps
+    from planning.lego.sequencing.stable_steps import stable_steps
     from twin.assemblies.kinds import assembly_kind
     from twin.assemblies.lego import build_lego
     from twin.host.atomic import write_text
@@ -58,7 +58,7 @@ def apex_mr(
     section = load_scenario(output).assembly
     assert isinstance(section, LegoSection)
     try:
-        borne_steps(build_lego(section))
+        stable_steps(build_lego(section))
     except InfeasibleStepError as error:
         # They were built as published: rather doubt what is assumed of bricks and presses.
         typer.echo(f"note: the steps are not checked when planned: {error}", err=True)

@@ -1,4 +1,4 @@
-"""The way of a scenario: who does what, how everyone moves, what must wait for what."""
+"""From a scenario to its temporal plan graph: assignment, motions, order and shortcuts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads task files as the authors of APEX-MR publish them into a scenario.
+"""Import of task files as the authors of APEX-MR publish them, as a scenario.
 
 Expected in the folder: ``assembly_tasks/<task>.json``, ``env_setup/env_setup_<task>.json``,
 ``lego_library.json``, ``plate_calibration.json`` and ``robot_properties/``; ``steps/`` only for

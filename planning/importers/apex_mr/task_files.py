@@ -65,7 +65,7 @@ class Record:
 
 
 class Notes:
-    """What published files say that is not taken over: unknown keys, counted, and the rest."""
+    """Content of published files that is not taken over: unknown keys, counted, and the rest."""
 
     def __init__(self) -> None:
         self._unused: Counter[tuple[Path, str]] = Counter()

@@ -44,7 +44,7 @@ def press_of(grasp: int) -> Press:
 
 @dataclass(frozen=True)
 class BrickWorld:
-    """What an assembly puts on the plate, and where.
+    """Objects and poses of an assembly's bricks: the stock at the start, the goals of the steps.
 
     Attributes:
         cell: the cell, whose objects are the stock.

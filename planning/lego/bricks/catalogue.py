@@ -1,4 +1,4 @@
-"""Built-in brick types and what can be read off them."""
+"""Built-in brick types."""
 
 from __future__ import annotations
 

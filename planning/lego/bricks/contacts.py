@@ -1,4 +1,4 @@
-"""Where the bricks of a structure touch: knobs in cavities, sides on sides.
+"""Contacts between the bricks of a structure: knobs in cavities, sides on sides.
 
 A knob is held by the upper brick's walls and tubes: at three places in a brick two studs wide or
 more, at four in a brick one stud wide, which has bars across it instead of tubes. As in

@@ -1,4 +1,4 @@
-"""Where the tool grips and presses a brick, from above and from the side.
+"""Poses in which the tool grips and presses a brick, from above and from the side.
 
 The tool frame has z along the tool, out of it: down when it grips from above. It stands on the
 middle of the edge of two neighbouring studs.

@@ -1,4 +1,4 @@
-"""How a brick can be put into a structure: from above, with a support, or from below.
+"""Ways to put a brick into a structure: from above, with a support, or from below.
 
 This is the pruning of APEX-MR App. A for one brick: the structure must bear the pressing force,
 and the tools must have room.

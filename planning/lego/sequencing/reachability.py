@@ -1,6 +1,6 @@
-"""Can any robot reach what a step asks for? Quick, as nothing but the robot itself is looked at.
+"""Reach of the robots for every step, checked before candidates are sought: fast and alone.
 
-What is out of reach here stays so whatever stands around; what is within reach may still turn out
+Nothing but the robot itself is looked at. What is out of reach here stays so whatever stands around; what is within reach may still turn out
 to be obstructed when candidates are sought (``candidates``).
 """
 
@@ -54,7 +54,7 @@ def check_reach(cell: Workcell, assembly: LegoAssembly) -> None:
 
 
 class _Reach:
-    """What robots reach, the picks worked out once for a stock brick."""
+    """Reach of all robots; picks are worked out once for a stock brick."""
 
     def __init__(self, world: BrickWorld) -> None:
         self._world = world

@@ -140,7 +140,7 @@ def sequence_structure(
 
 
 class _Sequencer:
-    """Removal candidates of a partial structure, and the words for them."""
+    """Removal candidates of a partial structure, and the reasons where there are none."""
 
     def __init__(
         self, structures: PartialStructures, fixed: Names, rules: SequencingRules

@@ -1,4 +1,4 @@
-"""Whether the tool has room among the bricks: the third pruning of APEX-MR App. A.
+"""Room for the tool among the bricks: the third pruning of APEX-MR App. A.
 
 The tool is cut into slices, each slice bounded by a box along the plate's axes at every pose of
 a skill; a pose has room when no box meets a brick or the plate. That errs on the safe side at

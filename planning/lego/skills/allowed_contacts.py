@@ -1,4 +1,4 @@
-"""Who may touch whom in the LEGO skills: what is in contact by the nature of the skill.
+"""Allowed contacts of the LEGO skills: what touches by the nature of the skill.
 
 Never arm and arm, never tool and tool. Everything is an unordered pair of names: the robot's
 tool, a brick, the plate.

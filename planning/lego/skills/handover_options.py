@@ -1,4 +1,4 @@
-"""How two robots can hand over the brick of a step: where, and in which postures."""
+"""Ways in which two robots can hand over the brick of a step: places and postures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where two robots meet to hand a brick over.
+"""Places where two robots can hand a brick over.
 
 The receiver holds its tool level towards the giver, side studs up; the giver comes down from
 above. The published place is tried first, then others around it in the vertical plane between

@@ -1,4 +1,4 @@
-"""How each robot could do each skill of an assembly, found once and remembered.
+"""Ways in which each robot can do each skill of a LEGO assembly, found once and remembered.
 
 What depends on the robot, the stock brick and the grip (the pick) is apart from what depends on
 the robot, the step and the grip (the place): their product is never checked pair by pair.
@@ -53,7 +53,7 @@ _DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
 
 @dataclass(frozen=True)
 class SkillOption:
-    """A way to do a skill.
+    """A collision-free way to do a skill.
 
     Attributes:
         path: in joint space.
@@ -69,7 +69,7 @@ class SkillOption:
 
 @dataclass(frozen=True)
 class StandingSupport:
-    """A robot that stands supporting.
+    """A robot at its support while another one places.
 
     Attributes:
         robot: who.

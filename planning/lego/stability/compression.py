@@ -1,4 +1,4 @@
-"""Which loads bricks pass down by pushing alone: a quick sufficient test for stability.
+"""Loads that bricks pass down by pushing alone: a fast sufficient test for stability.
 
 A push on top of a brick goes through when its point lies in the convex hull of contacts below
 that go through themselves, down to the plate. Such loads add up without any friction (pushing

@@ -1,4 +1,4 @@
-"""Static equilibrium of a LEGO structure as a linear program (StableLego, Liu et al. 2024).
+"""Forces between LEGO bricks in the linear program of equilibrium (StableLego, Liu et al. 2024).
 
 Every brick is a rigid body under gravity and other loads. Joints transmit forces: the contacts
 of a knob in the cavity above push without limit and pull with limited friction, a knob bears
@@ -39,7 +39,7 @@ _LEVEL = (np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
 
 @dataclass(frozen=True)
 class JointStrength:
-    """What a joint between LEGO bricks bears.
+    """Forces that a joint between LEGO bricks bears.
 
     Attributes:
         narrow_pull: friction T of one of the four contacts of a knob in a brick of one stud's

@@ -17,7 +17,7 @@ import yaml
 from typer.testing import CliRunner, Result
 
 from planning.errors import InfeasibleStepError
-from planning.lego.sequencing.borne_steps import borne_steps
+from planning.lego.sequencing.stable_steps import stable_steps
 from twin.assemblies.lego import build_lego
 from twin.cli import app
 from twin.scenario.file import load_scenario, scenario_schema
@@ -276,7 +276,7 @@ def test_a_grip_that_the_structure_does_not_bear(tmp_path: Path) -> None:
     unchecked = write(tmp_path, on_the_edge, rules(check_steps=False))
     assert load_scenario(unchecked).assembly.rules.check_steps is False
     with pytest.raises(InfeasibleStepError, match="step 7"):
-        borne_steps(build_lego(load_scenario(path).assembly))
+        stable_steps(build_lego(load_scenario(path).assembly))
 
 
 def test_grips_left_to_the_planner_are_those_that_the_structure_bears(
@@ -287,7 +287,7 @@ def test_grips_left_to_the_planner_are_those_that_the_structure_bears(
             del step["press"]
 
     given = build_lego(load_scenario(write(tmp_path, free)).assembly)
-    borne = borne_steps(given)
+    borne = stable_steps(given)
     assert borne.steps[0] == given.steps[0]  # on the plate, every grip will do
     narrowed = borne.steps[6]
     assert narrowed.press == narrowed.presses[0]
@@ -295,9 +295,9 @@ def test_grips_left_to_the_planner_are_those_that_the_structure_bears(
     for press in narrowed.presses:
         one = replace(narrowed, press=press, presses=())
         steps = (*borne.steps[:6], one, *borne.steps[7:])
-        assert borne_steps(replace(borne, steps=steps)).steps == steps
+        assert stable_steps(replace(borne, steps=steps)).steps == steps
     full = build_lego(load_scenario(write(tmp_path)).assembly)
-    assert borne_steps(full) == full
+    assert stable_steps(full) == full
 
 
 def test_editors_know_that_a_structure_may_have_a_file() -> None:

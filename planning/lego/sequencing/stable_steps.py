@@ -1,4 +1,4 @@
-"""Do given steps build a structure that stands, and that bears every press on the way?
+"""Check of given steps: the structure must stand after each, and bear every press on the way.
 
 A sequence that the planner finds is made so (``sequencing``); one that a person wrote is checked
 here, step by step, with the same equilibrium and the same insertion force.
@@ -28,7 +28,7 @@ _MOST = 6
 """How many steps that will not do are named."""
 
 
-def borne_steps(
+def stable_steps(
     assembly: LegoAssembly, rules: SequencingRules | None = None
 ) -> LegoAssembly:
     """Return an assembly whose steps offer only the grips and supports that the structure bears.
@@ -60,7 +60,7 @@ def borne_steps(
         zip(assembly.steps, bricks, strict=True), start=1
     ):
         names |= {brick.name}
-        narrowed = checker.borne(names, brick.name, step)
+        narrowed = checker.narrowed(names, brick.name, step)
         if isinstance(narrowed, str):
             faults.append(f"step {number} ({step.words}): {narrowed}")
         else:
@@ -86,7 +86,7 @@ class _StepChecker:
         self._rules = rules
         self._insertion = InsertionRules(structures, force=rules.force)
 
-    def borne(self, names: Names, brick: str, step: LegoStep) -> LegoStep | str:
+    def narrowed(self, names: Names, brick: str, step: LegoStep) -> LegoStep | str:
         """Return a step with what the structure bears, or why it bears nothing.
 
         Args:
