@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 import pulp
@@ -21,17 +21,12 @@ class AssignmentSolver(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+_TIME_LIMIT_S = 60.0
+"""Time limit of one solve; the best plan found by then is taken."""
+
+
 class HighsAssignmentSolver:
-    """Solves the integer program with HiGHS: optimal, and the same every time.
-
-    Attributes:
-        time_limit: of one solve [s]; the best plan found by then is taken.
-        relative_gap: proven distance from the optimum that is good enough.
-    """
-
-    time_limit: float | None = 60.0
-    relative_gap: float = 0.0
+    """Solves the integer program with HiGHS: optimal, and the same every time."""
 
     def assign(self, problem: AssignmentProblem) -> TaskPlan:
         """Return the cheapest plan (1) under (2)-(8).
@@ -42,8 +37,8 @@ class HighsAssignmentSolver:
         """
         _require_candidates(problem)
         program = _Program(problem, elastic=False)
-        if not program.solve(self.time_limit, self.relative_gap):
-            raise _competition(problem, self.time_limit)
+        if not program.solve():
+            raise _competition(problem)
         return program.plan()
 
 
@@ -169,36 +164,29 @@ class _Program:
             earlier = pulp.lpSum(var for at, var in uses[other] if at < step)
             self.model += pulp.lpSum(terms_blocked) <= earlier
 
-    def solve(self, time_limit: float | None, relative_gap: float) -> bool:
+    def solve(self) -> bool:
         """Solve; return whether there is a solution."""
         solver = pulp.HiGHS(
-            msg=False,
-            threads=1,
-            timeLimit=time_limit,
-            gapRel=relative_gap,
-            random_seed=0,
+            msg=False, threads=1, timeLimit=_TIME_LIMIT_S, gapRel=0.0, random_seed=0
         )
         self.model.solve(solver)
         return bool(self.model.sol_status in (1, 2))
 
     def plan(self) -> TaskPlan:
         """Return the choices of the solution."""
-        problem = self.problem
+        taken = [self.problem.primaries[p] for p in _chosen(self.x)]
         supports = {
-            problem.supports[s].step: problem.supports[s]
-            for s, var in self.y.items()
-            if var.value() > 0.5
+            item.step: item
+            for item in (self.problem.supports[s] for s in _chosen(self.y))
         }
-        chosen = {
-            problem.primaries[p].step: problem.primaries[p]
-            for p, var in self.x.items()
-            if var.value() > 0.5
-        }
+        taken.sort(key=lambda item: item.step)
         return TaskPlan(
-            tuple(
-                StepChoice(chosen[step], supports.get(step)) for step in sorted(chosen)
-            )
+            tuple(StepChoice(item, supports.get(item.step)) for item in taken)
         )
+
+
+def _chosen(variables: Mapping[int, Any]) -> list[int]:
+    return [index for index, var in variables.items() if var.value() > 0.5]
 
 
 def _undominated(problem: AssignmentProblem) -> list[int]:
@@ -222,14 +210,12 @@ def _undominated(problem: AssignmentProblem) -> list[int]:
     return sorted(best.values())
 
 
-def _competition(
-    problem: AssignmentProblem, time_limit: float | None
-) -> InfeasibleStepError:
+def _competition(problem: AssignmentProblem) -> InfeasibleStepError:
     """Return the error that names the fewest steps to give up, and whom they compete with."""
     program = _Program(problem, elastic=True)
-    if not program.solve(time_limit, 0.0):
+    if not program.solve():
         return InfeasibleStepError("no assignment was found within the time limit")
-    lacking = [s for s, var in program.left_out.items() if var.value() > 0.5]
+    lacking = _chosen(program.left_out)
     taken: dict[str, list[int]] = defaultdict(list)
     for choice in program.plan().choices:
         taken[choice.object].append(choice.step)

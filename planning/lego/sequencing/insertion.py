@@ -83,7 +83,7 @@ class InsertionRules:
         *,
         force: float = INSERTION_FORCE,
     ) -> None:
-        self._structures = structures
+        self.structures = structures
         self._force = force
         self._boxes = {n: brick_box(item) for n, item in structures.bricks.items()}
 
@@ -106,12 +106,12 @@ class InsertionRules:
         up = way == FROM_BELOW
         loads = self._loads(brick, press, up=up)
         if way == PLAIN:
-            report = self._structures.pressed(names, brick, loads)
+            report = self.structures.pressed(names, brick, loads)
             if report.stable:
                 yield Insertion(way, press, None, report.score)
             return
         for support, holds in self._roomy_supports(names, brick, press, up=up):
-            report = self._structures.pressed(names, brick, loads, holds)
+            report = self.structures.pressed(names, brick, loads, holds)
             if report.stable:
                 yield Insertion(way, press, support, report.score)
 
@@ -135,7 +135,7 @@ class InsertionRules:
         """
         holds = () if support is None else self._holds(names, support, top=up)
         loads = self._loads(brick, press, up=up)
-        return self._structures.pressed(names, brick, loads, holds)
+        return self.structures.pressed(names, brick, loads, holds)
 
     def presses_with(
         self, names: Names, brick: str, insertion: Insertion
@@ -152,8 +152,8 @@ class InsertionRules:
 
     def obstacle(self, names: Names, brick: str, way: str) -> str | None:
         """Return why a brick can in no case be inserted this way, None if it may be."""
-        above = self._structures.above(names, brick)
-        below = self._structures.below(names, brick)
+        above = self.structures.above(names, brick)
+        below = self.structures.below(names, brick)
         if way == FROM_BELOW:
             if below:
                 return f"{_name(below[0])} is in the way below it"
@@ -164,7 +164,7 @@ class InsertionRules:
 
     def roomy_presses(self, names: Names, brick: str, *, up: bool) -> tuple[Press, ...]:
         """Return the presses of a brick that leave the tool room, the central ones first."""
-        item = self._structures.bricks[brick]
+        item = self.structures.bricks[brick]
         others = self._boxes_of(names - {brick})
         blocked = place_up_blocked if up else place_down_blocked
         return tuple(
@@ -175,7 +175,7 @@ class InsertionRules:
 
     def blocker(self, names: Names, brick: str, *, up: bool) -> str:
         """Return what leaves no room for the first press of a brick."""
-        item = self._structures.bricks[brick]
+        item = self.structures.bricks[brick]
         others = self._boxes_of(names - {brick})
         blocked = place_up_blocked if up else place_down_blocked
         found = (blocked(item, p, others) for p in presses(item.brick))
@@ -193,7 +193,7 @@ class InsertionRules:
         support-top. One that touches the inserted brick itself would only keep it from going
         in.
         """
-        item = self._structures.bricks[brick]
+        item = self.structures.bricks[brick]
         contact = press_cell(item.cell, item.brick, press, up=up)
         x, y = self._press_point(item, press, up=up)
         boxes = self._boxes_of(names)
@@ -217,7 +217,7 @@ class InsertionRules:
 
     def step(self, names: Names, brick: str, insertion: Insertion) -> LegoStep:
         """Return an insertion as a step of an assembly."""
-        item = self._structures.bricks[brick]
+        item = self.structures.bricks[brick]
         up = insertion.way == FROM_BELOW
         return LegoStep(
             brick=item.brick.name,
@@ -248,13 +248,13 @@ class InsertionRules:
     ) -> list[Press]:
         """Return all presses, those near the middle of what they press onto first."""
         onto = (
-            self._structures.above(names, item.name)
+            self.structures.above(names, item.name)
             if up
-            else self._structures.below(names, item.name)
+            else self.structures.below(names, item.name)
         )
         studs = {(x, y) for x, y, _ in occupied_studs(item.cell, item.brick)}
         if None not in onto:
-            bricks = [self._structures.bricks[name] for name in onto if name]
+            bricks = [self.structures.bricks[name] for name in onto if name]
             studs &= {
                 (x, y)
                 for other in bricks
@@ -278,7 +278,7 @@ class InsertionRules:
 
     def _loads(self, brick: str, press: Press, *, up: bool) -> tuple[Load, ...]:
         """Return the insertion force, shared by the pressed studs of the brick itself."""
-        item = self._structures.bricks[brick]
+        item = self.structures.bricks[brick]
         contact = press_cell(item.cell, item.brick, press, up=up)
         dx, dy = (1, 0) if contact.turned else (0, 1)
         nx, ny = footprint(item.cell, item.brick)
@@ -322,7 +322,7 @@ class InsertionRules:
     def _filled(self) -> dict[tuple[int, int, int], str]:
         return {
             place: name
-            for name, item in self._structures.bricks.items()
+            for name, item in self.structures.bricks.items()
             for place in occupied_studs(item.cell, item.brick)
         }
 

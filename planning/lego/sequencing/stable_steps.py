@@ -7,13 +7,12 @@ here, step by step, with the same equilibrium and the same insertion force.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice, product
 
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, Press, Support
-from planning.lego.bricks.catalogue import brick_type
+from planning.lego.bricks.contacts import PlacedBrick
 from planning.lego.bricks.grips import presses
 from planning.lego.sequencing.finished_structure import finished_structure, scaffold
 from planning.lego.sequencing.insertion import FROM_BELOW, SUPPORTED, InsertionRules
@@ -47,24 +46,27 @@ def stable_steps(
             what would do.
     """
     rules = rules or SequencingRules()
-    bricks = finished_structure(assembly)
-    fixed = scaffold(assembly)
-    checker = _StepChecker(
-        assembly,
-        PartialStructures([*bricks, *fixed]),
-        rules,
-    )
+    bricks, fixed = finished_structure(assembly), scaffold(assembly)
+    structures = PartialStructures([*bricks, *fixed])
+    insertion = InsertionRules(structures, force=rules.force)
     names = frozenset(item.name for item in fixed)
     steps, faults = [], []
     for number, (step, brick) in enumerate(
         zip(assembly.steps, bricks, strict=True), start=1
     ):
+        at = f"step {number} ({step.words})"
         names |= {brick.name}
-        narrowed = checker.narrowed(names, brick.name, step)
-        if isinstance(narrowed, str):
-            faults.append(f"step {number} ({step.words}): {narrowed}")
+        standing = structures.standing(names)
+        if not standing.stable:
+            why = _weakness(standing, structures)
+            faults.append(f"{at}: the structure does not stand after it: {why}")
+            continue
+        choice = _StepChoices(names, brick, step, insertion, rules)
+        stable = choice.stable()
+        if stable is None:
+            faults.append(f"{at}: {choice.why_not()}")
         else:
-            steps.append(narrowed)
+            steps.append(stable)
     if faults:
         more = len(faults) - _MOST
         shown = [*faults[:_MOST], *([f"and {more} more steps"] if more > 0 else [])]
@@ -72,132 +74,107 @@ def stable_steps(
     return replace(assembly, steps=tuple(steps))
 
 
-class _StepChecker:
-    """Judges the steps of one assembly."""
+@dataclass(frozen=True)
+class _StepChoices:
+    """Grips and supports of one step, judged by what the structure bears.
 
-    def __init__(
-        self,
-        assembly: LegoAssembly,
-        structures: PartialStructures,
-        rules: SequencingRules,
-    ) -> None:
-        self._assembly = assembly
-        self._structures = structures
-        self._rules = rules
-        self._insertion = InsertionRules(structures, force=rules.force)
+    Attributes:
+        names: the partial structure with the brick in place.
+        brick: the brick.
+        step: the step that places it.
+        insertion: judges presses.
+        rules: force, and whether supports may be proposed.
+    """
 
-    def narrowed(self, names: Names, brick: str, step: LegoStep) -> LegoStep | str:
-        """Return a step with what the structure bears, or why it bears nothing.
+    names: Names
+    brick: PlacedBrick
+    step: LegoStep
+    insertion: InsertionRules
+    rules: SequencingRules
 
-        Args:
-            names: the partial structure with the brick in place.
-            brick: the brick.
-            step: the step that places it.
-        """
-        standing = self._structures.standing(names)
-        if not standing.stable:
-            return f"the structure does not stand after it: {self._weakness(standing)}"
-        grips, supports = self._grips(step), self._supports(step)
+    @property
+    def grips(self) -> tuple[Press, ...]:
+        if self.step.press is None:
+            return presses(self.brick.brick)
+        return self.step.presses or (self.step.press,)
 
-        def bears(press: Press, support: Support | None) -> bool:
-            return self._report(names, brick, step, press, support).stable
+    @property
+    def supports(self) -> tuple[Support | None, ...]:
+        return self.step.supports or (self.step.support,)
 
+    def stable(self) -> LegoStep | None:
+        """Return the step with the grips and supports that do, None where none does."""
+        grips, supports = self.grips, self.supports
         pairs = product(supports, grips)
-        pair = next(((p, s) for s, p in pairs if bears(p, s)), None)
+        pair = next(((p, s) for s, p in pairs if self._bears(p, s)), None)
         if pair is None:
-            return self._why_not(names, brick, step, grips, supports)
+            return None
         press, support = pair
-        with_support = [p for p in grips if p != press and bears(p, support)]
-        with_press = [s for s in supports if s != support and bears(press, s)]
+        with_support = [p for p in grips if p != press and self._bears(p, support)]
+        with_press = [s for s in supports if s != support and self._bears(press, s)]
         if len(with_support) + 1 == len(grips) and len(with_press) + 1 == len(supports):
-            return step
+            return self.step
         return replace(
-            step,
+            self.step,
             press=press,
             presses=(press, *with_support),
             support=support,
             supports=tuple(s for s in (support, *with_press) if s is not None),
         )
 
-    def _grips(self, step: LegoStep) -> tuple[Press, ...]:
-        if step.press is None:
-            return presses(brick_type(step.brick, self._assembly.bricks))
-        return step.presses or (step.press,)
-
-    def _supports(self, step: LegoStep) -> tuple[Support | None, ...]:
-        return step.supports or (step.support,)
-
-    def _report(
-        self,
-        names: Names,
-        brick: str,
-        step: LegoStep,
-        press: Press,
-        support: Support | None,
-    ) -> StabilityReport:
-        return self._insertion.bears(names, brick, press, support, up=step.up)
-
-    def _why_not(
-        self,
-        names: Names,
-        brick: str,
-        step: LegoStep,
-        grips: Sequence[Press],
-        supports: Sequence[Support | None],
-    ) -> str:
-        """Return why no grip and support of a step will do, and what would."""
-        report = self._report(names, brick, step, grips[0], supports[0])
-        held = "" if supports[0] is None else " in spite of its support"
-        side = "below" if step.up else "above"
+    def why_not(self) -> str:
+        """Return why no grip and support will do, and what would."""
+        report = self._report(self.grips[0], self.supports[0])
+        held = "" if self.supports[0] is None else " in spite of its support"
+        side = "below" if self.step.up else "above"
         text = (
-            f"the structure gives way under the press of {self._rules.force:g} N from {side}"
-            f"{held}: {self._weakness(report)}"
+            f"the structure gives way under the press of {self.rules.force:g} N from {side}"
+            f"{held}: {_weakness(report, self.insertion.structures)}"
         )
-        other = self._better_grips(names, brick, step, grips, supports)
+        other = self._better_grips()
         if other:
             text += "; it would bear press " + " or ".join(other)
-        better = self._better_supports(names, brick, step, grips)
+        better = self._better_supports()
         if better:
             return f"{text}; it would bear the press with support {' or '.join(better)}"
-        if not step.up and not self._rules.support:
+        if not self.step.up and not self.rules.support:
             return f"{text}; a support is not allowed"
         return text if other else f"{text}; no support that has room would help"
 
-    def _better_grips(
-        self,
-        names: Names,
-        brick: str,
-        step: LegoStep,
-        grips: Sequence[Press],
-        supports: Sequence[Support | None],
-    ) -> list[str]:
-        kind = brick_type(step.brick, self._assembly.bricks)
+    def _report(self, press: Press, support: Support | None) -> StabilityReport:
+        up = self.step.up
+        return self.insertion.bears(self.names, self.brick.name, press, support, up=up)
+
+    def _bears(self, press: Press, support: Support | None) -> bool:
+        return self._report(press, support).stable
+
+    def _better_grips(self) -> list[str]:
         found = (
             f"{{side: {press.side}, offset: {press.offset}}}"
-            for press in presses(kind)
-            if press not in grips
-            and self._report(names, brick, step, press, supports[0]).stable
+            for press in presses(self.brick.brick)
+            if press not in self.grips and self._bears(press, self.supports[0])
         )
         return list(islice(found, _HINTS))
 
-    def _better_supports(
-        self, names: Names, brick: str, step: LegoStep, grips: Sequence[Press]
-    ) -> list[str]:
-        if not step.up and not self._rules.support:
+    def _better_supports(self) -> list[str]:
+        if not self.step.up and not self.rules.support:
             return []
-        way = FROM_BELOW if step.up else SUPPORTED
+        way = FROM_BELOW if self.step.up else SUPPORTED
         found = (
             f"{{at: [{s.x}, {s.y}, {s.z}], orientation: {s.orientation}}}"
-            for press in grips
-            for insertion in self._insertion.supported(names, brick, way, press)
+            for press in self.grips
+            for insertion in self.insertion.supported(
+                self.names, self.brick.name, way, press
+            )
             if (s := insertion.support) is not None
         )
         return list(islice(dict.fromkeys(found), _HINTS))
 
-    def _weakness(self, report: StabilityReport) -> str:
-        name = report.brick or ""
-        item = self._structures.bricks.get(name)
-        what = name if item is None else f"the {item.brick.name} of {name}"
-        if math.isinf(report.score):
-            return f"no forces of its knobs keep {what} in balance"
-        return f"{what} needs {report.score:.2f} times the friction that its knobs have"
+
+def _weakness(report: StabilityReport, structures: PartialStructures) -> str:
+    name = report.brick or ""
+    item = structures.bricks.get(name)
+    what = name if item is None else f"the {item.brick.name} of {name}"
+    if math.isinf(report.score):
+        return f"no forces of its knobs keep {what} in balance"
+    return f"{what} needs {report.score:.2f} times the friction that its knobs have"
