@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from planning.motion.speed import SpeedModel, path_duration
-from planning.motion.validity import MotionChecker
 from planning.transforms import Array
 
 _GAIN = 1e-6
+
+
+class MotionChecker(Protocol):
+    """Collision checks of a configuration and of a straight motion."""
+
+    def configuration_free(self, q: Array) -> bool:
+        """Tell whether the robot may stand at ``q``."""
+        ...
+
+    def motion_free(self, q_a: Array, q_b: Array) -> bool:
+        """Tell whether the straight line from ``q_a`` to ``q_b`` is free."""
+        ...
 
 
 def smooth_path(

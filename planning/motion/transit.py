@@ -10,9 +10,8 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from planning.motion.path_smoothing import smooth_path
+from planning.motion.path_smoothing import MotionChecker, smooth_path
 from planning.motion.speed import SpeedModel, path_duration
-from planning.motion.validity import MotionChecker
 from planning.transforms import Array
 
 ou.setLogLevel(ou.LogLevel.LOG_NONE)

@@ -20,7 +20,7 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.catalogue import brick_type
 from planning.lego.bricks.grid import box_pose, box_size, bricks_above, top_pose
-from planning.lego.bricks.grips import MOST_OFFSETS, check_press, presses
+from planning.lego.bricks.grips import MOST_OFFSETS, presses
 from planning.lego.bricks.stations import source_of
 from planning.transforms import Transform, readonly
 
@@ -173,13 +173,10 @@ class BrickWorld:
     def grasps(self, number: int) -> list[int]:
         """Return the grips of a step to choose from, the prescribed one alone, or all."""
         step = self.step(number)
-        kind = self.kind(step.brick)
         if step.press is None:
+            kind = self.kind(step.brick)
             return [grasp_number(press) for press in presses(kind)]
-        some = step.presses or (step.press,)
-        for press in some:
-            check_press(kind, press)
-        return [grasp_number(press) for press in some]
+        return [grasp_number(press) for press in step.presses or (step.press,)]
 
     def supports(self, number: int) -> tuple[Support, ...]:
         """Return the supports of a step to choose from, none where it needs none."""
