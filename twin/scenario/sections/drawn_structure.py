@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -23,6 +23,7 @@ from planning.lego.bricks.drawing import (
     read_elevation,
     read_layer,
 )
+from twin.scenario.document.problems import unknown_name
 from twin.scenario.document.section import Name, Section
 from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument
 
@@ -119,30 +120,25 @@ def read_structure(
         drawn += drawing.bricks
         places += [(path, item.spot) for item in drawing.bricks]
         problems += [(path, item.spot, item.message) for item in drawing.problems]
-    listed = [(i, item) for i, item in enumerate(section.bricks) if item.brick in types]
+    given: dict[int, tuple[int, str]] = {}
     for i, item in enumerate(section.bricks):
         if item.brick not in types:
-            from twin.scenario.document.problems import unknown_name
-
             message = unknown_name("brick type", item.brick, tuple(types))
             problems.append((("bricks", i, "brick"), None, message))
-    cells = [
-        Cell(item.at[0], item.at[1], item.at[2], item.turned) for _, item in listed
-    ]
-    drawn += [
-        DrawnBrick(item.name or f"{item.brick}_", types[item.brick], cell, (0, 0))
-        for (_, item), cell in zip(listed, cells, strict=True)
-    ]
-    bricks = list(name_bricks(drawn))
-    first = len(drawn) - len(listed)
-    for k, (i, item) in enumerate(listed, start=first):
-        places.append((("bricks", i, "at"), None))
+            continue
         if item.name is not None:
-            bricks[k] = PlacedBrick(item.name, bricks[k].brick, bricks[k].cell)
+            given[len(drawn)] = i, item.name
+        cell = Cell(item.at[0], item.at[1], item.at[2], item.turned)
+        stem = item.name or f"{item.brick}_"
+        drawn.append(DrawnBrick(stem, types[item.brick], cell, (0, 0)))
+        places.append((("bricks", i, "at"), None))
+    bricks = list(name_bricks(drawn))
+    for k, (_, name) in given.items():
+        bricks[k] = replace(bricks[k], name=name)
     counts = Counter(item.name for item in bricks)
-    for i, item in listed:
-        if item.name is not None and counts[item.name] > 1:
-            message = f"another brick is called {item.name!r} too"
+    for i, name in given.values():
+        if counts[name] > 1:
+            message = f"another brick is called {name!r} too"
             problems.append((("bricks", i, "name"), None, message))
     return ReadStructure(tuple(bricks), tuple(places), tuple(problems))
 
