@@ -10,7 +10,8 @@ from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import frame_in_flange
 from planning.motion.sequential import MARGIN
 from planning.parts.assembly import PickPlaceAssembly
-from planning.parts.part_world import PartWorld
+from planning.parts.grips import Grip
+from planning.parts.part_steps import PartStep, part_steps
 from planning.parts.targets import pick_targets, place_targets
 from planning.skills.contacts import NOTHING, SkillContacts, gripped, touching
 from planning.skills.joint_paths import (
@@ -29,21 +30,22 @@ from planning.tasks.assignment_problem import (
 from planning.tasks.plan import StepChoice
 from planning.transforms import Array, Transform, inverse, readonly
 
-MOST_OVERLAP = 0.002
-"""Deepest that a goal may be in what it touches: rounding of poses in files [m]."""
-
 
 @dataclass(frozen=True)
 class PickPlaceCandidates:
     """The assignment problem of a pick-and-place assembly, and the paths behind it.
 
     Attributes:
-        world: cell and assembly.
+        cell: its objects are the parts.
+        frame: name of the tool frame that grips.
+        steps: part, grips and surroundings of each step.
         problem: what the solver needs.
         paths: pick and place by step, robot and number of the grip.
     """
 
-    world: PartWorld
+    cell: Workcell
+    frame: str
+    steps: tuple[PartStep, ...]
     problem: AssignmentProblem
     paths: Mapping[tuple[int, str, int], tuple[SkillPath, SkillPath]] = field(
         repr=False
@@ -72,12 +74,11 @@ def find_candidates(cell: Workcell, assembly: PickPlaceAssembly) -> PickPlaceCan
     Raises:
         InfeasibleStepError: a part would hang in the air, or goes where something is.
     """
-    world = PartWorld(cell, assembly)
-    world.require_standing(MOST_OVERLAP)
-    search = _Search(world)
-    for step in range(1, len(assembly.steps) + 1):
+    steps = part_steps(cell, assembly)
+    search = _Search()
+    for number, step in enumerate(steps, start=1):
         for robot in cell.robots:
-            search.add(step, robot)
+            search.add(number, step.grips, _GripOptions(cell, assembly, step, robot))
     problem = AssignmentProblem(
         robots=tuple(robot.name for robot in cell.robots),
         steps=tuple(f"pick and place {name}" for name in assembly.steps),
@@ -86,7 +87,8 @@ def find_candidates(cell: Workcell, assembly: PickPlaceAssembly) -> PickPlaceCan
         supports=(),
         rejections=tuple(search.rejections),
     )
-    return PickPlaceCandidates(world, problem, search.paths)
+    frame = assembly.grips.frame
+    return PickPlaceCandidates(cell, frame, steps, problem, search.paths)
 
 
 def held_pose(robot: PlacedRobot, frame: str, grip: Transform) -> Transform:
@@ -104,22 +106,20 @@ def held_pose(robot: PlacedRobot, frame: str, grip: Transform) -> Transform:
 class _Search:
     """Gathers candidates of one step and robot after another."""
 
-    def __init__(self, world: PartWorld) -> None:
-        self.world = world
+    def __init__(self) -> None:
         self.primaries: list[PrimaryCandidate] = []
         self.rejections: list[Rejection] = []
         self.paths: dict[tuple[int, str, int], tuple[SkillPath, SkillPath]] = {}
 
-    def add(self, step: int, robot: PlacedRobot) -> None:
+    def add(self, step: int, grips: list[Grip], options: _GripOptions) -> None:
         """Add the candidates of a step for one robot."""
-        part, grips = self.world.part(step), self.world.grips(step)
+        robot, part = options.robot, options.part
         if not grips:
             self._reject(
                 step,
                 f"{robot.name} grips {part.name}",
                 Obstruction("no face can be gripped both at its start and at its goal"),
             )
-        options = _GripOptions(self.world, step, robot)
         for number, grip in enumerate(grips):
             place = options.place(grip.pose)
             if isinstance(place, Obstruction):
@@ -146,20 +146,27 @@ class _Search:
 class _GripOptions:
     """How one robot does one step with each of its grips."""
 
-    def __init__(self, world: PartWorld, step: int, robot: PlacedRobot) -> None:
-        self.world = world
+    def __init__(
+        self,
+        cell: Workcell,
+        assembly: PickPlaceAssembly,
+        step: PartStep,
+        robot: PlacedRobot,
+    ) -> None:
+        self.cell = cell
+        self.assembly = assembly
         self.robot = robot
-        self.part = world.part(step)
-        self.goal = world.goal(step)
+        self.part = step.part
+        self.goal = step.goal
         self.held = gripped(robot.name, self.part.name)
-        self._at_start = touching(self.part.name, world.at_start(step))
-        self._at_goal = touching(self.part.name, world.at_goal(step))
-        self._around = world.around(step)
-        self._home: dict[str, Array] = {r.name: r.home for r in world.cell.robots}
+        self._at_start = touching(self.part.name, step.at_start)
+        self._at_goal = touching(self.part.name, step.at_goal)
+        self._around = step.around
+        self._home: dict[str, Array] = {r.name: r.home for r in cell.robots}
 
     def pick(self, grip: Transform) -> SkillPath | Obstruction:
         """Return how the part is picked."""
-        assembly = self.world.assembly
+        assembly = self.assembly
         targets = pick_targets(
             assembly.grips.frame,
             self.part.start @ grip,
@@ -172,7 +179,7 @@ class _GripOptions:
 
     def place(self, grip: Transform) -> SkillPath | Obstruction:
         """Return how the part is put in its place."""
-        assembly = self.world.assembly
+        assembly = self.assembly
         targets = place_targets(
             assembly.grips.frame, self.goal @ grip, assembly.approach, assembly.leave
         )
@@ -185,7 +192,7 @@ class _GripOptions:
         objects = {**self._around, self.part.name: (self.part, self._in_hand(grip))}
         attachments = {name: at for name, (_, at) in objects.items()}
         checker = SceneChecker(
-            self.world.cell,
+            self.cell,
             self.robot.name,
             WorldState(self._home, attachments),
             self.held,
@@ -204,7 +211,7 @@ class _GripOptions:
         """Return a skill, given where the part is before and after it changes hands."""
         name = self.part.name
         scene = SkillScene(
-            self.world.cell,
+            self.cell,
             {**self._around, name: (self.part, before)},
             self._home,
             contacts,
@@ -215,5 +222,5 @@ class _GripOptions:
         )
 
     def _in_hand(self, grip: Transform) -> Attachment:
-        frame = self.world.assembly.grips.frame
+        frame = self.assembly.grips.frame
         return Attachment(self.robot.name, held_pose(self.robot, frame, grip))

@@ -37,22 +37,22 @@ def _expand_step(
         step: counted from 1.
         first_index: index of its first task.
     """
-    choice, world = plan[step], candidates.world
-    robot, part = world.cell.robot(choice.robot), choice.object
-    grip = world.grips(step)[choice.grasp].pose
+    choice, handled = plan[step], candidates.steps[step - 1]
+    robot, part = candidates.cell.robot(choice.robot), choice.object
+    grip = handled.grips[choice.grasp].pose
     pick, place = candidates.pick(choice), candidates.place(choice)
     build = StepBuilder(step, first_index)
     build.lead_in(pick, f"to {part}", None)
-    held = held_pose(robot, world.assembly.grips.frame, grip)
+    held = held_pose(robot, candidates.frame, grip)
     picked = build.skill(pick, f"pick {part}", part, robot.name, held)
     build.transit(robot.name, robot.home, f"HOME with {part}", part)
     build.lead_in(place, f"{part} to its place", part)
-    placed = build.skill(place, f"place {part}", part, None, world.goal(step))
+    placed = build.skill(place, f"place {part}", part, None, handled.goal)
     build.transit(robot.name, robot.home, "HOME", None)
     carrying = build.of_robot(robot.name, picked, placed)
     build.allow(gripped(robot.name, part), *carrying)
-    build.allow(touching(part, world.at_start(step)), picked)
-    build.allow(touching(part, world.at_goal(step)), placed)
+    build.allow(touching(part, handled.at_start), picked)
+    build.allow(touching(part, handled.at_goal), placed)
     return build.build()
 
 
@@ -74,7 +74,7 @@ def _waits(
             touched = (
                 start_contacts[task.object]
                 if task.kind == "pick"
-                else candidates.world.at_goal(step.step)
+                else candidates.steps[step.step - 1].at_goal
             )
             before = done[task.kind]
             for name in touched:
@@ -85,11 +85,10 @@ def _waits(
 
 def _stock_contacts(candidates: PickPlaceCandidates) -> dict[str, frozenset[str]]:
     """Return what each part touches at the start, whichever of the two is picked first."""
-    world = candidates.world
-    parts = world.assembly.steps
+    parts = [step.part.name for step in candidates.steps]
     touched = {
-        name: {other for other in world.at_start(step) if other in parts}
-        for step, name in enumerate(parts, start=1)
+        step.part.name: {other for other in step.at_start if other in parts}
+        for step in candidates.steps
     }
     return {
         name: frozenset(touched[name] | {k for k in parts if name in touched[k]})

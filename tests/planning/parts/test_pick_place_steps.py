@@ -90,11 +90,11 @@ def test_every_candidate_brings_the_part_from_its_start_to_its_goal(
     assert plan_violations(found.problem, plan) == []
     assert {c.robot for c in plan.choices} == {"west", "east"}
     for (step, name, grasp), (pick, place) in found.paths.items():
-        robot = found.world.cell.robot(name)
-        grip = found.world.grips(step)[grasp].pose
+        robot = found.cell.robot(name)
+        grip = found.steps[step - 1].grips[grasp].pose
         for path, part in (
-            (pick, found.world.start(step)),
-            (place, found.world.goal(step)),
+            (pick, found.steps[step - 1].part.start),
+            (place, found.steps[step - 1].goal),
         ):
             tool = frame_pose(robot, path.contact, "tool")
             np.testing.assert_allclose(tool, part @ grip, atol=2e-4)
@@ -126,14 +126,14 @@ def test_a_step_carries_its_part_over_home(
     found: PickPlaceCandidates, plan: TaskPlan
 ) -> None:
     step = pick_place_work(found).expand(plan, 3, 20)
-    robot = found.world.cell.robot(plan[3].robot)
+    robot = found.cell.robot(plan[3].robot)
     kinds = [task.kind for task in step.tasks]
     assert kinds == [TRANSIT, "pick", TRANSIT, TRANSIT, "place-down", TRANSIT]
     np.testing.assert_array_equal(step.tasks[2].path[-1], robot.home)
     np.testing.assert_array_equal(step.tasks[-1].path[-1], robot.home)
     (taken,), (put,) = step.tasks[1].handlings, step.tasks[4].handlings
     assert (taken.holder, put.holder) == (robot.name, None)
-    np.testing.assert_allclose(put.pose, found.world.goal(3))
+    np.testing.assert_allclose(put.pose, found.steps[2].goal)
     allowed = {frozenset((c.first, c.second)): c.tasks for c in step.allowed}
     assert allowed[frozenset(("across", f"{robot.name}/tool"))] == {21, 22, 23, 24}
     assert allowed[frozenset(("across", "table"))] == {21}
