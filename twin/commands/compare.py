@@ -11,8 +11,7 @@ from twin.commands.options import AsJson, Out, Quiet, ScenarioFile, Shortcuts
 from twin.host.guard import COMPLETED, guarded
 
 Seeds = Annotated[
-    int,
-    typer.Option(min=1, help="How many seeds, counted from the scenario's."),
+    int, typer.Option(min=1, help="How many seeds, counted from the scenario's.")
 ]
 References = Annotated[
     bool,

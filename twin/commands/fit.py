@@ -26,23 +26,18 @@ Column = Annotated[str, typer.Option(help="Column of the durations, in seconds."
 By = Annotated[
     list[str] | None,
     typer.Option(
-        help="Fit each value of this column on its own: skill, robot or object. Repeatable.",
-        show_default=False,
+        help="Fit each value of this column on its own: skill, robot or object. Repeatable."
     ),
 ]
 Skill = Annotated[
     str | None,
     typer.Option(
-        help="What all rows are of; default: the file's name where it is a skill.",
-        show_default=False,
+        help="What all rows are of; default: the file's name where it is a skill."
     ),
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(
-        help="Folder for the results; default: logs/fit-<name>-<UTC time>.",
-        show_default=False,
-    ),
+    typer.Option(help="Folder for the results; default: logs/fit-<name>-<UTC time>."),
 ]
 Resamples = Annotated[
     int, typer.Option(min=19, max=100_000, help="Bootstrap samples of each test.")

@@ -36,7 +36,6 @@ Samples = Annotated[
 ScenarioFile = Annotated[
     Path | None,
     typer.Option(
-        "--scenario",
         help="Scenario that durations and disturbances are taken from; "
         "default: that of the plan's folder.",
         metavar="FILE",

@@ -17,7 +17,7 @@ app = typer.Typer(
 Folder = Annotated[
     Path, typer.Argument(help="Folder with the published files.", metavar="FOLDER")
 ]
-Task = Annotated[str, typer.Option("--task", help="Name of the task, such as cliff.")]
+Task = Annotated[str, typer.Option(help="Name of the task, such as cliff.")]
 Output = Annotated[Path, typer.Option("--output", "-o", help="Scenario file to write.")]
 Prescribed = Annotated[
     bool,

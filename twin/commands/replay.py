@@ -16,7 +16,6 @@ Folder = Annotated[
 Stills = Annotated[
     list[float] | None,
     typer.Option(
-        "--stills",
         help="Render a picture at this simulated time instead of opening the viewer, "
         "in seconds; may be given several times.",
         metavar="SECONDS",
@@ -25,7 +24,6 @@ Stills = Annotated[
 Output = Annotated[
     Path | None,
     typer.Option(
-        "--out",
         help="Folder for the pictures; default: stills beside the recording.",
         metavar="DIR",
     ),

@@ -40,7 +40,6 @@ Stalls = Annotated[
 Robots = Annotated[
     int | None,
     typer.Option(
-        "--robots",
         min=1,
         metavar="M",
         help="Robots of the team, in place of the scenario's; without a team, the first M.",

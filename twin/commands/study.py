@@ -19,10 +19,7 @@ if TYPE_CHECKING:
     from twin.study.folder import StudyRequest
     from twin.study.replications.experiment import Experiment
 
-File = Annotated[
-    Path | None,
-    typer.Argument(help="Scenario file.", metavar="SCENARIO", show_default=False),
-]
+File = Annotated[Path | None, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
 Replications = Annotated[
     int | None,
     typer.Option(
@@ -30,47 +27,36 @@ Replications = Annotated[
         "-n",
         min=1,
         help="Replications of every policy and variant; default: until --precision.",
-        show_default=False,
     ),
 ]
 PrecisionOf = Annotated[
     float,
     typer.Option(
-        "--precision",
         min=1e-6,
         help="Go on until the interval of the mean is this narrow, relative to it.",
     ),
 ]
-Least = Annotated[
-    int, typer.Option("--least", min=2, help="At least so many, with --precision.")
-]
-Most = Annotated[
-    int, typer.Option("--most", min=2, help="At most so many, with --precision.")
-]
+Least = Annotated[int, typer.Option(min=2, help="At least so many, with --precision.")]
+Most = Annotated[int, typer.Option(min=2, help="At most so many, with --precision.")]
 Confidence = Annotated[
     float, typer.Option(min=0.5, max=0.9999, help="Of all intervals.")
 ]
 PolicyNames = Annotated[
     list[str] | None,
     typer.Option(
-        "--policy",
         help="sequential, synchronous, asynchronous, asynchronous+shortcut or open-loop;"
-        " give it again for more. Default: sequential and asynchronous.",
-        show_default=False,
+        " give it again for more. Default: sequential and asynchronous."
     ),
 ]
 Vary = Annotated[
     list[str] | None,
     typer.Option(
-        "--vary",
         help="Vary an input of the execution section: skills.pick.scale=1,1.5,2."
-        " Give it again for every combination.",
-        show_default=False,
+        " Give it again for every combination."
     ),
 ]
 Deadline = Annotated[
-    float | None,
-    typer.Option(help="How likely is the run over by then [s]?", show_default=False),
+    float | None, typer.Option(help="How likely is the run over by then [s]?")
 ]
 Antithetic = Annotated[
     bool, typer.Option("--antithetic", help="Draw replications in mirrored pairs.")
@@ -84,31 +70,24 @@ Sobol = Annotated[
 Audited = Annotated[
     int,
     typer.Option(
-        "--audit-sample",
-        min=0,
-        help="Open-loop replications that PyBullet checks for collisions.",
+        min=0, help="Open-loop replications that PyBullet checks for collisions."
     ),
 ]
 Workers = Annotated[
     int | None,
     typer.Option(
-        min=0,
-        help="Processes; 0 for none besides this one. Default: one a core.",
-        show_default=False,
+        min=0, help="Processes; 0 for none besides this one. Default: one a core."
     ),
 ]
 Scheduler = Annotated[
     str | None,
     typer.Option(
-        help="Address of a Dask scheduler that does the work: tcp://host:port.",
-        show_default=False,
+        help="Address of a Dask scheduler that does the work: tcp://host:port."
     ),
 ]
 Resume = Annotated[
     Path | None,
-    typer.Option(
-        metavar="DIR", help="Go on with the study in this folder.", show_default=False
-    ),
+    typer.Option(metavar="DIR", help="Go on with the study in this folder."),
 ]
 
 
