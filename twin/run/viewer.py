@@ -12,8 +12,6 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -98,18 +96,12 @@ def render_stills(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot hold stills: {error}") from error
-    with _headless_viewer(recording) as viewer:
-        client = viewer.client
-        try:
-            client.open(str(recording.resolve()))
-            return [
-                _render_still(client, time_s, folder, first=k == 0)
-                for k, time_s in enumerate(times_s)
-            ]
-        except TwinError:
-            raise
-        except Exception as error:
-            raise viewer.failure(f"the viewer broke off: {error}") from error
+    with _headless_viewer(recording) as client:
+        client.open(str(recording.resolve()))
+        return [
+            _render_still(client, time_s, folder, first=k == 0)
+            for k, time_s in enumerate(times_s)
+        ]
 
 
 def _render_still(client: Any, time_s: float, folder: Path, *, first: bool) -> Path:
@@ -152,42 +144,9 @@ def _program(remark: str = "") -> str:
     return program
 
 
-@dataclass
-class _Viewer:
-    """A viewer without a window that is up and answers."""
-
-    process: subprocess.Popen[bytes]
-    port: int
-    log: Path
-
-    @cached_property
-    def client(self) -> Any:
-        """What commands it."""
-        from rerun.experimental import ViewerClient
-
-        until = time.monotonic() + _START_S
-        while True:
-            try:
-                return ViewerClient.connect(f"rerun+http://{_HOST}:{self.port}/proxy")
-            except Exception as error:
-                if self.process.poll() is not None or time.monotonic() > until:
-                    message = "the headless viewer did not start"
-                    raise self.failure(message) from error
-                time.sleep(0.3)
-
-    def failure(self, message: str) -> ViewerError:
-        """Return an error with what the viewer itself had to say."""
-        lines = self.log.read_text(errors="replace").splitlines()
-        said = next((line for line in lines if "panicked" in line), "nothing")
-        return ViewerError(
-            f"{message}; it needs a Vulkan driver, a software one such as Mesa's lavapipe "
-            f"(mesa-vulkan-drivers) is enough. It said: {said}"
-        )
-
-
 @contextmanager
-def _headless_viewer(recording: Path) -> Iterator[_Viewer]:
-    """Run a viewer without a window, and end it with all its children."""
+def _headless_viewer(recording: Path) -> Iterator[Any]:
+    """Run a viewer without a window, give what commands it, and end it with all its children."""
     program = _viewer_program(recording)
     port = _free_port()
     command = [program, "--headless", "--bind", _HOST, "--port", str(port)]
@@ -209,12 +168,35 @@ def _headless_viewer(recording: Path) -> Iterator[_Viewer]:
                 start_new_session=True,
             )
         try:
-            yield _Viewer(process, port, log)
+            yield _connected(process, port)
+        except TwinError:
+            raise
+        except Exception as error:
+            lines = log.read_text(errors="replace").splitlines()
+            said = next((line for line in lines if "panicked" in line), "nothing")
+            raise ViewerError(
+                f"the viewer broke off: {error}; it needs a Vulkan driver, a software one such"
+                f" as Mesa's lavapipe (mesa-vulkan-drivers) is enough. It said: {said}"
+            ) from error
         finally:
             # The program is a shim: the viewer proper is its child, in the same group.
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGTERM)
             process.wait(timeout=20)
+
+
+def _connected(process: subprocess.Popen[bytes], port: int) -> Any:
+    """Return what commands a viewer, once it answers."""
+    from rerun.experimental import ViewerClient
+
+    until = time.monotonic() + _START_S
+    while True:
+        try:
+            return ViewerClient.connect(f"rerun+http://{_HOST}:{port}/proxy")
+        except Exception as error:
+            if process.poll() is not None or time.monotonic() > until:
+                raise ConnectionError("it did not start") from error
+            time.sleep(0.3)
 
 
 def _free_port() -> int:
