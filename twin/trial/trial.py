@@ -158,7 +158,17 @@ def conclude(
     Raises:
         OutputError: a file cannot be written.
     """
-    _write_records(folder, scenario, tpg, run, events, about.recording, progress)
+    total = 3 + about.recording
+    progress(RECORDS, 0, total)
+    write_motion(folder, tpg, run)
+    progress(RECORDS, 2, total)
+    draw_gantt(folder / GANTT, tpg, run, events, title=scenario.name)
+    progress(RECORDS, 3, total)
+    if about.recording:
+        from twin.recorders.rerun.recorder import write_recording
+
+        write_recording(folder / RECORDING, tpg, run, events, name=scenario.name)
+        progress(RECORDS, total, total)
     completed = run.outcome == "completed"
     ended = run.outcome != "aborted"
     audit = _audit(folder, progress) if about.audit and ended else None
@@ -207,28 +217,6 @@ def execute(
     """
     model = scenario_execution(scenario, base, policy=policy)
     return Simulator.of_model(tpg, model).run(seed=scenario.seed, recorders=recorders)
-
-
-def _write_records(
-    folder: Path,
-    scenario: Scenario,
-    tpg: TemporalPlanGraph,
-    run: Run,
-    events: list[Event],
-    recording: bool,
-    progress: Report,
-) -> None:
-    total = 3 + recording
-    progress(RECORDS, 0, total)
-    write_motion(folder, tpg, run)
-    progress(RECORDS, 2, total)
-    draw_gantt(folder / GANTT, tpg, run, events, title=scenario.name)
-    progress(RECORDS, 3, total)
-    if recording:
-        from twin.recorders.rerun.recorder import write_recording
-
-        write_recording(folder / RECORDING, tpg, run, events, name=scenario.name)
-        progress(RECORDS, total, total)
 
 
 def _audit(folder: Path, progress: Report) -> dict[str, Any]:
