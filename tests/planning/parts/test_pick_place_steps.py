@@ -77,11 +77,10 @@ def plan(found: PickPlaceCandidates) -> TaskPlan:
 def test_what_a_part_touches_is_found_from_the_poses(
     found: PickPlaceCandidates,
 ) -> None:
-    world = found.world
-    assert set(world.at_start(3)) == {"table"}
-    assert set(world.at_goal(1)) == {"table"}
-    assert set(world.at_goal(3)) == {"south", "north"}
-    assert set(world.at_goal(4)) == {"table"}
+    assert set(found.steps[2].at_start) == {"table"}
+    assert set(found.steps[0].at_goal) == {"table"}
+    assert set(found.steps[2].at_goal) == {"south", "north"}
+    assert set(found.steps[3].at_goal) == {"table"}
 
 
 def test_every_candidate_brings_the_part_from_its_start_to_its_goal(
