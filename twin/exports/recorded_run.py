@@ -50,7 +50,7 @@ class RecordedRun:
         """Everything that happened; a last line that was not written to its end is left out."""
         path = self._existing(EVENTS)
         out = []
-        for number, line in enumerate(read_log(path).lines, start=1):
+        for number, line in enumerate(read_log(path), start=1):
             try:
                 out.append(parse_event(line))
             except EventLogError as error:

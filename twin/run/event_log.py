@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 from typing import IO, Any, get_args
@@ -17,21 +16,6 @@ _KINDS = frozenset(get_args(EventKind))
 
 class EventLogError(TwinError):
     """A line of an event log is no event."""
-
-
-@dataclass(frozen=True)
-class LogLines:
-    """What an event log holds.
-
-    Attributes:
-        lines: whole lines, each with its newline.
-        size: bytes that they take.
-        torn: what comes after them: a line that was not written to its end.
-    """
-
-    lines: tuple[str, ...]
-    size: int
-    torn: bytes
 
 
 def event_line(event: Event) -> str:
@@ -68,24 +52,20 @@ def lock_log(file: IO[Any], path: Path) -> None:
         return
 
 
-def read_log(path: Path) -> LogLines:
-    """Read an event log as lines.
+def read_log(path: Path) -> tuple[str, ...]:
+    """Return the whole lines of an event log, each with its newline; a torn last one is left out.
 
     Raises:
         OutputError: it cannot be read.
     """
     try:
         content = path.read_bytes()
-    except OSError as error:
-        raise OutputError(f"{path}: cannot read the event log: {error}") from error
-    size = content.rfind(b"\n") + 1
-    try:
-        text = content[:size].decode("utf-8")
+        text = content[: content.rfind(b"\n") + 1].decode("utf-8")
     except UnicodeDecodeError as error:
         raise OutputError(f"{path}: not UTF-8 (byte {error.start})") from error
-    return LogLines(
-        tuple(line + "\n" for line in text.split("\n")[:-1]), size, content[size:]
-    )
+    except OSError as error:
+        raise OutputError(f"{path}: cannot read the event log: {error}") from error
+    return tuple(line + "\n" for line in text.split("\n")[:-1])
 
 
 def parse_event(line: str) -> Event:

@@ -131,14 +131,9 @@ def _differences(
 ) -> list[dict[str, Any]]:
     """Return every policy against the first one, pair by pair, within the same variant."""
     reference = experiment.policies[0]
-    by_cell = {
-        (policy, k // len(experiment.policies)): samples[k]
-        for k, (policy, _) in enumerate(experiment.cells)
-    }
     found = []
     for k, (policy, variant) in enumerate(experiment.cells):
-        group = k // len(experiment.policies)
-        first, second = samples[k], by_cell[reference, group]
+        first, second = samples[k], samples[k - k % len(experiment.policies)]
         both = np.isfinite(first) & np.isfinite(second)
         if policy == reference or not np.any(both):
             continue

@@ -7,6 +7,7 @@ writing what the log does not hold yet. The files are those of a run that was ne
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from planning.errors import OutputError, TwinError
 from scheduling.graph.plan_files import load_plan
 from twin.host.progress import Report, report_nothing
 from twin.recorders.memory import MemoryRecorder
-from twin.run.event_log import LogLines, event_line, lock_log, parse_event, read_log
+from twin.run.event_log import event_line, lock_log, parse_event, read_log
 from twin.run.events import Event
 from twin.run.folder import EVENTS, SUMMARY
 from twin.scenario.manifest import read_manifest
@@ -60,11 +61,11 @@ def resume_run(
     except (KeyError, TypeError) as error:
         raise OutputError(f"{folder}: does not say how to resume: {error}") from error
     path = folder / EVENTS
-    log = read_log(path) if path.exists() else LogLines((), 0, b"")
+    log = read_log(path) if path.exists() else ()
     known = _before_interrupt(log)
     # The summary is written last.
-    if (folder / SUMMARY).exists() and len(known.lines) == len(log.lines):
-        return Resumption(len(log.lines), 0, None)
+    if (folder / SUMMARY).exists() and len(known) == len(log):
+        return Resumption(len(log), 0, None)
     tpg = load_plan(folder)
     progress(SIMULATION, 0, 1)
     memory = MemoryRecorder()
@@ -78,28 +79,27 @@ def resume_run(
     if run.outcome == "aborted":
         raise KeyboardInterrupt
     lines = [event_line(event) for event in memory.events]
-    _require_agreement(path, known.lines, lines, memory.events)
-    _append(path, known.size, lines[len(known.lines) :])
+    _require_agreement(path, known, lines, memory.events)
+    _append(path, known, lines[len(known) :])
     progress(SIMULATION, 1, 1)
     trial = conclude(scenario, tpg, folder, run, memory.events, about, progress)
-    return Resumption(len(known.lines), len(lines) - len(known.lines), trial)
+    return Resumption(len(known), len(lines) - len(known), trial)
 
 
-def _before_interrupt(log: LogLines) -> LogLines:
+def _before_interrupt(log: Sequence[str]) -> Sequence[str]:
     """Return a log without the last rows of a run that the user broke off."""
-    lines = list(log.lines)
+    lines = list(log)
     if lines and '"finished"' in lines[-1]:
         last = parse_event(lines[-1])
         if not last.robot and last.detail == "aborted":
             lines.pop()
             if lines and '"stopped"' in lines[-1] and not parse_event(lines[-1]).robot:
                 lines.pop()
-    size = sum(len(line.encode()) for line in lines)
-    return LogLines(tuple(lines), size, log.torn)
+    return lines
 
 
 def _require_agreement(
-    path: Path, known: tuple[str, ...], lines: list[str], events: list[Event]
+    path: Path, known: Sequence[str], lines: list[str], events: list[Event]
 ) -> None:
     for k, line in enumerate(known):
         if k >= len(lines):
@@ -115,8 +115,9 @@ def _require_agreement(
             )
 
 
-def _append(path: Path, size: int, lines: list[str]) -> None:
-    """Cut a torn line off and write what is missing."""
+def _append(path: Path, known: Sequence[str], lines: Sequence[str]) -> None:
+    """Cut off what comes after the known lines, and write what is missing."""
+    size = sum(len(line.encode()) for line in known)
     try:
         with path.open("ab") as file:
             lock_log(file, path)
