@@ -32,14 +32,14 @@ def audit_open_loop(load: Workload, folder: Path, count: int) -> Iterator[int]:
         OutputError: a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    simulator = Engines(load).simulator
+    engines = Engines(load)
     replay = folder / "replay"
     for replication in range(count):
         path = folder / f"{replication}.json"
         if path.exists():
             yield int(json.loads(path.read_text())["violations"])
             continue
-        run = simulator.run(seed=load.seed, replication=replication)
+        run = engines.simulator.run(seed=load.seed, replication=replication)
         if run.outcome != "completed":
             continue
         if not replay.exists():
