@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, Protocol
 
@@ -52,8 +51,8 @@ class Family(Protocol):
         ...
 
 
-class FittableModel(DurationModel, ABC):
-    """A distribution whose class is a Family."""
+class FittableModel(DurationModel):
+    """A distribution whose class is a Family; subclasses say how it is fitted."""
 
     title: ClassVar[str]
     parameters: ClassVar[tuple[str, ...]]
@@ -62,21 +61,6 @@ class FittableModel(DurationModel, ABC):
     def suits(cls, x: Array) -> bool:
         """Tell whether all durations are positive, and not all the same."""
         return bool(0 < x[0] < x[-1])
-
-    @classmethod
-    @abstractmethod
-    def fit(cls, x: Array) -> Array:
-        """Return the parameters of each sample."""
-
-    @classmethod
-    @abstractmethod
-    def log_density(cls, x: Array, theta: Array) -> Array:
-        """Return the logarithm of the density [1/s]."""
-
-    @classmethod
-    @abstractmethod
-    def cdf(cls, x: Array, theta: Array) -> Array:
-        """Return the probability of not being longer."""
 
     @classmethod
     def section(cls, theta: Array) -> Mapping[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC
+from abc import ABC, abstractmethod
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -59,6 +59,11 @@ class _Peaked(FittableModel, ABC):
             ):
                 theta = cls._likelier(x, theta, column, low, high)
         return theta
+
+    @classmethod
+    @abstractmethod
+    def log_density(cls, x: Array, theta: Array) -> Array:
+        """Return the logarithm of the density [1/s]."""
 
     @classmethod
     def _likelier(

@@ -8,7 +8,7 @@ Time is in integer nanoseconds. Events happen in the total order (time, priority
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,12 +26,10 @@ from twin.recorders.observers import Observers, Recorder
 from twin.run.run_record import POLICIES, DeadlockError, Outcome, Policy, Run
 from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.disturbances import Disturbances
-from twin.uncertainty.halts import Halts, sample_halts
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
 from twin.uncertainty.skill_durations import SkillDurations
 
 _Times = tuple[Nanoseconds, ...]
-_Halts = tuple[Halts, ...] | None
 
 
 @dataclass(frozen=True)
@@ -119,36 +117,30 @@ class Simulator:
                 brings about.
         """
         times = self._sampler.sample(seed=seed, replication=replication)
-        halts = sample_halts(
-            self.tpg, self.disturbances, seed=seed, replication=replication
-        )
         if recorders:
-            course = self._node_by_node(times, halts, recorders)
+            course = self._node_by_node(times, recorders)
         elif self._contraction is not None:
-            course = self._segment_by_segment(self._contraction, times, halts)
-        elif self._planned is not None and halts is None:
+            course = self._segment_by_segment(self._contraction, times)
+        elif self._planned is not None and times.halts is None:
             start = open_loop_starts(self._planned, times)
             end = tuple(s + b for s, b in zip(start, times.busy, strict=True))
             times.cut_failed(start, end)
             fails = max(times.failed, default=-1) >= 0
             course = _Course("failed" if fails else "completed", start, end)
         else:
-            course = self._node_by_node(times, halts, ())
-        run = self._run_of(course, times, halts, (seed, replication))
+            course = self._node_by_node(times, ())
+        run = self._run_of(course, times, (seed, replication))
         if course.deadlock:
             raise DeadlockError(course.deadlock, run)
         return run
 
-    def _node_by_node(
-        self, times: NodeTimes, halts: _Halts, recorders: Sequence[Recorder]
-    ) -> _Course:
+    def _node_by_node(self, times: NodeTimes, recorders: Sequence[Recorder]) -> _Course:
         execution = Execution(
             self.tpg,
             times,
             self._dispatcher.copy(),
             self.messages,
             sequential=self.policy == "sequential",
-            halts=halts,
             planned=self._planned,
             observers=Observers(recorders),
         )
@@ -162,7 +154,7 @@ class Simulator:
         )
 
     def _segment_by_segment(
-        self, contraction: Contraction, times: NodeTimes, halts: _Halts
+        self, contraction: Contraction, times: NodeTimes
     ) -> _Course:
         """Execute whole segments, and work out the times of their nodes afterwards."""
         sums = contraction.sums(times.busy)
@@ -170,31 +162,33 @@ class Simulator:
             -1 if node < 0 else int(np.searchsorted(first, node, side="right")) - 1
             for node, first in zip(times.failed, contraction.first, strict=True)
         )
-        nothing = tuple(np.zeros_like(total) for total in sums)
         execution = Execution(
             contraction.tpg,
-            NodeTimes(nothing, sums, (), failed),
+            replace(
+                times,
+                motion=tuple(np.zeros_like(total) for total in sums),
+                stall=sums,
+                failed=failed,
+            ),
             self._contracted_dispatcher.copy(),
             self.messages,
             sequential=self.policy == "sequential",
-            halts=halts,
         )
         outcome = execution.execute()
         start, end = contraction.expand(
-            _arrays(execution.start), times.busy, execution.now_ns, halts
+            _arrays(execution.start), times.busy, execution.now_ns, times.halts
         )
         times.cut_failed(start, end)
         deadlock = _deadlock(execution, outcome)
         return _Course(outcome, start, end, execution.now_ns, deadlock)
 
-    def _run_of(
-        self, course: _Course, times: NodeTimes, halts: _Halts, name: tuple[int, int]
-    ) -> Run:
+    def _run_of(self, course: _Course, times: NodeTimes, name: tuple[int, int]) -> Run:
         failed = [
             k
             for k, node in enumerate(times.failed)
             if course.outcome != "aborted" and node >= 0 and course.start[k][node] >= 0
         ]
+        halts = times.halts or ()
         makespan = course.now_ns
         if course.outcome != "aborted":
             # The last report may still be on its way when the last node is complete.
@@ -216,7 +210,7 @@ class Simulator:
             end_ns=course.end,
             makespan_ns=makespan,
             standstills=times.standstills,
-            halts_ns=tuple(own.intervals(makespan) for own in halts or ()),
+            halts_ns=tuple(own.intervals(makespan) for own in halts),
             failed_nodes=tuple(
                 times.failed[k] if k in failed else -1
                 for k in range(len(self.tpg.chains))

@@ -37,7 +37,6 @@ class Execution:
         messages: Messages,
         *,
         sequential: bool = False,
-        halts: Sequence[Halts] | None = None,
         planned: Sequence[Nanoseconds] | None = None,
         observers: Observers | None = None,
     ) -> None:
@@ -49,7 +48,6 @@ class Execution:
             dispatcher: of the graph, nothing complete yet.
             messages: between robots and dispatcher.
             sequential: whether one robot works at a time.
-            halts: stops by the clock, one entry a chain.
             planned: start of every node by the planned clock [ns], which all robots then
                 follow without a dispatcher.
             observers: told of every event.
@@ -58,7 +56,7 @@ class Execution:
         self.times = times
         self.messages = messages
         self.sequential = sequential
-        self.halts = halts
+        self.halts = times.halts
         self.planned = None if planned is None else [row.tolist() for row in planned]
         self.env = simpy.Environment(initial_time=0)
         self.dispatcher = dispatcher

@@ -37,22 +37,26 @@ class Stop:
 
 
 class Halts:
-    """All stops of one robot, in order of time."""
+    """All stops of one robot, in order of time.
+
+    Args:
+        stops: at fixed times.
+        breakdowns: by the clock, drawn as far as they are asked for.
+        name: seed, replication and robot, which name the draws.
+    """
 
     def __init__(
         self,
         stops: list[Stop],
         breakdowns: Breakdowns | None = None,
         *,
-        robot: str = "",
-        seed: int = 0,
-        replication: int = 0,
+        name: tuple[int, int, str] = (0, 0, ""),
     ) -> None:
-        """Keep stops at fixed times, and draw breakdowns by the clock as far as needed."""
-        self._fixed = sorted(stops, key=lambda stop: stop.start_ns)
+        self._stops = sorted(stops, key=lambda stop: stop.start_ns)
         self._breakdowns = breakdowns
-        self._name = (seed, replication, robot)
-        self._broken: list[Stop] = []
+        self._name = name
+        self._drawn = 0
+        # Breakdowns that begin before the horizon are known.
         self._horizon = _NEVER if breakdowns is None else 0
         self._merge()
 
@@ -91,8 +95,7 @@ class Halts:
     def stops(self, until_ns: int) -> list[Stop]:
         """Return every stop that begins at a time or before; they may overlap."""
         self._extend(until_ns)
-        found = [s for s in self._fixed + self._broken if s.start_ns <= until_ns]
-        return sorted(found, key=lambda stop: stop.start_ns)
+        return [stop for stop in self._stops if stop.start_ns <= until_ns]
 
     def next_edge(self, t_ns: int) -> int:
         """Return when a stop next begins or ends after a time; never is far away."""
@@ -116,38 +119,34 @@ class Halts:
         """Draw breakdowns until all up to a time are known."""
         if t_ns < self._horizon or self._breakdowns is None:
             return
-        seed, replication, robot = self._name
         while self._horizon <= t_ns:
-            first = len(self._broken)
-            index = np.arange(first, first + _CHUNK)
-            names = (seed, [replication], [robot] * _CHUNK, -1, [""] * _CHUNK)
-            gap = uniforms(*names, "breakdown-gap", index)[:, 0]
-            repair = uniforms(*names, "breakdown-duration", index)[:, 0]
-            up = to_nanoseconds(-self._breakdowns.mtbf_s * np.log(gap)).tolist()
-            down = to_nanoseconds(-self._breakdowns.mttr_s * np.log(repair)).tolist()
-            clock = self._broken[-1].end_ns if self._broken else 0
-            for works, stands in zip(up, down, strict=True):
-                start, clock = clock + works, clock + works + stands
-                reason = f"breakdown, repaired after {stands / NANOSECONDS:.3f} s"
-                self._broken.append(Stop(start, clock, reason))
-            self._horizon = clock
+            self._draw(self._breakdowns)
+        self._stops.sort(key=lambda stop: stop.start_ns)
         self._merge()
+
+    def _draw(self, breakdowns: Breakdowns) -> None:
+        """Draw the next breakdowns."""
+        seed, replication, robot = self._name
+        names = (seed, [replication], [robot] * _CHUNK, -1, [""] * _CHUNK)
+        index = np.arange(self._drawn, self._drawn + _CHUNK)
+        gap = uniforms(*names, "breakdown-gap", index)[:, 0]
+        repair = uniforms(*names, "breakdown-duration", index)[:, 0]
+        up = to_nanoseconds(-breakdowns.mtbf_s * np.log(gap)).tolist()
+        down = to_nanoseconds(-breakdowns.mttr_s * np.log(repair)).tolist()
+        for works, stands in zip(up, down, strict=True):
+            start = self._horizon + works
+            self._horizon = start + stands
+            reason = f"breakdown, repaired after {stands / NANOSECONDS:.3f} s"
+            self._stops.append(Stop(start, self._horizon, reason))
+        self._drawn += _CHUNK
 
     def _merge(self) -> None:
         """Join stops that overlap or touch into intervals; those of no length do not count."""
+        lasting = [stop for stop in self._stops if stop.end_ns > stop.start_ns]
         self._starts: list[int] = []
         self._ends: list[int] = []
-        self._edges = sorted(
-            {
-                t
-                for s in self._fixed + self._broken
-                for t in (s.start_ns, s.end_ns)
-                if s.end_ns > s.start_ns
-            }
-        )
-        for stop in sorted(self._fixed + self._broken, key=lambda s: s.start_ns):
-            if stop.end_ns == stop.start_ns:
-                continue
+        self._edges = sorted({t for s in lasting for t in (s.start_ns, s.end_ns)})
+        for stop in lasting:
             if self._ends and stop.start_ns <= self._ends[-1]:
                 self._ends[-1] = max(self._ends[-1], stop.end_ns)
             else:
@@ -157,32 +156,24 @@ class Halts:
 
 def sample_halts(
     tpg: TemporalPlanGraph,
-    disturbances: Disturbances | None,
+    disturbances: Disturbances,
     *,
     seed: int,
     replication: int = 0,
 ) -> tuple[Halts, ...] | None:
     """Return the stops of every robot that has work, None when nobody can ever stop."""
-    if disturbances is None or not disturbances.at_absolute_times:
+    if not disturbances.at_absolute_times:
         return None
     found = []
     for chain in tpg.chains:
         stops = []
         for stop in disturbances.emergency_stops:
             if stop.robot in (None, chain.robot):
-                start = int(to_nanoseconds(stop.at_s))
-                end = start + int(to_nanoseconds(stop.duration_s))
+                start, length = to_nanoseconds([stop.at_s, stop.duration_s]).tolist()
                 reason = f"emergency stop for {stop.duration_s:.3f} s"
-                stops.append(Stop(start, end, reason))
+                stops.append(Stop(start, start + length, reason))
         breaks = disturbances.breakdowns
-        by_clock = breaks and breaks.affects(chain.robot, "run")
-        found.append(
-            Halts(
-                stops,
-                breaks if by_clock else None,
-                robot=chain.robot,
-                seed=seed,
-                replication=replication,
-            )
-        )
+        by_clock = breaks if breaks and breaks.affects(chain.robot, "run") else None
+        name = (seed, replication, chain.robot)
+        found.append(Halts(stops, by_clock, name=name))
     return tuple(found)

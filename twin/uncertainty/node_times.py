@@ -1,9 +1,8 @@
-"""How long every node takes and stands still in a replication, drawn before the run begins.
+"""Durations and standstills of every node in a replication, drawn before the run begins.
 
-Of the disturbances these are the ones that depend on nothing that happens in the run: speed of
-motions, jitter, stalls, breakdowns by busy time, failed attempts at skills. The event engine and
-the engine that computes many replications side by side take the same draws. What happens at
-times of the run's clock is in ``twin.uncertainty.halts``.
+Speed of motions, jitter, stalls, breakdowns by busy time and failed attempts at skills depend on
+nothing that happens in the run, and stops by the run's clock are known as intervals. The event
+engine and the engine that computes many replications side by side take the same draws.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ from twin.durations import Nanoseconds
 from twin.uncertainty.chain_draws import Cause, ChainDraws, Standstills, TaskNodes
 from twin.uncertainty.contraction import Contraction
 from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.halts import Halts, sample_halts
 from twin.uncertainty.skill_durations import SkillDurations
 
 _MOST_VALUES = 4_000_000
@@ -53,12 +53,14 @@ class NodeTimes:
         standstills: what ``stall`` is made of, by node and in the order in which they happen.
         failed: the first node whose task fails for good, -1 for none. It never moves and is
             never complete: it has failed when its standstills are over.
+        halts: stops at times of the run's clock, None when nobody can ever stop.
     """
 
     motion: tuple[Nanoseconds, ...]
     stall: tuple[Nanoseconds, ...]
     standstills: tuple[tuple[Standstill, ...], ...]
     failed: tuple[int, ...]
+    halts: tuple[Halts, ...] | None = None
 
     @cached_property
     def busy(self) -> tuple[Nanoseconds, ...]:
@@ -105,7 +107,7 @@ class NodeTimeSampler:
     Args:
         tpg: the graph, not contracted.
         durations: give skills their undisturbed durations.
-        disturbances: what may go wrong; those at times of the run's clock play no part here.
+        disturbances: what may go wrong.
     """
 
     def __init__(
@@ -114,6 +116,7 @@ class NodeTimeSampler:
         durations: SkillDurations,
         disturbances: Disturbances,
     ) -> None:
+        self._tpg = tpg
         self._skills = durations.bind(tpg)
         self._disturbances = disturbances
         self._chains = [TaskNodes(tpg, chain) for chain in tpg.chains]
@@ -140,7 +143,12 @@ class NodeTimeSampler:
             stalls.append(stall)
             stands.append(tuple(sorted(entries, key=lambda entry: entry.node)))
             fails.append(int(failed[0]))
-        return NodeTimes(tuple(moves), tuple(stalls), tuple(stands), tuple(fails))
+        halts = sample_halts(
+            self._tpg, self._disturbances, seed=seed, replication=replication
+        )
+        return NodeTimes(
+            tuple(moves), tuple(stalls), tuple(stands), tuple(fails), halts
+        )
 
     def sample_segments(
         self, contraction: Contraction, *, seed: int, replications: npt.ArrayLike

@@ -10,6 +10,12 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy import stats
 
+from benchmarks.packaged_timings import (
+    PACKAGED,
+    SPREAD_S,
+    SPREAD_SHARE,
+    write_timings,
+)
 from planning.errors import ScenarioError
 from planning.tasks.task_graph import SKILLS
 from scheduling.graph.rollout import durations_ns
@@ -26,7 +32,6 @@ from twin.durations import (
     packaged_timings,
     to_nanoseconds,
 )
-from twin.durations.packaged.generate import SPREAD_S, SPREAD_SHARE, write_timings
 from twin.uncertainty.skill_durations import SkillDurations
 
 PROBABILITIES = (np.arange(200_000) + 0.5) / 200_000
@@ -150,13 +155,10 @@ def test_packaged_timings_keep_the_two_facts_of_the_paper() -> None:
 
 
 def test_packaged_timings_come_out_of_their_script(tmp_path: Path) -> None:
-    import twin.durations.packaged
-
     write_timings(tmp_path)
-    committed = Path(str(twin.durations.packaged.__file__)).parent
     for skill in SKILLS:
         name = f"{skill}.csv"
-        assert (tmp_path / name).read_text() == (committed / name).read_text()
+        assert (tmp_path / name).read_text() == (PACKAGED / name).read_text()
 
 
 def test_motions_keep_their_nominal_time_and_skills_vary() -> None:

@@ -90,7 +90,7 @@ def test_own_time_stands_while_stopped(
 def test_breakdowns_by_the_clock_are_the_same_however_they_are_asked_for() -> None:
     def fresh() -> Halts:
         return Halts(
-            [], Breakdowns(mtbf_s=10.0, mttr_s=3.0, clock="run"), robot="left", seed=4
+            [], Breakdowns(mtbf_s=10.0, mttr_s=3.0, clock="run"), name=(4, 0, "left")
         )
 
     late = fresh()

@@ -1,4 +1,4 @@
-"""Write the synthetic skill timings: ``python -m twin.durations.packaged.generate [FOLDER]``."""
+"""Write the synthetic skill timings: ``python -m benchmarks.packaged_timings [FOLDER]``."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+import twin.durations
 from planning.transforms import Array
 from twin.uncertainty.draws import uniforms
 
@@ -25,6 +26,9 @@ SPREAD_S = 2.0
 
 SPREAD_SHARE = 0.23
 """Largest deviation from a median in the paper's text, as a share of the median."""
+
+PACKAGED = Path(twin.durations.__file__).parent / "packaged"
+"""Where the timings are in the package."""
 
 ROWS = 60
 SEED = 10
@@ -59,4 +63,4 @@ def write_timings(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    write_timings(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)
+    write_timings(Path(sys.argv[1]) if len(sys.argv) > 1 else PACKAGED)
