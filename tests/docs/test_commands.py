@@ -15,6 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
+
+from twin.cli import app
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(
@@ -58,15 +61,20 @@ STORIES = {
 }
 
 
+def arguments(line: str, logs: Path | None) -> list[str]:
+    """Return the arguments of a command, which writes into a folder if that is given."""
+    program, *out = shlex.split(line)
+    assert program == "twin"
+    if logs is not None and out[0] in ("run", "compare", "fit"):
+        out += ["--out", str(logs)]
+    return out
+
+
 def run(
     line: str, logs: Path | None, folder: Path = ROOT
 ) -> subprocess.CompletedProcess[str]:
-    program, *arguments = shlex.split(line)
-    assert program == "twin"
-    if logs is not None and arguments[0] in ("run", "compare", "fit"):
-        arguments += ["--out", str(logs)]
     return subprocess.run(
-        [sys.executable, "-m", "twin.cli", *arguments],
+        [sys.executable, "-m", "twin.cli", *arguments(line, logs)],
         cwd=folder,
         capture_output=True,
         text=True,
@@ -81,9 +89,12 @@ def test_the_pages_have_commands() -> None:
 
 
 @pytest.mark.parametrize("command", CHEAP, ids=str)
-def test_command_runs(command: Command, tmp_path: Path) -> None:
-    done = run(command.line, tmp_path / "run")
-    assert done.returncode == 0, done.stderr
+def test_command_runs(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    done = CliRunner().invoke(app, arguments(command.line, tmp_path / "run"))
+    assert done.exit_code == 0, done.output
     assert command.output.strip() in done.stdout
 
 

@@ -97,7 +97,11 @@ class Auditor(AbstractContextManager["Auditor"]):
         self._world.close()
 
     def audit(
-        self, recording: Recording, progress: Report = report_nothing
+        self,
+        recording: Recording,
+        progress: Report = report_nothing,
+        *,
+        within: float = math.inf,
     ) -> AuditReport:
         """Audit an execution.
 
@@ -107,9 +111,11 @@ class Auditor(AbstractContextManager["Auditor"]):
         Args:
             recording: what was executed.
             progress: told how far the audit has come.
+            within: robots further apart than this are not measured; the least distance in the
+                report is at most this [m].
         """
         rule = ContactRule(self._tpg, recording)
-        watch = _Watch(self._world, rule, self._exempt)
+        watch = _Watch(self._world, rule, self._exempt, within)
         for stretch in stretches(self._world, recording):
             watch.look(stretch)
             progress(AUDIT, float(stretch.t[-1]), recording.end)
@@ -135,9 +141,10 @@ class _Watch:
         world: AuditWorld,
         rule: ContactRule,
         exempt: frozenset[tuple[int, int]],
+        within: float,
     ) -> None:
         self._world, self._rule, self._exempt = world, rule, exempt
-        self._least = math.inf
+        self._least = within
         self._configurations = 0
         self._samples = 0
         self._open: dict[tuple[str, str], _Overlap] = {}

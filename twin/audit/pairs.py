@@ -156,15 +156,17 @@ def _pairs(
     travelled = [_travelled(track, count) for track in moving]
     low = np.array([track.centre.min(axis=0) for track in moving])
     high = np.array([track.centre.max(axis=0) for track in moving])
+    radius = np.array([track.shape.radius for track in moving])
     for i, a in enumerate(moving):
-        for j in range(i + 1, len(moving)):
+        apart = np.maximum(np.maximum(low[i] - high, low - high[i]), 0.0)
+        near = np.linalg.norm(apart, axis=1) <= radius[i] + radius + max(least, 0.0)
+        for j in (np.flatnonzero(near[i + 1 :]) + i + 1).tolist():
+            if (i, j) in exempt:
+                continue
             b = moving[j]
             between_robots = a.holder != b.holder and j < arms
             room = a.shape.radius + b.shape.radius
             room += max(least, 0.0) if between_robots else 0.0
-            apart = np.maximum(np.maximum(low[i] - high[j], low[j] - high[i]), 0.0)
-            if (i, j) in exempt or apart @ apart > room * room:
-                continue
             close = np.linalg.norm(a.centre - b.centre, axis=1) <= room
             if np.any(close):
                 if a.holder == b.holder:

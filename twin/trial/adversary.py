@@ -7,6 +7,7 @@ passes through. The audit looks at each of these states.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -115,11 +116,11 @@ def audit_standing_states(
         progress: told of the states looked at so far and their number.
     """
     states = list(standing_states(tpg))
-    least, found = np.inf, []
+    least, found = math.inf, []
     with Auditor(tpg) as auditor:
         for k, state in enumerate(states):
-            report = auditor.audit(standing_recording(tpg, state))
-            least = min(least, report.min_distance_m)
+            report = auditor.audit(standing_recording(tpg, state), within=least)
+            least = report.min_distance_m
             found += [(state, violation) for violation in report.violations]
             progress(STOPPING, k + 1, len(states))
-    return AdversaryReport(len(states), float(least), tuple(found))
+    return AdversaryReport(len(states), least, tuple(found))
