@@ -12,7 +12,7 @@ import numpy as np
 from twin.durations.fittable import rounded
 from twin.fit.samples import Sample
 from twin.fit.selection import Candidate
-from twin.host.atomic import replacing
+from twin.host.atomic import write_text
 from twin.scenario.document.text import scenario_text
 
 
@@ -53,7 +53,7 @@ class Fit:
         return self.best.section
 
 
-def write_snippet(folder: Path, fits: Sequence[Fit], source: str) -> Path:
+def write_snippet(folder: Path, fits: Sequence[Fit], source: str) -> None:
     """Write ``durations.yaml``, and the durations of each sample that nothing fits.
 
     Args:
@@ -61,23 +61,14 @@ def write_snippet(folder: Path, fits: Sequence[Fit], source: str) -> Path:
         fits: of one file.
         source: name of that file, for the comment on top.
 
-    Returns:
-        The path of the snippet.
-
     Raises:
         OutputError: a file cannot be written.
     """
     for fit in fits:
         if fit.candidates and fit.best is None:
-            with replacing(folder / fit.csv) as temporary:
-                lines = "".join(
-                    f"{value!r}\n" for value in fit.sample.values_s.tolist()
-                )
-                temporary.write_text(f"duration_s\n{lines}", encoding="utf-8")
-    path = folder / "durations.yaml"
-    with replacing(path) as temporary:
-        temporary.write_text(snippet(fits, source), encoding="utf-8")
-    return path
+            lines = "".join(f"{value!r}\n" for value in fit.sample.values_s.tolist())
+            write_text(folder / fit.csv, f"duration_s\n{lines}")
+    write_text(folder / "durations.yaml", snippet(fits, source))
 
 
 def snippet(fits: Sequence[Fit], source: str) -> str:

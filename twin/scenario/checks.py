@@ -10,6 +10,7 @@ from pydantic import BaseModel
 from planning.errors import RobotModelError, ScenarioError
 from twin.assemblies.kinds import assembly_kind
 from twin.durations import DurationModel, Empirical
+from twin.scenario.disturbance_models import named_robots
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
@@ -105,24 +106,9 @@ def _check_robots(cell: CellSection, folder: Path) -> Found:
 def _check_robot_names(scenario: Scenario) -> Found:
     """Disturbances happen to robots of the cell."""
     names = [robot.name for robot in scenario.cell.robots]
-    execution = scenario.execution
-    used: list[tuple[KeyPath, str]] = [
-        (("execution", "speed", "robots", name), name)
-        for name in execution.speed.robots
-    ]
-    if execution.breakdowns is not None:
-        used += [
-            (("execution", "breakdowns", "robots", i), name)
-            for i, name in enumerate(execution.breakdowns.robots or ())
-        ]
-    used += [
-        (("execution", "emergency_stops", i, "robot"), stop.robot)
-        for i, stop in enumerate(execution.emergency_stops)
-        if stop.robot is not None
-    ]
-    for path, name in used:
+    for path, name in named_robots(scenario.execution):
         if name not in names:
-            yield path, unknown_name("robot", name, names)
+            yield ("execution", *path), unknown_name("robot", name, names)
 
 
 def _check_durations(value: object, at: KeyPath, folder: Path) -> Found:

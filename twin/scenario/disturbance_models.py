@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 from planning.errors import ScenarioError
+from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.execution import ExecutionSection
 from twin.uncertainty.disturbances import Disturbances
 
@@ -22,13 +24,22 @@ def scenario_disturbances(
     Raises:
         ScenarioError: a file of measured times cannot be read, or there is no such robot.
     """
-    broken = execution.breakdowns
-    named = [*execution.speed.robots, *((broken and broken.robots) or ())]
-    named += [stop.robot for stop in execution.emergency_stops if stop.robot]
-    for name in named:
+    for _, name in named_robots(execution):
         if name not in robots:
             raise ScenarioError(f"disturbances: no robot {name!r}", choices=robots)
     return execution.located(folder)
+
+
+def named_robots(execution: ExecutionSection) -> Iterator[tuple[KeyPath, str]]:
+    """Yield the robots that disturbances happen to, each with its key in the section."""
+    for name in execution.speed.robots:
+        yield ("speed", "robots", name), name
+    if execution.breakdowns is not None:
+        for i, name in enumerate(execution.breakdowns.robots or ()):
+            yield ("breakdowns", "robots", i), name
+    for i, stop in enumerate(execution.emergency_stops):
+        if stop.robot is not None:
+            yield ("emergency_stops", i, "robot"), stop.robot
 
 
 def needs_event_engine(execution: ExecutionSection) -> list[str]:
