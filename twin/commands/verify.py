@@ -44,14 +44,12 @@ def verify(
     """
     from scheduling.graph.plan_files import load_plan
     from scheduling.verification.verify import verify_plan
-    from twin.host.progress import StageDisplay
+    from twin.host.progress import StageDisplay, of_stage
     from twin.trial.adversary import audit_standing_states
 
     tpg = load_plan(folder)
     with StageDisplay(enabled=not (quiet or as_json)) as display:
-        report = verify_plan(
-            tpg, progress=lambda done, total: display("verification", done, total)
-        )
+        report = verify_plan(tpg, progress=of_stage(display, "verification"))
         standing = None
         if adversary:
             standing = audit_standing_states(tpg, display)

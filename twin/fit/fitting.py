@@ -9,7 +9,7 @@ from planning.errors import OutputError
 from twin.fit.samples import Sample
 from twin.fit.selection import fit_candidates
 from twin.fit.snippet import Fit
-from twin.host.progress import Report, report_nothing
+from twin.host.progress import Report, of_stage, report_nothing
 from twin.run.folder import prepare_run_folder
 
 
@@ -30,12 +30,11 @@ def fit_samples(
     """
     fits = []
     for sample in samples:
-
-        def step(done: float, total: float, name: str = sample.name) -> None:
-            progress(name, done, total)
-
         found = fit_candidates(
-            sample.values_s, resamples=resamples, seed=seed, progress=step
+            sample.values_s,
+            resamples=resamples,
+            seed=seed,
+            progress=of_stage(progress, sample.name),
         )
         fits.append(Fit(sample, found))
     return tuple(fits)

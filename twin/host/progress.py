@@ -25,6 +25,11 @@ def report_nothing(stage: str, done: float, total: float) -> None:
     """Take no notice."""
 
 
+def of_stage(report: Report, stage: str) -> Callable[[float, float], None]:
+    """Return what tells how much of one stage is done, and how much there is in all."""
+    return lambda done, total: report(stage, done, total)
+
+
 class StageDisplay:
     """A line a stage on standard error; nothing when that is no terminal or not wanted.
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from twin.host.progress import Report, report_nothing
+from twin.host.progress import Report, of_stage, report_nothing
 
 
 @dataclass
@@ -38,4 +38,4 @@ class StageWatch:
 
     def reporter(self, label: str) -> Callable[[float, float], None]:
         """Return what tells the display how much of a stage is done, and how much there is."""
-        return lambda done, total: self.report(label, done, total)
+        return of_stage(self.report, label)
