@@ -192,7 +192,7 @@ def shorten(
             candidates=candidates,
             seed=seed,
             progress=watch.reporter(SHORTCUTS),
-        ).tpg
+        )
         # A transit past HOME may serve two slots: there is nothing to wait for together any more.
         return replace(shorter, slots=np.empty(0, dtype=np.int64))
 
