@@ -9,22 +9,22 @@ the edges found so far (``growing``), which is the strictest reading of the algo
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
-from planning.geometry.hull_table import HullTable
 from planning.geometry.stretches import Stretch, make_stretch
+from planning.kernels import kernel, packed
 from planning.transforms import Indices
 from scheduling.conflicts.allowed_contacts import ContactTable
-from scheduling.conflicts.block_pairs import close_blocks, touching_bodies, wide_gap
+from scheduling.conflicts.block_pairs import close_blocks
 from scheduling.conflicts.close_bodies import (
     PROVED,
     Descent,
     keep_close_bodies,
     start_descent,
 )
-from scheduling.conflicts.conflict_search import ConflictChecker, proof_slack
+from scheduling.conflicts.conflict_search import ConflictChecker
 from scheduling.conflicts.occupancy import Occupancy
 from scheduling.conflicts.staircase import raise_floor
 from scheduling.conflicts.swept_sequence import (
@@ -36,56 +36,47 @@ from scheduling.graph.reduction import NodeOrder
 from scheduling.graph.total_order import nodes_before
 
 
-def segment_capsules(occupancy: Occupancy) -> SweptSequence:
-    """Return an occupancy's sequence with every segment a block of its own, without a tree."""
+def segment_capsules(occupancy: Occupancy) -> Occupancy:
+    """Return an occupancy with every segment a block of its own, without a tree."""
     tree = occupancy.sequence
     count, capsules = len(tree.node), tree.capsules.shape[1]
     first = np.arange(count)
-    flat = tree._replace(
-        block_first=first,
-        block_last=first + 1,
-        block_low=np.empty((count, 3)),
-        block_high=np.empty((count, 3)),
-        capsules=room_for_capsules(count, capsules),
+    flat = packed(
+        tree._replace(
+            block_first=first,
+            block_last=first + 1,
+            block_box=np.empty((count, 6)),
+            capsules=room_for_capsules(count, capsules),
+        )
     )
-    _bound_segments(flat, occupancy.hulls, make_stretch(occupancy.hulls))
-    return flat
+    _bound_segments(flat, make_stretch(flat.hulls))
+    return replace(occupancy, sequence=flat)
 
 
-@njit(cache=True)
-def _bound_segments(seq: SweptSequence, hulls: HullTable, room: Stretch) -> None:
+@kernel
+def _bound_segments(seq: SweptSequence, room: Stretch) -> None:
     for s in range(len(seq.node)):
-        bound_leaf(seq, hulls, s, room)
+        bound_leaf(seq, s, room)
 
 
-@njit(cache=True)
+@kernel
 def _scan(
-    a: SweptSequence,
-    a_hulls: HullTable,
-    b: SweptSequence,
-    b_hulls: HullTable,
-    table: ContactTable,
-    slack: float,
-    floor: Indices,
-    stop: Indices,
-    growing: bool,
-    room: Descent,
-    at: Indices,
-    hits: Indices,
+    descent: Descent, stop: Indices, growing: bool, at: Indices, hits: Indices
 ) -> tuple[int, int, int]:
     """Go on until hulls have to be decided on, or ``hits`` is full.
 
     Args:
+        descent: what is compared, every segment a block of its own.
         stop: one above the last segment of b at stake for each segment of a.
+        growing: whether what the edges found so far imply is skipped.
         at: segment of a, the segment of b looked at last, and how many pairs were tested.
         hits: receives nodes (v, u) that are proved to conflict, shape (room, 2).
 
     Returns:
-        Where in ``room.pairs`` the bodies begin that have to be decided on, how many they are,
-        and the number of hits; all are 0 at the end.
+        Where in ``descent.pairs`` the bodies begin that have to be decided on, how many they
+        are, and the number of hits; all are 0 at the end.
     """
-    gap = wide_gap(table, slack)
-    exact = not np.isnan(slack)
+    a, b, floor = descent.a, descent.b, descent.floor
     s, t = at[0], at[1]
     found = 0
     while s < len(a.node):
@@ -93,31 +84,13 @@ def _scan(
         while t > 0 and b.node[t - 1] > floor[v]:
             t -= 1
             at[2] += 1
-            if exact:
-                count = close_blocks(a, s, b, t, gap, True, room.pairs)
-                if count == 0:
-                    continue
-                kept = keep_close_bodies(
-                    a,
-                    a_hulls,
-                    s,
-                    s + 1,
-                    b,
-                    b_hulls,
-                    t,
-                    t + 1,
-                    table,
-                    slack,
-                    room,
-                    0,
-                    count,
-                    True,
-                )
-            else:
-                kept = touching_bodies(a, s, b, t, table, False, room.pairs)
+            count = close_blocks(a, s, b, t, descent.gap, True, descent.pairs)
+            if count == 0:
+                continue
+            kept = keep_close_bodies(descent, s, s + 1, t, t + 1, 0, count)
             if kept == 0:
                 continue
-            if exact and kept != PROVED:
+            if kept != PROVED:
                 at[0], at[1] = s, t
                 return count, kept, found
             hits[found, 0], hits[found, 1] = v, b.node[t]
@@ -136,7 +109,7 @@ def _scan(
     return 0, 0, found
 
 
-@njit(cache=True)
+@kernel
 def _before_node(b: SweptSequence, t: int) -> int:
     """Return the first segment of the node that a segment belongs to."""
     while t > 0 and b.node[t - 1] == b.node[t]:
@@ -146,37 +119,24 @@ def _before_node(b: SweptSequence, t: int) -> int:
 
 def search_double_loop(
     a: Occupancy,
-    a_flat: SweptSequence,
     b: Occupancy,
-    b_flat: SweptSequence,
     floor: Indices,
     limit: Indices,
     table: ContactTable,
     checker: ConflictChecker,
     growing: bool,
 ) -> tuple[Indices, int]:
-    """Return conflicting nodes (v, u), shape (found, 2), and how many pairs were tested."""
-    room = start_descent(a.hulls, b.hulls)
-    stop = np.searchsorted(b_flat.node, limit[a_flat.node], side="left")
+    """Return conflicting nodes (v, u), shape (found, 2), and how many pairs were tested.
+
+    Every segment of ``a`` and ``b`` is a block of its own; see ``segment_capsules``.
+    """
+    room = start_descent(a.sequence, b.sequence, table, floor, limit, checker.slack)
+    stop = np.searchsorted(b.sequence.node, limit[a.sequence.node], side="left")
     at = np.array([0, stop[0], 0], dtype=np.int64)
-    slack = proof_slack(checker)
     hits = np.empty((65536, 2), dtype=np.int64)
     out = [np.empty((0, 2), dtype=np.int64)]
     while True:
-        first, count, found = _scan(
-            a_flat,
-            a.hulls,
-            b_flat,
-            b.hulls,
-            table,
-            slack,
-            floor,
-            stop,
-            growing,
-            room,
-            at,
-            hits,
-        )
+        first, count, found = _scan(room, stop, growing, at, hits)
         out.append(hits[:found].copy())
         if count == 0:
             if found == 0:
@@ -185,17 +145,16 @@ def search_double_loop(
         s, t = int(at[0]), int(at[1])
         which = slice(first, first + count)
         if checker.conflict(a, s, b, t, room.pairs[which], room.where[which]):
-            v, u = int(a_flat.node[s]), int(b_flat.node[t])
+            v, u = int(a.sequence.node[s]), int(b.sequence.node[t])
             out.append(np.array([[v, u]]))
             if growing:
                 raise_floor(floor, v, u)
             else:
-                at[1] = _before_node(b_flat, t)
+                at[1] = _before_node(b.sequence, t)
 
 
 def find_edges_double_loop(
-    occupancies: Sequence[Occupancy],
-    flat: Sequence[SweptSequence],
+    flat: Sequence[Occupancy],
     ranks: Sequence[Indices],
     order: NodeOrder,
     table: ContactTable,
@@ -205,12 +164,10 @@ def find_edges_double_loop(
     """Return what ``find_motion_edges`` returns, by the double loop, and the pairs tested."""
     tests = 0
     edges = [np.empty((0, 4), dtype=np.int64)]
-    robots = range(len(occupancies))
+    robots = range(len(flat))
     for i, k in ((i, k) for i in robots for k in robots if i != k):
         pairs, tested = search_double_loop(
-            occupancies[i],
             flat[i],
-            occupancies[k],
             flat[k],
             np.ascontiguousarray(order.last_before(i, k)),
             nodes_before(ranks, i, k),

@@ -22,7 +22,7 @@ class Capsules:
     radius: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ConvexBody:
     """A convex hull and capsules whose union contains it.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from planning.cell.body import ConvexBody
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import PlacedRobot
+from planning.kernels import packed
 from planning.transforms import Array, Indices, Transform
 
 
@@ -38,7 +40,60 @@ class RobotKernel(NamedTuple):
     body: Indices
 
 
-_BARE: dict[int, tuple[RobotModel, RobotKernel]] = {}
+NO_ROBOT = packed(
+    RobotKernel(
+        np.empty((0, 4, 4)),
+        np.empty((0, 3)),
+        np.empty(0, dtype=np.bool_),
+        np.eye(4),
+        np.empty(0, dtype=np.int64),
+        np.empty((0, 3)),
+        np.empty((0, 3)),
+        np.empty(0),
+        np.empty(0, dtype=np.int64),
+    )
+)
+"""Carries what nothing carries."""
+
+
+class JointTable(NamedTuple):
+    """Joints of one robot.
+
+    Attributes:
+        placement, axis, prismatic: see KinematicChain.
+        base: pose of the base in the world, the identity where all is seen from it, shape
+            (4, 4).
+        lower, upper: joint limits, shape (n,) [rad or m].
+    """
+
+    placement: Array
+    axis: Array
+    prismatic: npt.NDArray[np.bool_]
+    base: Array
+    lower: Array
+    upper: Array
+
+
+@cache
+def joint_table(model: RobotModel) -> JointTable:
+    """Return the joints of a robot, seen from its base."""
+    chain = model.chain
+    table = JointTable(
+        np.ascontiguousarray(chain.placement, dtype=np.float64),
+        np.ascontiguousarray(chain.axis, dtype=np.float64),
+        np.ascontiguousarray(chain.prismatic, dtype=np.bool_),
+        np.eye(4),
+        np.ascontiguousarray(model.lower, dtype=np.float64),
+        np.ascontiguousarray(model.upper, dtype=np.float64),
+    )
+    return packed(table)
+
+
+@lru_cache(maxsize=1024)
+def placed_joints(robot: PlacedRobot) -> JointTable:
+    """Return the joints of a robot where it stands."""
+    base = np.ascontiguousarray(robot.base, dtype=np.float64)
+    return packed(joint_table(robot.model)._replace(base=base))
 
 
 def robot_kernel(
@@ -50,38 +105,40 @@ def robot_kernel(
         robot: the placed robot.
         held: bodies in the hand, each with its pose in the flange frame.
     """
-    if not held:
-        # Bodies never change. The model is kept so that its id is not given to another one.
-        known = _BARE.get(id(robot.model))
-        if known is not None and known[0] is robot.model:
-            base = np.ascontiguousarray(robot.base, dtype=np.float64)
-            return known[1]._replace(base=base)
-        kernel = _collect(robot, held)
-        _BARE[id(robot.model)] = (robot.model, kernel)
-        return kernel
-    bare = robot_kernel(robot)
-    return _join(bare, _collect(robot, held, parts=False))
+    bare = _bare(robot)
+    return _join(bare, _collect(robot.model, held, parts=False)) if held else bare
+
+
+@lru_cache(maxsize=1024)
+def _bare(robot: PlacedRobot) -> RobotKernel:
+    base = np.ascontiguousarray(robot.base, dtype=np.float64)
+    return packed(_parts(robot.model)._replace(base=base))
+
+
+@cache
+def _parts(model: RobotModel) -> RobotKernel:
+    return _collect(model, ())
 
 
 def _join(first: RobotKernel, second: RobotKernel) -> RobotKernel:
     """Return a robot with the bodies of both."""
-    return first._replace(
+    joined = first._replace(
         joint=np.concatenate([first.joint, second.joint]),
         start=np.concatenate([first.start, second.start]),
         end=np.concatenate([first.end, second.end]),
         radius=np.concatenate([first.radius, second.radius]),
         body=np.concatenate([first.body, second.body]),
     )
+    return packed(joined)
 
 
 def _collect(
-    robot: PlacedRobot,
+    model: RobotModel,
     held: Sequence[tuple[ConvexBody, Transform]],
     *,
     parts: bool = True,
 ) -> RobotKernel:
-    """Return the arrays of the robot's parts, if wanted, and of what it holds."""
-    model = robot.model
+    """Return the arrays of a robot's parts, if wanted, and of what it holds, its base aside."""
     joint: list[Indices] = []
     start: list[Array] = []
     end: list[Array] = []
@@ -105,7 +162,7 @@ def _collect(
         np.ascontiguousarray(model.chain.placement, dtype=np.float64),
         np.ascontiguousarray(model.chain.axis, dtype=np.float64),
         np.ascontiguousarray(model.chain.prismatic, dtype=np.bool_),
-        np.ascontiguousarray(robot.base, dtype=np.float64),
+        np.eye(4),
         np.ascontiguousarray(np.concatenate(joint), dtype=np.int64),
         np.ascontiguousarray(np.concatenate(start), dtype=np.float64),
         np.ascontiguousarray(np.concatenate(end), dtype=np.float64),

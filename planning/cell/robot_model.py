@@ -44,7 +44,7 @@ class LinkPart:
     body: ConvexBody
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RobotModel:
     """A robot type, free of any placement in a cell.
 

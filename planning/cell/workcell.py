@@ -10,7 +10,7 @@ from planning.cell.robot_model import RobotModel
 from planning.transforms import Array, Transform
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlacedRobot:
     """A robot of the cell.
 

@@ -6,85 +6,45 @@ Capsules propose pairs of bodies; those whose hulls are proved apart are dropped
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from planning.cell.compiled_robot import RobotKernel
 from planning.geometry.exact import TOLERANCE
-from planning.geometry.hull_table import HullTable
 from planning.geometry.proposals import BOX, SELF, Scene, propose
-from planning.geometry.separation import (
-    APART,
-    CONFLICT,
-    Scratch,
-    judge_hulls,
-    pose_segments,
-)
+from planning.geometry.separation import APART, CONFLICT, judge_hulls, pose_segments
+from planning.kernels import ZERO, inner_kernel, kernel
 from planning.transforms import Array, Indices
 
-_ROOM = 512
+_ROOM = ZERO + 512
 
 HIT = -1
 """In the place of a probe: somewhere the robot is too close to something."""
 
 
-@njit(cache=True, nogil=True)
-def _room(n: int, m: int, a_corners: int, b_corners: int) -> Scratch:
-    """Return room for bodies of chains of n and m joints."""
-    return Scratch(
-        np.empty((n + 1, 4, 4)),
-        np.empty((m + 1, 4, 4)),
-        np.empty((n + 1, 4, 4)),
-        np.empty((m + 1, 4, 4)),
-        np.empty((2 * a_corners, 3)),
-        np.empty((2 * b_corners, 3)),
-        np.empty((64, 4)),
-        np.full(2, -1, dtype=np.int64),
-        np.empty(2),
-        np.zeros((5, n)),
-        np.zeros((5, m)),
-        np.zeros(3),
-    )
+@inner_kernel
+def _pose_whole(scene: Scene, q_a: Array, q_b: Array, lo: float, hi: float) -> None:
+    """Pose a stretch of a motion, as it is seen from the world."""
+    whole, scratch = scene.own.hulls, scene.on_standing
+    for j in range(q_a.shape[0]):
+        step = q_b[j] - q_a[j]
+        whole.q_a[0, j], whole.q_b[0, j] = q_a[j] + lo * step, q_a[j] + hi * step
+    scratch.posed[0] = -1
 
 
-@njit(cache=True, nogil=True)
-def _with_motion(table: HullTable, q_a: Array, q_b: Array) -> HullTable:
-    """Return the same bodies on a motion of their own, shapes (1, n)."""
-    return HullTable(
-        table.kernel,
-        q_a,
-        q_b,
-        table.solid,
-        table.joint,
-        table.corner_first,
-        table.corners,
-        table.capsule_first,
-        table.ends,
-        table.radius,
-    )
-
-
-@njit(cache=True, nogil=True)
-def _pose_above(
-    table: HullTable, root: int, q_a: Array, q_b: Array, scratch: Scratch
-) -> None:
-    """Pose a motion as it is seen from a joint: only the joints above it move."""
-    n = q_a.shape[0]
-    for j in range(n):
+@inner_kernel
+def _pose_above(scene: Scene, root: int) -> None:
+    """Pose the stretch as it is seen from a joint: only the joints above it move."""
+    whole, above, scratch = scene.own.hulls, scene.above, scene.on_itself
+    for j in range(whole.q_a.shape[1]):
+        a, b = whole.q_a[0, j], whole.q_b[0, j]
         if j <= root:
-            table.q_a[0, j] = table.q_b[0, j] = 0.5 * (q_a[j] + q_b[j])
-        else:
-            table.q_a[0, j], table.q_b[0, j] = q_a[j], q_b[j]
+            a = b = 0.5 * (a + b)
+        above.q_a[0, j], above.q_b[0, j] = a, b
     scratch.posed[0] = scratch.posed[1] = -1
-    pose_segments(table, 0, table, 0, scratch)
+    pose_segments(above, ZERO, above, ZERO, scratch)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _keep_unproved(
     scene: Scene,
-    moving: HullTable,
-    boxes: HullTable,
-    others: HullTable,
-    corners: Indices,
     q_a: Array,
     q_b: Array,
     when: Array,
@@ -96,41 +56,32 @@ def _keep_unproved(
 
     With ``stop`` set, HIT as soon as one of them is proved too close.
     """
-    n = q_a.shape[0]
-    on_boxes = _room(n, boxes.q_a.shape[1], corners[0], corners[1])
-    on_others = _room(n, others.q_a.shape[1], corners[0], corners[2])
-    on_itself = _room(n, n, corners[0], corners[0])
-    whole = _with_motion(moving, np.empty((1, n)), np.empty((1, n)))
-    above = _with_motion(moving, np.empty((1, n)), np.empty((1, n)))
-    step = q_b - q_a
+    whole, above = scene.own.hulls, scene.above
+    on_standing, on_itself = scene.on_standing, scene.on_itself
     lo = hi = -1.0
     root = -2
     kept = 0
     for k in range(count):
-        kind, i, j = what[k]
+        kind, i, j = what[k, 0], what[k, 1], what[k, 2]
         if when[k, 0] != lo or when[k, 1] != hi:
-            lo, hi = when[k]
-            whole.q_a[0] = q_a + lo * step
-            whole.q_b[0] = q_a + hi * step
-            on_boxes.posed[0] = on_others.posed[0] = -1
+            lo, hi = when[k, 0], when[k, 1]
+            _pose_whole(scene, q_a, q_b, lo, hi)
             root = -2
         if kind == SELF:
-            lower = min(moving.joint[i], moving.joint[j])
+            lower = min(whole.joint[i], whole.joint[j])
             if lower != root:
                 root = lower
-                _pose_above(above, root, whole.q_a[0], whole.q_b[0], on_itself)
-            on_itself.direction[:] = 0.0
+                _pose_above(scene, root)
+            for r in range(3):
+                on_itself.direction[r] = 0.0
             # What the exact decision tolerates is left to it.
             limit = scene.self_limit[i, j] + TOLERANCE
-            answer = judge_hulls(above, 0, i, above, 0, j, limit, on_itself)
-        elif kind == BOX:
-            pose_segments(whole, 0, boxes, 0, on_boxes)
-            limit = scene.box_limit[i, j]
-            answer = judge_hulls(whole, 0, i, boxes, 0, j, limit, on_boxes)
+            answer = judge_hulls(above, i, above, j, limit, on_itself)
         else:
-            pose_segments(whole, 0, others, 0, on_others)
-            limit = scene.solid_limit[i, j]
-            answer = judge_hulls(whole, 0, i, others, 0, j, limit, on_others)
+            limits = scene.box_limit if kind == BOX else scene.solid_limit
+            standing = scene.boxes if kind == BOX else scene.others.hulls
+            pose_segments(whole, ZERO, standing, ZERO, on_standing)
+            answer = judge_hulls(whole, i, standing, j, limits[i, j], on_standing)
         if stop and answer == CONFLICT and kind != SELF:
             return HIT
         if answer != APART:
@@ -141,33 +92,18 @@ def _keep_unproved(
     return kept
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def find_undecided(
-    kernel: RobotKernel,
-    scene: Scene,
-    moving: HullTable,
-    boxes: HullTable,
-    others: HullTable,
-    corners: Indices,
-    q_a: Array,
-    q_b: Array,
-    probes: Array,
-    begin: int,
-    stop: bool,
-    resolution: float,
+    scene: Scene, q_a: Array, q_b: Array, probes: Array, begin: int, stop: bool
 ) -> tuple[int, Array, Indices]:
     """Look at some configurations of a motion, then at all of it, until something is undecided.
 
     Args:
-        kernel: the moving robot.
-        scene: what stands around it.
-        moving, boxes, others: corners of its bodies, the boxes and the other robots.
-        corners: most corners of a solid in each of these three, shape (3,).
+        scene: the robot and what stands around it.
         q_a, q_b: ends of the motion, shape (n,).
         probes: parameters in [0, 1] of the configurations to look at first, shape (p,).
         begin: the first of them to look at; p for the motion as a whole.
         stop: whether one pair that is proved too close is enough to know.
-        resolution: see ``propose``.
 
     Returns:
         The number of the probe (p for the whole motion, p + 1 when all is clear, HIT for a pair
@@ -181,24 +117,12 @@ def find_undecided(
             first = q_a + probes[k] * (q_b - q_a)
             last = first
         room = _ROOM
-        when, what, count = propose(kernel, scene, first, last, resolution, room)
+        when, what, count = propose(scene, first, last, room)
         while count < 0:
             room *= 8
-            when, what, count = propose(kernel, scene, first, last, resolution, room)
+            when, what, count = propose(scene, first, last, room)
         if count > 0:
-            count = _keep_unproved(
-                scene,
-                moving,
-                boxes,
-                others,
-                corners,
-                first,
-                last,
-                when,
-                what,
-                count,
-                stop,
-            )
+            count = _keep_unproved(scene, first, last, when, what, count, stop)
         if count == HIT:
             return HIT, when[:0].copy(), what[:0].copy()
         if count > 0:

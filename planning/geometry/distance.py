@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from planning.kernels import inner_kernel
 from planning.transforms import Array
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def segment_segment(a0: Array, a1: Array, b0: Array, b1: Array) -> float:
     """Return the squared distance [m^2] of segments a0-a1 and b0-b1, each end of shape (3,)."""
     return segment_distance(
@@ -24,7 +24,7 @@ def segment_segment(a0: Array, a1: Array, b0: Array, b1: Array) -> float:
     )
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def segment_distance(
     ux: float,
     uy: float,
@@ -68,7 +68,7 @@ def segment_distance(
     return float(dx * dx + dy * dy + dz * dz)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def segment_box(p0: Array, p1: Array, pose: Array, half: Array) -> float:
     """Return the squared distance [m^2] of a segment and a solid box.
 
@@ -108,7 +108,7 @@ def segment_box(p0: Array, p1: Array, pose: Array, half: Array) -> float:
     return _outside(a, u, half, t)
 
 
-@njit(cache=True, inline="always")
+@inner_kernel
 def _slope(a: Array, u: Array, half: Array, t: float) -> float:
     total = 0.0
     for r in range(3):
@@ -120,7 +120,7 @@ def _slope(a: Array, u: Array, half: Array, t: float) -> float:
     return total
 
 
-@njit(cache=True, inline="always")
+@inner_kernel
 def _outside(a: Array, u: Array, half: Array, t: float) -> float:
     total = 0.0
     for r in range(3):

@@ -13,10 +13,10 @@ from typing import Any
 
 import coal
 import numpy as np
-from numba import njit
 
 from planning.cell.body import ConvexBody
 from planning.cell.compiled_robot import RobotKernel
+from planning.kernels import kernel
 from planning.kinematics.chain import joint_poses
 from planning.transforms import Array, Transform
 
@@ -75,7 +75,7 @@ def carried_solid(
     return Solid(name, hull_shape(body), vertices, local, carrier, joint)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _carry(
     kernel: RobotKernel,
     joint: int,

@@ -8,8 +8,8 @@ walk. So "apart" is certain; everything else is left to the exact decision.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from planning.kernels import inner_kernel
 from planning.transforms import Array
 
 FAR, BETWEEN, CLOSE, TOO_CLOSE = 1, 0, -1, -2
@@ -29,7 +29,7 @@ _SLIVER = 1e-10
 """Faces of a smaller area have no reliable side [m^2]."""
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _support(corners: Array, count: int, x: float, y: float, z: float) -> int:
     best, at = -np.inf, 0
     for v in range(count):
@@ -39,7 +39,7 @@ def _support(corners: Array, count: int, x: float, y: float, z: float) -> int:
     return at
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def gap_class(
     a: Array,
     a_count: int,
@@ -113,7 +113,7 @@ def gap_class(
     return BETWEEN if lower >= near and norm < far else CLOSE
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _nearest(
     simplex: Array, size: int, vx: float, vy: float, vz: float
 ) -> tuple[int, float, float, float]:
@@ -185,7 +185,7 @@ def _nearest(
     return kept, vx, vy, vz
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _inside(simplex: Array) -> bool:
     """Tell whether the origin is inside a tetrahedron; one that is flat has no inside."""
     for s in range(4):
@@ -205,7 +205,7 @@ def _inside(simplex: Array) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _well_inside(simplex: Array) -> bool:
     """Tell whether the origin is inside a tetrahedron beyond what rounding could do."""
     for s in range(4):

@@ -7,12 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from planning.cell.body import ConvexBody
-from planning.cell.compiled_robot import RobotKernel
+from planning.cell.compiled_robot import NO_ROBOT, RobotKernel
 from planning.geometry.exact import Solid
-from planning.kinematics.chain import joint_poses
+from planning.kernels import inner_kernel, packed
 from planning.transforms import Array, Indices, Transform
 
 AT_REST = -2
@@ -46,6 +45,16 @@ class HullTable(NamedTuple):
     ends: Array
     radius: Array
 
+    @property
+    def most_corners(self) -> int:
+        """Most corners of a solid."""
+        return int(np.max(np.diff(self.corner_first), initial=0))
+
+    def on_a_motion(self) -> HullTable:
+        """Return the same bodies on one segment of its own."""
+        n = self.q_a.shape[1]
+        return packed(self._replace(q_a=np.zeros((1, n)), q_b=np.zeros((1, n))))
+
 
 def hull_table(
     kernel: RobotKernel,
@@ -58,7 +67,7 @@ def hull_table(
     """Collect bodies for compiled code.
 
     Args:
-        kernel: the robot that carries them; any, where none does.
+        kernel: the robot that carries them.
         q_a, q_b: ends of the segments, shape (s, n).
         solid: index of the solid of every body of every segment, shape (s, bodies).
         solids: the bodies as solids.
@@ -69,7 +78,7 @@ def hull_table(
     none = np.empty((0, 3))
     starts, ends = [none, *(p[0] for p in placed)], [none, *(p[1] for p in placed)]
     corners = [p[2] for p in placed]
-    return HullTable(
+    table = HullTable(
         kernel,
         q_a,
         q_b,
@@ -85,6 +94,13 @@ def hull_table(
         ),
         np.concatenate([np.empty(0), *(b.capsules.radius for b in bodies)]),
     )
+    return packed(table)
+
+
+def standing_hulls(solids: Sequence[Solid], bodies: Sequence[ConvexBody]) -> HullTable:
+    """Collect bodies that rest in the world."""
+    q, which = np.empty((1, 0)), np.arange(len(solids), dtype=np.int32)[None]
+    return hull_table(NO_ROBOT, q, q, which, solids, bodies)
 
 
 _PLACED: dict[tuple[int, bytes], tuple[ConvexBody, Array, Array, Array]] = {}
@@ -122,41 +138,19 @@ def placed_capsules(body: ConvexBody, pose: Transform) -> tuple[Array, Array, Ar
     )
 
 
-@njit(cache=True, nogil=True)
-def pose_joints(table: HullTable, q: Array, poses: Array) -> None:
-    """Write the joint poses at a configuration."""
-    kernel = table.kernel
-    joint_poses(kernel.placement, kernel.axis, kernel.prismatic, kernel.base, q, poses)
-
-
-@njit(cache=True, nogil=True)
-def place_corners(table: HullTable, solid: int, poses: Array, out: Array) -> int:
-    """Write the corners of a body in the world; return how many there are."""
-    first, last = table.corner_first[solid], table.corner_first[solid + 1]
-    return move_corners(table.corners, first, last, table.joint[solid], poses, out, 0)
-
-
-@njit(cache=True, nogil=True)
-def move_corners(
-    corners: Array,
-    first: int,
-    last: int,
-    joint: int,
-    poses: Array,
-    out: Array,
-    offset: int,
+@inner_kernel
+def place_corners(
+    table: HullTable, solid: int, poses: Array, out: Array, offset: int
 ) -> int:
-    """Write the corners ``range(first, last)`` from row ``offset`` on; return where they end.
-
-    Compiled calls cost by the number of arrays, so what is called most takes few.
-    """
+    """Write the corners of a body in the world from row ``offset`` on; return where they end."""
+    first, last = table.corner_first[solid], table.corner_first[solid + 1]
+    corners, p = table.corners, table.joint[solid] + 1
     end = offset + last - first
-    if joint == AT_REST:
+    if p <= AT_REST + 1:
         for v in range(first, last):
             for r in range(3):
                 out[offset + v - first, r] = corners[v, r]
         return int(end)
-    p = joint + 1
     for v in range(first, last):
         x, y, z = corners[v, 0], corners[v, 1], corners[v, 2]
         for r in range(3):
@@ -169,7 +163,7 @@ def move_corners(
     return int(end)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def stray(
     table: HullTable, solid: int, travel: Array, aside: Array, poses: Array
 ) -> tuple[float, float, float]:
@@ -190,34 +184,10 @@ def stray(
         product of their travels times the point's distance from the axis of the one nearer to
         the tip. Third from where it is on the straight joint-space motion.
     """
-    return stray_of_capsules(
-        table.ends,
-        table.radius,
-        table.capsule_first[solid],
-        table.capsule_first[solid + 1],
-        table.joint[solid],
-        table.kernel.axis,
-        table.kernel.prismatic,
-        travel,
-        aside,
-        poses,
-    )
-
-
-@njit(cache=True, nogil=True)
-def stray_of_capsules(
-    ends: Array,
-    radius: Array,
-    first: int,
-    last: int,
-    joint: int,
-    axis: Array,
-    prismatic: npt.NDArray[np.bool_],
-    travel: Array,
-    aside: Array,
-    poses: Array,
-) -> tuple[float, float, float]:
-    """Return what ``stray`` does for the capsules ``range(first, last)`` on a joint."""
+    ends, radius = table.ends, table.radius
+    first, last = table.capsule_first[solid], table.capsule_first[solid + 1]
+    axis, prismatic = table.kernel.axis, table.kernel.prismatic
+    joint = table.joint[solid]
     if joint == AT_REST:
         return 0.0, 0.0, 0.0
     count = last - first

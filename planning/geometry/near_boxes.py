@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from planning.cell.compiled_robot import RobotKernel
 from planning.geometry.distance import segment_box
 from planning.geometry.swept import sweep_segments
+from planning.kernels import kernel
 from planning.transforms import Array
 
 
@@ -42,7 +42,7 @@ def boxes_in_reach(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _near(
     start: Array, end: Array, reach: Array, pose: Array, half: Array
 ) -> npt.NDArray[np.bool_]:

@@ -5,11 +5,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from planning.cell.compiled_robot import RobotKernel
-from planning.geometry.distance import segment_box, segment_segment
-from planning.geometry.swept import place_capsules
+from planning.geometry.boxes import boxes_apart
+from planning.geometry.distance import segment_box
+from planning.geometry.hull_table import HullTable
+from planning.geometry.separation import Scratch
+from planning.geometry.swept_bodies import (
+    SweptBodies,
+    strays_where_they_meet,
+    sweep_bodies,
+)
+from planning.kernels import ZERO, inner_kernel
 from planning.transforms import Array, Indices
 
 SKIP = -1.0
@@ -17,178 +23,116 @@ SKIP = -1.0
 
 BOX, SOLID, SELF = 0, 1, 2
 
+RESOLUTION = 0.02
+"""Stretches of a motion that move no link further than this go to the exact decision [m]."""
+
 
 class Scene(NamedTuple):
-    """What a robot may not come close to, as flat arrays.
+    """A robot and what it may not come close to, for compiled code.
 
     Attributes:
+        own: bodies of the robot on a stretch of its motion.
+        others: bodies of robots that stand.
+        boxes: corners of boxes that stand.
         box_pose: pose of every box, shape (b, 4, 4).
         box_half: half edge lengths, shape (b, 3).
         box_bounds: least and greatest corner of each, shape (b, 6).
         box_limit: least distance of each own body to each box, SKIP for none, shape (o, b).
-        start, end, radius: capsules of the other obstacles, shapes (c, 3), (c, 3), (c,).
-        first: capsules of obstacle s are ``first[s]:first[s + 1]``, shape (s + 1,).
-        solid_bounds: least and greatest corner of each obstacle, shape (s, 6).
-        solid_limit: least distance of each own body to each obstacle, shape (o, s).
+        solid_limit: least distance of each own body to each other one, shape (o, s).
         self_limit: least distance between own bodies, upper triangle, shape (o, o).
-        own_first: capsules of own body o are ``own_first[o]:own_first[o + 1]``.
+        above: own bodies on the stretch as it is seen from a joint.
+        on_standing, on_itself: room to compare own hulls with those that stand, and with each
+            other.
     """
 
+    own: SweptBodies
+    others: SweptBodies
+    boxes: HullTable
     box_pose: Array
     box_half: Array
     box_bounds: Array
     box_limit: Array
-    start: Array
-    end: Array
-    radius: Array
-    first: Indices
-    solid_bounds: Array
     solid_limit: Array
     self_limit: Array
-    own_first: Indices
+    above: HullTable
+    on_standing: Scratch
+    on_itself: Scratch
 
 
-@njit(cache=True, nogil=True)
-def _bound_bodies(
-    kernel: RobotKernel,
-    own_first: Indices,
-    start: Array,
-    end: Array,
-    moved: Array,
-    bounds: Array,
-) -> None:
-    """Write the least and greatest corner of every own body's swept capsules, shape (o, 6)."""
-    for o in range(own_first.shape[0] - 1):
-        for r in range(3):
-            bounds[o, r] = np.inf
-            bounds[o, r + 3] = -np.inf
-        for c in range(own_first[o], own_first[o + 1]):
-            grown = kernel.radius[c] + moved[c, 0]
-            for r in range(3):
-                low = min(start[c, r], end[c, r]) - grown
-                high = max(start[c, r], end[c, r]) + grown
-                bounds[o, r] = min(bounds[o, r], low)
-                bounds[o, r + 3] = max(bounds[o, r + 3], high)
-
-
-@njit(cache=True, inline="always")
-def _apart(a: Array, i: int, b: Array, j: int, limit: float) -> bool:
-    return bool(
-        a[i, 0] - b[j, 3] > limit
-        or b[j, 0] - a[i, 3] > limit
-        or a[i, 1] - b[j, 4] > limit
-        or b[j, 1] - a[i, 4] > limit
-        or a[i, 2] - b[j, 5] > limit
-        or b[j, 2] - a[i, 5] > limit
-    )
-
-
-@njit(cache=True, nogil=True)
-def _hits(
-    kernel: RobotKernel,
-    scene: Scene,
-    start: Array,
-    end: Array,
-    moved: Array,
-    bounds: Array,
-    resolution: float,
-    out: Indices,
-) -> int:
+@inner_kernel
+def _hits(scene: Scene, out: Indices) -> int:
     """Write (kind, own body, other) of every close pair; -1 asks for a shorter stretch first."""
+    own, others = scene.own, scene.others
+    box, joint = own.box, own.hulls.joint
     count = 0
-    for o in range(scene.own_first.shape[0] - 1):
-        low, high = scene.own_first[o], scene.own_first[o + 1]
+    for o in range(box.shape[0]):
         for b in range(scene.box_bounds.shape[0]):
             limit = scene.box_limit[o, b]
-            if limit < 0.0 or _apart(bounds, o, scene.box_bounds, b, limit):
+            if limit < 0.0 or boxes_apart(box, o, scene.box_bounds, b, limit):
                 continue
-            for c in range(low, high):
-                near = kernel.radius[c] + moved[c, 0] + limit
-                gap = segment_box(
-                    start[c], end[c], scene.box_pose[b], scene.box_half[b]
-                )
-                if gap <= near * near:
-                    if moved[c, 0] > resolution:
-                        return -1
-                    count = _note(out, count, BOX, o, b)
-                    break
-        for s in range(scene.solid_bounds.shape[0]):
+            strayed = _strays_at_box(scene, o, b, limit)
+            if strayed > RESOLUTION:
+                return -1
+            if strayed >= 0.0:
+                out[count, 0], out[count, 1], out[count, 2] = BOX, o, b
+                count += 1
+        for s in range(others.box.shape[0]):
             limit = scene.solid_limit[o, s]
-            if limit < 0.0 or _apart(bounds, o, scene.solid_bounds, s, limit):
+            if limit < 0.0 or boxes_apart(box, o, others.box, s, limit):
                 continue
-            noted = count
-            for c in range(low, high):
-                for d in range(scene.first[s], scene.first[s + 1]):
-                    near = kernel.radius[c] + moved[c, 0] + scene.radius[d] + limit
-                    gap = segment_segment(
-                        start[c], end[c], scene.start[d], scene.end[d]
-                    )
-                    if gap <= near * near:
-                        if moved[c, 0] > resolution:
-                            return -1
-                        count = _note(out, noted, SOLID, o, s)
+            strayed = strays_where_they_meet(own, o, others, s, ZERO, limit, RESOLUTION)
+            if strayed > RESOLUTION:
+                return -1
+            if strayed >= 0.0:
+                out[count, 0], out[count, 1], out[count, 2] = SOLID, o, s
+                count += 1
         for p in range(o):
             limit = scene.self_limit[p, o]
-            if limit < 0.0 or _apart(bounds, o, bounds, p, limit):
+            if limit < 0.0 or boxes_apart(box, o, box, p, limit):
                 continue
             # Seen from the joint that carries the lower body, only the joints above it move.
-            root = kernel.joint[scene.own_first[p]]
-            root = min(root, kernel.joint[low]) + 1
-            noted = count
-            for c in range(low, high):
-                for d in range(scene.own_first[p], scene.own_first[p + 1]):
-                    strayed = moved[c, root] + moved[d, root]
-                    near = kernel.radius[c] + kernel.radius[d] + strayed + limit
-                    gap = segment_segment(start[c], end[c], start[d], end[d])
-                    if gap <= near * near:
-                        if strayed > resolution:
-                            return -1
-                        count = _note(out, noted, SELF, p, o)
+            root = min(joint[p], joint[o]) + 1
+            strayed = strays_where_they_meet(own, o, own, p, root, limit, RESOLUTION)
+            if strayed > RESOLUTION:
+                return -1
+            if strayed >= 0.0:
+                out[count, 0], out[count, 1], out[count, 2] = SELF, p, o
+                count += 1
     return count
 
 
-@njit(cache=True, inline="always")
-def _note(out: Indices, count: int, kind: int, body: int, other: int) -> int:
-    if count < out.shape[0]:
-        out[count, 0], out[count, 1], out[count, 2] = kind, body, other
-    return count + 1
+@inner_kernel
+def _strays_at_box(scene: Scene, o: int, b: int, limit: float) -> float:
+    """Return how far a capsule of an own body strays that meets a box, -1 where none does."""
+    own, pose, half = scene.own, scene.box_pose[b], scene.box_half[b]
+    for c in range(own.first[o], own.first[o + 1]):
+        strayed = own.moved[c, 0]
+        near = own.radius[c] + strayed + limit
+        if segment_box(own.start[c], own.end[c], pose, half) <= near * near:
+            return float(strayed)
+    return -1.0
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def propose(
-    kernel: RobotKernel,
-    scene: Scene,
-    q_a: Array,
-    q_b: Array,
-    resolution: float,
-    room: int,
+    scene: Scene, q_a: Array, q_b: Array, room: int
 ) -> tuple[Array, Indices, int]:
     """Return the pairs of bodies that may touch on a straight motion, and where on it.
 
     The motion is halved until every stretch either clears all capsules or moves none of those
-    that do not by more than ``resolution``.
+    that do not by more than RESOLUTION.
 
     Args:
-        kernel: the moving robot.
-        scene: what stands around it.
+        scene: the robot and what stands around it.
         q_a, q_b: ends of the motion, shape (n,); equal for a single configuration.
-        resolution: motion below which stretches are no longer split [m].
         room: proposals that fit in the answer.
 
     Returns:
         Stretches as parameters in [0, 1], shape (k, 2); rows (kind, own body, other), shape
         (k, 3); and k, or -1 when there were more than ``room``.
     """
-    n = q_a.shape[0]
-    caps = kernel.radius.shape[0]
-    own = scene.own_first.shape[0] - 1
-    start = np.empty((caps, 3))
-    end = np.empty((caps, 3))
-    moved = np.empty((caps, n + 1))
-    bounds = np.empty((own, 6))
-    poses = np.empty((n + 1, 4, 4))
-    q_mid = np.empty(n)
-    most = own * (scene.box_half.shape[0] + scene.solid_bounds.shape[0] + own)
+    own = scene.own.box.shape[0]
+    most = own * (scene.box_half.shape[0] + scene.others.box.shape[0] + own)
     pairs = np.empty((most, 3), dtype=np.int64)
     when = np.empty((room, 2))
     what = np.empty((room, 3), dtype=np.int64)
@@ -201,11 +145,8 @@ def propose(
     while depth > 0:
         depth -= 1
         lo, hi = lows[depth], highs[depth]
-        place_capsules(
-            kernel, q_a + lo * step, q_a + hi * step, poses, q_mid, start, end, moved
-        )
-        _bound_bodies(kernel, scene.own_first, start, end, moved, bounds)
-        found = _hits(kernel, scene, start, end, moved, bounds, resolution, pairs)
+        sweep_bodies(scene.own, q_a + lo * step, q_a + hi * step)
+        found = _hits(scene, pairs)
         if found < 0:
             middle = 0.5 * (lo + hi)
             lows[depth], highs[depth] = middle, hi

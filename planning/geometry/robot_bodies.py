@@ -13,7 +13,8 @@ from planning.cell.workcell import Attachment, CellObject, PlacedRobot
 from planning.geometry.exact import Solid, carried_solid
 from planning.geometry.hull_table import HullTable, hull_table
 from planning.geometry.proposals import SKIP
-from planning.kinematics.chain import joint_poses
+from planning.kernels import packed
+from planning.kinematics.kinematics import joint_poses_of
 from planning.transforms import Array, Indices
 
 Held = tuple[CellObject, Attachment]
@@ -99,7 +100,7 @@ def _collect(robot: PlacedRobot, held: Sequence[Held]) -> RobotBodies:
     bare = robot_bodies(robot)
     model = robot.model
     carried = [(item.body, at.pose) for item, at in held]
-    kernel = _writable(robot_kernel(robot, carried))
+    kernel = robot_kernel(robot, carried)
     load = tuple(
         carried_solid(
             item.name, item.body, kernel, model.dof - 1, model.flange @ at.pose
@@ -120,7 +121,7 @@ def _collect(robot: PlacedRobot, held: Sequence[Held]) -> RobotBodies:
 
 def _bare(robot: PlacedRobot) -> RobotBodies:
     model = robot.model
-    kernel = _writable(robot_kernel(robot))
+    kernel = robot_kernel(robot)
     solids = tuple(robot_solids(robot, kernel))
     count = len(solids)
     limits = np.full((count, count), SKIP)
@@ -160,7 +161,7 @@ def _append(
     which = np.arange(len(load), dtype=np.int32)[None]
     more = hull_table(kernel, bare.q_a, bare.q_b, which, load, bodies)
     count = bare.solid.shape[1] + len(load)
-    return HullTable(
+    table = HullTable(
         kernel,
         bare.q_a,
         bare.q_b,
@@ -176,31 +177,12 @@ def _append(
         np.concatenate([bare.ends, more.ends]),
         np.concatenate([bare.radius, more.radius]),
     )
+    return packed(table)
 
 
 def first_of_bodies(bodies: Indices, count: int) -> Indices:
     """Return where each body's capsules start in a sorted list of body indices."""
     return np.searchsorted(bodies, np.arange(count + 1)).astype(np.int64)
-
-
-def _writable(kernel: RobotKernel) -> RobotKernel:
-    """Return a copy in writable arrays: numba compiles read-only ones anew."""
-    return RobotKernel._make(np.array(values) for values in kernel)
-
-
-def joint_poses_of(robot: PlacedRobot, q: Array) -> Array:
-    """Return the world poses of a robot's base and joints at ``q``, shape (n + 1, 4, 4)."""
-    chain = robot.model.chain
-    poses = np.empty((len(q) + 1, 4, 4))
-    joint_poses(
-        chain.placement,
-        chain.axis,
-        chain.prismatic,
-        robot.base,
-        np.asarray(q, dtype=np.float64),
-        poses,
-    )
-    return poses
 
 
 def flange_pose(robot: PlacedRobot, q: Array) -> Array:

@@ -25,11 +25,14 @@ from planning.geometry.robot_bodies import (
     entity,
     flange_pose,
     held_by,
-    joint_poses_of,
     robot_bodies,
     robot_solids,
 )
+from planning.geometry.separation import room_for
 from planning.geometry.standing import StandingBoxes, stand_boxes, stand_robots
+from planning.geometry.swept_bodies import make_swept
+from planning.kernels import packed
+from planning.kinematics.kinematics import joint_poses_of
 from planning.transforms import Array, Indices
 
 __all__ = [
@@ -40,9 +43,6 @@ __all__ = [
     "joint_poses_of",
     "robot_solids",
 ]
-
-RESOLUTION = 0.02
-"""Stretches of a motion that move no link further than this go to the exact decision [m]."""
 
 _PROBE = 0.35
 """Joint travel (largest joint) between the configurations probed before a whole motion [rad]."""
@@ -161,29 +161,23 @@ class SceneChecker:
         others = [other for other in cell.robots if other.name != robot]
         self._others = stand_robots(others, configurations)
         self.kernel = self._own.kernel
-        self._box_hulls = boxes.hulls(self.kernel)
-        self._corners = np.array(
-            [
-                np.max(np.diff(self._own.hulls.corner_first), initial=0),
-                boxes.places.most_corners,
-                np.max(np.diff(self._others.hulls.corner_first), initial=0),
-            ],
-            dtype=np.int64,
-        )
+        own, standing = make_swept(self._own.hulls), self._others.bodies
+        n, corners = self.robot.model.dof, self._own.hulls.most_corners
+        most = max(boxes.places.most_corners, standing.hulls.most_corners)
         none = np.empty((0, 0))
         self._scene = Scene(
+            own,
+            standing,
+            boxes.hulls,
             boxes.pose,
             boxes.half,
             boxes.bounds,
             none,
-            self._others.start,
-            self._others.end,
-            self._others.radius,
-            self._others.first,
-            self._others.bounds,
             none,
             none,
-            self._own.first,
+            own.hulls.on_a_motion(),
+            room_for(n, 0, corners, most),
+            room_for(n, n, corners, corners),
         )
         self._allow(allowed)
 
@@ -201,7 +195,7 @@ class SceneChecker:
         other._gone = tuple({*self._gone, *gone})
         limits = self._scene.box_limit.copy()
         limits[:, list(other._gone)] = SKIP
-        other._scene = self._scene._replace(box_limit=limits)
+        other._scene = packed(self._scene._replace(box_limit=limits))
         return other
 
     def _allow(self, allowed: frozenset[frozenset[str]]) -> None:
@@ -234,8 +228,10 @@ class SceneChecker:
                         if i < parts <= j:
                             self_limit[i, j] = SKIP
         box_limit[:, list(self._gone)] = SKIP
-        self._scene = self._scene._replace(
-            box_limit=box_limit, solid_limit=solid_limit, self_limit=self_limit
+        self._scene = packed(
+            self._scene._replace(
+                box_limit=box_limit, solid_limit=solid_limit, self_limit=self_limit
+            )
         )
 
     def configuration_free(self, q: Array) -> bool:
@@ -297,18 +293,12 @@ class SceneChecker:
         self, q_a: Array, q_b: Array, probes: Array, begin: int, *, stop: bool
     ) -> tuple[int, Array, Indices]:
         return find_undecided(
-            self.kernel,
             self._scene,
-            self._own.hulls,
-            self._box_hulls,
-            self._others.hulls,
-            self._corners,
             q_a,
             q_b,
             probes,
             begin,
             stop,
-            RESOLUTION,
         )
 
     def _limit(self, kind: int, body: int, other: int) -> float:

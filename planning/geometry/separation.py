@@ -5,18 +5,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from planning.geometry.exact import TOLERANCE
 from planning.geometry.gjk import BETWEEN, CLOSE, FAR, TOO_CLOSE, gap_class
 from planning.geometry.hull_table import (
     AT_REST,
     HullTable,
-    move_corners,
     place_corners,
-    pose_joints,
     stray,
 )
+from planning.kernels import ZERO, inner_kernel, packed
+from planning.kinematics.chain import pose_joints
 from planning.transforms import Array, Indices
 
 APART, UNDECIDED, CONFLICT = 1, 0, -1
@@ -57,24 +56,35 @@ class Scratch(NamedTuple):
 
 def make_scratch(a: HullTable, b: HullTable) -> Scratch:
     """Return room for the bodies of two occupancies."""
-    n, m = a.q_a.shape[1] + 1, b.q_a.shape[1] + 1
-    return Scratch(
-        np.empty((n, 4, 4)),
-        np.empty((m, 4, 4)),
-        np.empty((n, 4, 4)),
-        np.empty((m, 4, 4)),
-        np.empty((2 * int(np.max(np.diff(a.corner_first), initial=0)), 3)),
-        np.empty((2 * int(np.max(np.diff(b.corner_first), initial=0)), 3)),
+    joints = a.q_a.shape[1], b.q_a.shape[1]
+    return room_for(*joints, a.most_corners, b.most_corners)
+
+
+def room_for(n: int, m: int, a_corners: int, b_corners: int) -> Scratch:
+    """Return room for two occupancies.
+
+    Args:
+        n, m: joints of either.
+        a_corners, b_corners: most corners of a solid of either.
+    """
+    scratch = Scratch(
+        np.empty((n + 1, 4, 4)),
+        np.empty((m + 1, 4, 4)),
+        np.empty((n + 1, 4, 4)),
+        np.empty((m + 1, 4, 4)),
+        np.empty((2 * a_corners, 3)),
+        np.empty((2 * b_corners, 3)),
         np.empty((64, 4)),
         np.full(2, -1, dtype=np.int64),
         np.empty(2),
-        np.zeros((5, n - 1)),
-        np.zeros((5, m - 1)),
+        np.zeros((5, n)),
+        np.zeros((5, m)),
         np.zeros(3),
     )
+    return packed(scratch)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def pose_segments(a: HullTable, s: int, b: HullTable, t: int, scratch: Scratch) -> None:
     """Prepare two segments for ``hulls_stay_apart``."""
     if scratch.posed[0] != s:
@@ -85,15 +95,15 @@ def pose_segments(a: HullTable, s: int, b: HullTable, t: int, scratch: Scratch) 
         scratch.posed[1] = t
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _pose_middle(table: HullTable, s: int, joints: Array, poses: Array) -> None:
     """Write the joint poses in the middle of a segment."""
     for j in range(table.q_a.shape[1]):
         joints[_MIDDLE, j] = 0.5 * (table.q_a[s, j] + table.q_b[s, j])
-    _pose_at(table, joints, _MIDDLE, poses)
+    _pose_at(table, joints[_MIDDLE], poses)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _stretch(table: HullTable, s: int, lo: float, hi: float, joints: Array) -> None:
     """Write the joints of a stretch of a segment; see Scratch."""
     q_a, q_b = table.q_a, table.q_b
@@ -105,52 +115,39 @@ def _stretch(table: HullTable, s: int, lo: float, hi: float, joints: Array) -> N
         joints[_MIDDLE, j] = 0.5 * (joints[_FROM, j] + joints[_TO, j])
 
 
-@njit(cache=True, nogil=True)
-def _pose_at(table: HullTable, joints: Array, which: int, poses: Array) -> None:
-    """Write the joint poses at one of the configurations of a stretch."""
-    pose_joints(table, joints[which, : table.q_a.shape[1]], poses)
+@inner_kernel
+def _pose_at(table: HullTable, q: Array, poses: Array) -> None:
+    """Write the joint poses at a configuration, shape (at least n,)."""
+    pose_joints(table.kernel, q[: table.q_a.shape[1]], poses)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def hulls_stay_apart(
-    a: HullTable,
-    s: int,
-    i: int,
-    b: HullTable,
-    t: int,
-    j: int,
-    clearance: float,
-    scratch: Scratch,
+    a: HullTable, i: int, b: HullTable, j: int, clearance: float, scratch: Scratch
 ) -> bool:
     """Tell whether two bodies are proved to keep a clearance; see ``judge_hulls``."""
-    return bool(judge_hulls(a, s, i, b, t, j, clearance, scratch) == APART)
+    return bool(judge_hulls(a, i, b, j, clearance, scratch) == APART)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def judge_hulls(
-    a: HullTable,
-    s: int,
-    i: int,
-    b: HullTable,
-    t: int,
-    j: int,
-    clearance: float,
-    scratch: Scratch,
+    a: HullTable, i: int, b: HullTable, j: int, clearance: float, scratch: Scratch
 ) -> int:
     """Tell whether two bodies keep a clearance, each anywhere on its motion, as far as proved.
 
     Args:
-        a, s, i: an occupancy, a segment of it and a body.
-        b, t, j: likewise for the other.
+        a, i: an occupancy, and a body of it.
+        b, j: likewise for the other.
         clearance: least distance [m]; where negative, 0 is proved or nothing.
-        scratch: after ``pose_segments`` for s and t; where the answer is not APART, ``where``
-            says where they come close.
+        scratch: after ``pose_segments``; where the answer is not APART, ``where`` says where
+            they come close.
 
     Returns:
         APART when they keep it, CONFLICT when somewhere they do not, or come within TOLERANCE
         of it, UNDECIDED when neither is proved.
     """
-    x, y = a.solid[s, i], b.solid[t, j]
+    s, t = scratch.posed[0], scratch.posed[1]
+    x, y = int(a.solid[s, i]), int(b.solid[t, j])
     corners_a, corners_b, stack = scratch.corners_a, scratch.corners_b, scratch.stack
     joints_a, joints_b = scratch.joints_a, scratch.joints_b
     stack[0, 0] = stack[0, 2] = 0.0
@@ -164,10 +161,10 @@ def judge_hulls(
         poses_a, poses_b = scratch.whole_a, scratch.whole_b
         if a1 - a0 < 1.0:
             poses_a = scratch.part_a
-            _pose_at(a, joints_a, _MIDDLE, poses_a)
+            _pose_at(a, joints_a[_MIDDLE], poses_a)
         if b1 - b0 < 1.0:
             poses_b = scratch.part_b
-            _pose_at(b, joints_b, _MIDDLE, poses_b)
+            _pose_at(b, joints_b[_MIDDLE], poses_b)
         a_moved, a_bend, _ = stray(
             a, x, joints_a[_TRAVEL], joints_a[_STRAIGHT], poses_a
         )
@@ -176,9 +173,9 @@ def judge_hulls(
         )
         gap = gap_class(
             corners_a,
-            place_corners(a, x, poses_a, corners_a),
+            place_corners(a, x, poses_a, corners_a, ZERO),
             corners_b,
-            place_corners(b, y, poses_b, corners_b),
+            place_corners(b, y, poses_b, corners_b, ZERO),
             clearance,
             clearance + a_moved + b_moved,
             scratch.direction,
@@ -210,16 +207,14 @@ def judge_hulls(
     return APART
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _place_ends(
     table: HullTable, solid: int, joints: Array, poses: Array, out: Array
 ) -> int:
     """Write a body's corners at both ends of a motion; return how many there are."""
-    joint = table.joint[solid]
-    first, last = table.corner_first[solid], table.corner_first[solid + 1]
-    if joint == AT_REST:
-        return move_corners(table.corners, first, last, joint, poses, out, 0)
-    _pose_at(table, joints, _FROM, poses)
-    count = move_corners(table.corners, first, last, joint, poses, out, 0)
-    _pose_at(table, joints, _TO, poses)
-    return move_corners(table.corners, first, last, joint, poses, out, count)
+    if table.joint[solid] == AT_REST:
+        return place_corners(table, solid, poses, out, ZERO)
+    _pose_at(table, joints[_FROM], poses)
+    count = place_corners(table, solid, poses, out, ZERO)
+    _pose_at(table, joints[_TO], poses)
+    return place_corners(table, solid, poses, out, count)

@@ -15,12 +15,14 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.cell.body import ConvexBody
-from planning.cell.compiled_robot import RobotKernel
+from planning.cell.compiled_robot import NO_ROBOT
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.geometry.exact import Solid, resting_solid
-from planning.geometry.hull_table import AT_REST, HullTable, hull_table
-from planning.geometry.robot_bodies import joint_poses_of, robot_bodies
-from planning.geometry.swept import sweep_segments
+from planning.geometry.hull_table import AT_REST, HullTable, standing_hulls
+from planning.geometry.robot_bodies import robot_bodies
+from planning.geometry.swept_bodies import SweptBodies, stand_still
+from planning.kernels import packed
+from planning.kinematics.kinematics import joint_poses_of
 from planning.transforms import Array, Indices, Transform
 
 _MOST_PLACES = 50_000
@@ -133,13 +135,14 @@ class StandingBoxes:
         """Return a box for exact decisions."""
         return self.places.solids[int(self.rows[k])]
 
-    def hulls(self, kernel: RobotKernel) -> HullTable:
-        """Return the corners for compiled code; any kernel will do, none carries them."""
-        places, n = self.places, kernel.placement.shape[0]
-        return HullTable(
-            kernel,
-            np.zeros((1, n)),
-            np.zeros((1, n)),
+    @property
+    def hulls(self) -> HullTable:
+        """The corners, for compiled code."""
+        places = self.places
+        table = HullTable(
+            NO_ROBOT,
+            np.empty((1, 0)),
+            np.empty((1, 0)),
             self.rows.astype(np.int32)[None],
             np.full(places.count, AT_REST, dtype=np.int64),
             places.corner_first,
@@ -148,6 +151,7 @@ class StandingBoxes:
             np.empty((0, 2, 3)),
             np.empty(0),
         )
+        return packed(table)
 
     def only(self, keep: Iterable[bool]) -> StandingBoxes:
         """Return the fixtures and those of the objects that are marked.
@@ -198,20 +202,12 @@ class StandingRobots(NamedTuple):
     Attributes:
         entities: of the bodies, as allowed contacts name them.
         solids: for exact decisions.
-        start, end, radius: capsules, shapes (c, 3), (c, 3), (c,) [m].
-        first: capsules of body s are ``first[s]:first[s + 1]``.
-        bounds: least and greatest corner of each body, shape (s, 6) [m].
-        hulls: their corners.
+        bodies: their capsules and corners.
     """
 
     entities: tuple[str, ...]
     solids: tuple[Solid, ...]
-    start: Array
-    end: Array
-    radius: Array
-    first: Indices
-    bounds: Array
-    hulls: HullTable
+    bodies: SweptBodies
 
 
 _STANDS: dict[tuple[object, ...], tuple[tuple[object, ...], StandingRobots]] = {}
@@ -237,17 +233,10 @@ def stand_robots(
 
 
 def _collect(robots: Sequence[PlacedRobot], at: Sequence[Array]) -> StandingRobots:
-    starts, ends = [np.empty((0, 3))], [np.empty((0, 3))]
-    radii, bodies = [np.empty(0)], [np.empty(0, dtype=np.int64)]
     entities: list[str] = []
     solids: list[Solid] = []
     for robot, q in zip(robots, at, strict=True):
         own = robot_bodies(robot)
-        start, end, radius = sweep_segments(own.kernel, q[None], q[None])
-        starts.append(start[0])
-        ends.append(end[0])
-        radii.append(radius[0])
-        bodies.append(own.kernel.body + len(solids))
         poses = joint_poses_of(robot, q)
         entities += own.entities
         solids += [
@@ -255,46 +244,5 @@ def _collect(robots: Sequence[PlacedRobot], at: Sequence[Array]) -> StandingRobo
             for solid, part in zip(own.solids, robot.model.parts, strict=True)
         ]
     parts = [part.body for robot in robots for part in robot.model.parts]
-    start, end = np.concatenate(starts), np.concatenate(ends)
-    radius = np.concatenate(radii)
-    first = np.searchsorted(np.concatenate(bodies), np.arange(len(solids) + 1))
-    kernel = robot_bodies(robots[0]).kernel if robots else _NO_KERNEL
-    n = kernel.placement.shape[0]
-    which = np.arange(len(solids), dtype=np.int32)[None]
-    return StandingRobots(
-        tuple(entities),
-        tuple(solids),
-        start,
-        end,
-        radius,
-        first.astype(np.int64),
-        _capsule_bounds(start, end, radius, first.tolist()),
-        hull_table(kernel, np.zeros((1, n)), np.zeros((1, n)), which, solids, parts),
-    )
-
-
-_NO_KERNEL = RobotKernel(
-    np.empty((0, 4, 4)),
-    np.empty((0, 3)),
-    np.empty(0, dtype=np.bool_),
-    np.eye(4),
-    np.empty(0, dtype=np.int64),
-    np.empty((0, 3)),
-    np.empty((0, 3)),
-    np.empty(0),
-    np.empty(0, dtype=np.int64),
-)
-"""Carries nothing: there is no other robot."""
-
-
-def _capsule_bounds(
-    start: Array, end: Array, radius: Array, first: Sequence[int]
-) -> Array:
-    low = np.minimum(start, end) - radius[:, None]
-    high = np.maximum(start, end) + radius[:, None]
-    return np.array(
-        [
-            np.concatenate([low[i:j].min(axis=0), high[i:j].max(axis=0)])
-            for i, j in zip(first, first[1:], strict=False)
-        ]
-    ).reshape(-1, 6)
+    hulls = standing_hulls(solids, parts)
+    return StandingRobots(tuple(entities), tuple(solids), stand_still(hulls))

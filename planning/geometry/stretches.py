@@ -10,17 +10,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from planning.geometry.gjk import BETWEEN, FAR, gap_class
 from planning.geometry.hull_table import (
     AT_REST,
     HullTable,
-    move_corners,
-    pose_joints,
+    place_corners,
     stray,
-    stray_of_capsules,
 )
+from planning.kernels import ZERO, inner_kernel, packed
+from planning.kinematics.chain import pose_joints
 from planning.transforms import Array, Indices
 
 MIXED = -2
@@ -33,8 +32,8 @@ class Stretch(NamedTuple):
     Attributes:
         span: its segments, ``range(first, last)``, how many stretches were posed, and how many
             directions measured, shape (4,).
-        low, high: least and greatest joint values, shape (n,).
-        travel: the difference, shape (n,).
+        half: joint values in the middle of the box, shape (n,).
+        travel: difference of greatest and least joint values, shape (n,).
         aside: how far each joint is from the straight line at most, shape (n,).
         middle, start, end: joint poses in the middle of the box and at both ends, shape
             (n + 1, 4, 4).
@@ -50,8 +49,7 @@ class Stretch(NamedTuple):
     """
 
     span: Indices
-    low: Array
-    high: Array
+    half: Array
     travel: Array
     aside: Array
     middle: Array
@@ -71,9 +69,8 @@ class Stretch(NamedTuple):
 def make_stretch(table: HullTable) -> Stretch:
     """Return room for a stretch of an occupancy."""
     n, solids, bodies = table.q_a.shape[1], len(table.joint), table.solid.shape[1]
-    return Stretch(
+    stretch = Stretch(
         np.zeros(4, dtype=np.int64),
-        np.empty(n),
         np.empty(n),
         np.empty(n),
         np.empty(n),
@@ -85,17 +82,18 @@ def make_stretch(table: HullTable) -> Stretch:
         np.empty(bodies, dtype=np.int64),
         np.empty(bodies),
         np.zeros(bodies, dtype=np.int64),
-        np.empty((2 * int(np.max(np.diff(table.corner_first), initial=0)), 3)),
+        np.empty((2 * table.most_corners, 3)),
         np.empty(table.ends.shape),
         np.empty(table.radius.shape),
         np.zeros(solids, dtype=np.int64),
     )
+    return packed(stretch)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _pose_box(table: HullTable, first: int, last: int, out: Stretch) -> None:
     """Write the box of the joint values of some segments and the poses in its middle."""
-    n = len(out.low)
+    n = len(out.half)
     out.span[0], out.span[1] = first, last
     out.span[2] += 1
     for j in range(n):
@@ -103,9 +101,9 @@ def _pose_box(table: HullTable, first: int, last: int, out: Stretch) -> None:
         for s in range(first, last):
             a, b = table.q_a[s, j], table.q_b[s, j]
             low, high = min(low, a, b), max(high, a, b)
-        out.low[j], out.high[j], out.travel[j] = low, high, high - low
+        out.half[j], out.travel[j] = 0.5 * (low + high), high - low
         out.aside[j] = 0.0
-    pose_joints(table, 0.5 * (out.low + out.high), out.middle)
+    pose_joints(table.kernel, out.half, out.middle)
     for i in range(len(out.solid)):
         solid = int(table.solid[first, i])
         for s in range(first + 1, last):
@@ -115,22 +113,23 @@ def _pose_box(table: HullTable, first: int, last: int, out: Stretch) -> None:
         out.solid[i] = solid
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def pose_stretch(table: HullTable, first: int, last: int, out: Stretch) -> None:
     """Prepare a stretch for ``stretches_stay_apart``, unless it is the one posed last."""
     if out.span[0] == first and out.span[1] == last:
         return
     _pose_box(table, first, last, out)
     q_a, q_b = table.q_a[first], table.q_b[last - 1]
-    pose_joints(table, q_a, out.start)
-    pose_joints(table, q_b, out.end)
-    n = len(out.low)
+    pose_joints(table.kernel, q_a, out.start)
+    pose_joints(table.kernel, q_b, out.end)
+    n = len(out.half)
     length = 0.0
     for j in range(n):
         length += (q_b[j] - q_a[j]) ** 2
     # Between its ends each segment is no further aside than at one of them.
     for s in range(first, last):
-        for q in (table.q_a[s], table.q_b[s]):
+        for k in range(2):
+            q = table.q_a[s] if k == 0 else table.q_b[s]
             share = 0.0
             if length > 0.0:
                 for j in range(n):
@@ -142,40 +141,26 @@ def pose_stretch(table: HullTable, first: int, last: int, out: Stretch) -> None:
     _measure_strays(table, out)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _measure_strays(table: HullTable, stretch: Stretch) -> None:
     """Write how far the bodies stray that are the same on all of a stretch."""
-    known, strays, posed = stretch.known, stretch.strays, stretch.span[2]
-    travel, aside, middle = stretch.travel, stretch.aside, stretch.middle
-    ends, radius, first = table.ends, table.radius, table.capsule_first
-    axis, prismatic, joints = table.kernel.axis, table.kernel.prismatic, table.joint
+    known, posed = stretch.known, stretch.span[2]
     for solid in stretch.solid:
         if solid >= 0 and known[solid] != posed:
             known[solid] = posed
-            strays[solid, 0], strays[solid, 1], strays[solid, 2] = stray_of_capsules(
-                ends,
-                radius,
-                first[solid],
-                first[solid + 1],
-                joints[solid],
-                axis,
-                prismatic,
-                travel,
-                aside,
-                middle,
-            )
+            measure_stray(table, solid, stretch)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def measure_stray(table: HullTable, solid: int, stretch: Stretch) -> None:
-    """Write how far a body strays that is not there on all of a stretch."""
+    """Write how far a body strays on a stretch."""
     strays = stretch.strays
     strays[solid, 0], strays[solid, 1], strays[solid, 2] = stray(
         table, solid, stretch.travel, stretch.aside, stretch.middle
     )
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def stretches_stay_apart(
     a: HullTable,
     x: int,
@@ -195,29 +180,27 @@ def stretches_stay_apart(
         direction: where the answer is True, that of the separating planes, shape (3,).
     """
     corners_a, corners_b = on_a.corners, on_b.corners
-    hull_a, first_a, last_a = a.corners, a.corner_first[x], a.corner_first[x + 1]
-    hull_b, first_b, last_b = b.corners, b.corner_first[y], b.corner_first[y + 1]
-    joint_a, joint_b = a.joint[x], b.joint[y]
+    strays_a, strays_b = on_a.strays, on_b.strays
     gap = gap_class(
         corners_a,
-        move_corners(hull_a, first_a, last_a, joint_a, on_a.middle, corners_a, 0),
+        place_corners(a, x, on_a.middle, corners_a, ZERO),
         corners_b,
-        move_corners(hull_b, first_b, last_b, joint_b, on_b.middle, corners_b, 0),
+        place_corners(b, y, on_b.middle, corners_b, ZERO),
         clearance,
-        clearance + on_a.strays[x, 0] + on_b.strays[y, 0],
+        clearance + strays_a[x, 0] + strays_b[y, 0],
         direction,
     )
     if gap != BETWEEN:
         return bool(gap == FAR)
-    count_a = move_corners(hull_a, first_a, last_a, joint_a, on_a.start, corners_a, 0)
-    count_b = move_corners(hull_b, first_b, last_b, joint_b, on_b.start, corners_b, 0)
-    enough = clearance + on_a.strays[x, 1] + on_a.strays[x, 2]
-    enough += on_b.strays[y, 1] + on_b.strays[y, 2]
+    count_a = place_corners(a, x, on_a.start, corners_a, ZERO)
+    count_b = place_corners(b, y, on_b.start, corners_b, ZERO)
+    enough = clearance + strays_a[x, 1] + strays_a[x, 2]
+    enough += strays_b[y, 1] + strays_b[y, 2]
     gap = gap_class(
         corners_a,
-        move_corners(hull_a, first_a, last_a, joint_a, on_a.end, corners_a, count_a),
+        place_corners(a, x, on_a.end, corners_a, count_a),
         corners_b,
-        move_corners(hull_b, first_b, last_b, joint_b, on_b.end, corners_b, count_b),
+        place_corners(b, y, on_b.end, corners_b, count_b),
         enough,
         enough,
         direction,
@@ -225,7 +208,7 @@ def stretches_stay_apart(
     return bool(gap == FAR)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def measure_bodies(
     table: HullTable, stretch: Stretch, direction: Array, sign: float
 ) -> None:
@@ -262,7 +245,7 @@ def measure_bodies(
         )
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _extent(
     corners: Array,
     first: int,
@@ -287,7 +270,7 @@ def _extent(
     )
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _least(
     corners: Array, first: int, last: int, x: float, y: float, z: float
 ) -> float:
@@ -299,7 +282,15 @@ def _least(
     return least
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
+def sweep_all_capsules(table: HullTable, stretch: Stretch) -> None:
+    """Write the capsules of all bodies that are the same on all of a stretch, posed."""
+    for solid in stretch.solid:
+        if solid >= 0:
+            sweep_capsules(table, solid, stretch)
+
+
+@inner_kernel
 def sweep_capsules(table: HullTable, solid: int, stretch: Stretch) -> None:
     """Write the capsules that hold a body on a stretch, posed and measured.
 
@@ -310,65 +301,15 @@ def sweep_capsules(table: HullTable, solid: int, stretch: Stretch) -> None:
     if stretch.swept[solid] == posed:
         return
     stretch.swept[solid] = posed
-    _sweep(
-        table.ends,
-        table.radius,
-        table.capsule_first[solid],
-        table.capsule_first[solid + 1],
-        table.joint[solid] + 1,
-        stretch.start,
-        stretch.middle,
-        stretch.end,
-        stretch.strays[solid],
-        stretch.ends,
-        stretch.radius,
-    )
-
-
-@njit(cache=True, nogil=True)
-def sweep_all_capsules(table: HullTable, stretch: Stretch) -> None:
-    """Write the capsules of all bodies that are the same on all of a stretch, posed."""
-    ends, radius, joints = table.ends, table.radius, table.joint
-    first, strays, swept = table.capsule_first, stretch.strays, stretch.swept
+    ends, radius, p = table.ends, table.radius, table.joint[solid] + 1
     start, middle, end = stretch.start, stretch.middle, stretch.end
-    out_ends, out_radius, posed = stretch.ends, stretch.radius, stretch.span[2]
-    for solid in stretch.solid:
-        if solid >= 0 and swept[solid] != posed:
-            swept[solid] = posed
-            _sweep(
-                ends,
-                radius,
-                first[solid],
-                first[solid + 1],
-                joints[solid] + 1,
-                start,
-                middle,
-                end,
-                strays[solid],
-                out_ends,
-                out_radius,
-            )
-
-
-@njit(cache=True, nogil=True)
-def _sweep(
-    ends: Array,
-    radius: Array,
-    first: int,
-    last: int,
-    p: int,
-    start: Array,
-    middle: Array,
-    end: Array,
-    strays: Array,
-    out: Array,
-    grown: Array,
-) -> None:
-    """Write the capsules ``range(first, last)`` of a body in the frame of pose ``p``."""
-    for c in range(first, last):
+    strays, out, grown = stretch.strays, stretch.ends, stretch.radius
+    for c in range(table.capsule_first[solid], table.capsule_first[solid + 1]):
         grown[c] = radius[c]
         if p < 0:
-            out[c] = ends[c]
+            for k in range(2):
+                for r in range(3):
+                    out[c, k, r] = ends[c, k, r]
             continue
         off = 0.0
         for k in range(2):
@@ -387,4 +328,5 @@ def _sweep(
                 n += end[p, r, 2] * z + end[p, r, 3]
                 from_end += (m - n) * (m - n)
             off = max(off, from_start, from_end)
-        grown[c] += min(strays[0], np.sqrt(off) + strays[1] + strays[2])
+        near = np.sqrt(off) + strays[solid, 1] + strays[solid, 2]
+        grown[c] += min(strays[solid, 0], near)

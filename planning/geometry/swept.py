@@ -9,14 +9,14 @@ joint's travel. The bound is rigorous, so nothing between two samples goes unsee
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from planning.cell.compiled_robot import RobotKernel
+from planning.kernels import inner_kernel, kernel
 from planning.kinematics.chain import joint_poses
 from planning.transforms import Array
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def place_capsules(
     kernel: RobotKernel,
     q_a: Array,
@@ -75,7 +75,7 @@ def place_capsules(
             moved[c, j] = strayed
 
 
-@njit(cache=True, inline="always")
+@inner_kernel
 def _off_axis(
     points: Array, c: int, poses: Array, p: int, ax: float, ay: float, az: float
 ) -> float:
@@ -86,7 +86,7 @@ def _off_axis(
     return float(np.sqrt(cx * cx + cy * cy + cz * cz))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sweep_segments(
     kernel: RobotKernel, q_a: Array, q_b: Array
 ) -> tuple[Array, Array, Array]:
@@ -114,7 +114,7 @@ def sweep_segments(
     return start, end, radius
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def bound_travel(kernel: RobotKernel, q_a: Array, q_b: Array) -> Array:
     """Return how far any point of the robot travels in each of many segments, at most.
 

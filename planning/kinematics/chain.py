@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from planning.cell.compiled_robot import JointTable, RobotKernel
+from planning.kernels import kernel
 from planning.transforms import Array
 
 
-@njit(cache=True, nogil=True)
+@kernel
+def pose_joints(robot: RobotKernel | JointTable, q: Array, out: Array) -> None:
+    """Write the world pose of a robot's base and joints; see ``joint_poses``."""
+    joint_poses(robot.placement, robot.axis, robot.prismatic, robot.base, q, out)
+
+
+@kernel
 def joint_poses(
     placement: Array,
     axis: Array,

@@ -7,10 +7,10 @@ a metre weighing as much as a radian. Joint limits hold at every step.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
-from numba import njit
 
-from planning.kinematics.chain import joint_poses
+from planning.cell.compiled_robot import JointTable
+from planning.kernels import inner_kernel, kernel
+from planning.kinematics.chain import pose_joints
 from planning.transforms import Array
 
 TOLERANCE = 1e-7
@@ -20,15 +20,11 @@ _STEPS = 80
 _DISTINCT = 1e-4
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def solve_from(
-    placement: Array,
-    axis: Array,
-    prismatic: npt.NDArray[np.bool_],
+    joints: JointTable,
     tip: Array,
     target: Array,
-    lower: Array,
-    upper: Array,
     seed: Array,
     starts: Array,
     found: Array,
@@ -36,26 +32,22 @@ def solve_from(
     """Solve from every start; write distinct solutions to ``found`` and return how many.
 
     Args:
-        placement, axis, prismatic: see KinematicChain.
+        joints: of the robot.
         tip: pose of the wanted frame in the last joint's frame, shape (4, 4).
         target: its wanted pose in the base frame, shape (4, 4).
-        lower, upper: joint limits, shape (n,).
         seed: a solution takes the whole turns nearest to it, shape (n,).
         starts: shape (s, n), within the limits.
         found: receives the solutions, in the order of the starts, shape (s, n).
     """
     count = 0
     n = starts.shape[1]
-    poses = np.empty((n + 1, 4, 4))
+    poses, q = np.empty((n + 1, 4, 4)), np.empty(n)
     for k in range(starts.shape[0]):
-        q = starts[k].copy()
-        if not _converge(
-            placement, axis, prismatic, tip, target, lower, upper, q, poses
-        ):
-            continue
         for j in range(n):
-            if not prismatic[j]:
-                q[j] = _nearest_turn(q[j], seed[j], lower[j], upper[j])
+            q[j] = starts[k, j]
+        if not _converge(joints, tip, target, q, poses):
+            continue
+        _take_nearest_turns(joints, q, seed)
         known = False
         for i in range(count):
             gap = 0.0
@@ -65,27 +57,20 @@ def solve_from(
                 known = True
                 break
         if not known:
-            found[count] = q
+            for j in range(n):
+                found[count, j] = q[j]
             count += 1
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def follow_targets(
-    placement: Array,
-    axis: Array,
-    prismatic: npt.NDArray[np.bool_],
-    tips: Array,
-    targets: Array,
-    lower: Array,
-    upper: Array,
-    chain: Array,
-    begin: int,
+    joints: JointTable, tips: Array, targets: Array, chain: Array, begin: int
 ) -> int:
     """Solve for targets one after another, each from the solution before it.
 
     Args:
-        placement, axis, prismatic, lower, upper: see ``solve_from``.
+        joints: of the robot.
         tips: pose of the wanted frame of each target in the last joint's frame, shape
             (s, 4, 4).
         targets: wanted poses in the base frame, shape (s, 4, 4).
@@ -96,82 +81,78 @@ def follow_targets(
         The first target that was not solved for, s when all were.
     """
     n = chain.shape[1]
-    poses = np.empty((n + 1, 4, 4))
-    q = np.empty(n)
+    lower, upper = joints.lower, joints.upper
+    poses, q = np.empty((n + 1, 4, 4)), np.empty(n)
     for k in range(begin, len(targets)):
         for j in range(n):
             q[j] = min(max(chain[k - 1, j], lower[j]), upper[j])
-        if not _converge(
-            placement, axis, prismatic, tips[k], targets[k], lower, upper, q, poses
-        ):
+        if not _converge(joints, tips[k], targets[k], q, poses):
             return k
+        _take_nearest_turns(joints, q, chain[k - 1])
         for j in range(n):
-            if not prismatic[j]:
-                q[j] = _nearest_turn(q[j], chain[k - 1, j], lower[j], upper[j])
             chain[k, j] = q[j]
     return len(targets)
 
 
-@njit(cache=True, nogil=True)
-def _nearest_turn(value: float, seed: float, lower: float, upper: float) -> float:
-    """Return the value plus whole turns, within limits, that is nearest to the seed."""
+@inner_kernel
+def _take_nearest_turns(joints: JointTable, q: Array, seed: Array) -> None:
+    """Add whole turns to each joint that turns, within its limits, to bring it near the seed."""
     turn = 2.0 * np.pi
-    best = value
-    other = value - turn * np.floor((value - lower) / turn)
-    while other <= upper:
-        if other >= lower and abs(other - seed) < abs(best - seed):
-            best = other
-        other += turn
-    return best
+    for j in range(len(q)):
+        if joints.prismatic[j]:
+            continue
+        lower, upper = joints.lower[j], joints.upper[j]
+        best = q[j]
+        other = best - turn * np.floor((best - lower) / turn)
+        while other <= upper:
+            if other >= lower and abs(other - seed[j]) < abs(best - seed[j]):
+                best = other
+            other += turn
+        q[j] = best
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _converge(
-    placement: Array,
-    axis: Array,
-    prismatic: npt.NDArray[np.bool_],
-    tip: Array,
-    target: Array,
-    lower: Array,
-    upper: Array,
-    q: Array,
-    poses: Array,
+    joints: JointTable, tip: Array, target: Array, q: Array, poses: Array
 ) -> bool:
     """Move ``q`` to a solution by damped least squares; True on success."""
     n = q.shape[0]
+    lower, upper = joints.lower, joints.upper
     error, trial_error = np.empty(6), np.empty(6)
     jacobian, gradient = np.empty((6, n)), np.empty(n)
     normal, damped = np.empty((n, n)), np.empty((n, n))
     step, trial = np.empty(n), np.empty(n)
     tip_pose = np.empty((4, 4))
-    base = np.eye(4)
-    joint_poses(placement, axis, prismatic, base, q, poses)
-    size = _pose_error(poses[n], tip, target, tip_pose, error)
+    pose_joints(joints, q, poses)
+    size = _pose_error(poses, tip, target, tip_pose, error)
     damping = 1e-2
     for _ in range(_STEPS):
         if size < 1e-22:
             break
-        _jacobian(poses, axis, prismatic, tip_pose, jacobian)
-        _normal_equations(jacobian, error, q, lower, upper, normal, gradient)
+        _jacobian(joints, poses, tip_pose, jacobian)
+        _normal_equations(joints, jacobian, error, q, normal, gradient)
         before = size
         for _ in range(8):
-            damped[:] = normal
-            step[:] = gradient
             for i in range(n):
+                for j in range(i + 1):
+                    damped[i, j] = normal[i, j]
                 damped[i, i] += damping
+                step[i] = gradient[i]
             _solve_positive(damped, step)
             for i in range(n):
                 trial[i] = min(max(q[i] + step[i], lower[i]), upper[i])
-            joint_poses(placement, axis, prismatic, base, trial, poses)
-            trial_size = _pose_error(poses[n], tip, target, tip_pose, trial_error)
+            pose_joints(joints, trial, poses)
+            trial_size = _pose_error(poses, tip, target, tip_pose, trial_error)
             if trial_size < size:
                 break
             damping *= 6.0
         if not trial_size < before:
             break
         damping = max(damping * (0.1 if trial_size < 0.25 * before else 0.5), 1e-14)
-        q[:] = trial
-        error[:] = trial_error
+        for i in range(n):
+            q[i] = trial[i]
+        for i in range(6):
+            error[i] = trial_error[i]
         size = trial_size
         if size > 0.9999 * before and size > 1e-10:
             break  # a local minimum
@@ -180,17 +161,18 @@ def _converge(
     return bool(distance < TOLERANCE and angle < TOLERANCE)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _pose_error(
-    last: Array, tip: Array, target: Array, tip_pose: Array, error: Array
+    poses: Array, tip: Array, target: Array, tip_pose: Array, error: Array
 ) -> float:
     """Write tip pose and its error (metres, rotation vector); return the squared norm."""
+    n = poses.shape[0] - 1
     for r in range(3):
         for c in range(4):
             total = 0.0
             for k in range(3):
-                total += last[r, k] * tip[k, c]
-            tip_pose[r, c] = total + (last[r, 3] if c == 3 else 0.0)
+                total += poses[n, r, k] * tip[k, c]
+            tip_pose[r, c] = total + (poses[n, r, 3] if c == 3 else 0.0)
     turn = np.empty((3, 3))
     for r in range(3):
         error[r] = target[r, 3] - tip_pose[r, 3]
@@ -226,15 +208,10 @@ def _pose_error(
     return size
 
 
-@njit(cache=True, nogil=True)
-def _jacobian(
-    poses: Array,
-    axis: Array,
-    prismatic: npt.NDArray[np.bool_],
-    tip_pose: Array,
-    out: Array,
-) -> None:
+@inner_kernel
+def _jacobian(joints: JointTable, poses: Array, tip_pose: Array, out: Array) -> None:
     """Write the geometric Jacobian of the tip in the base frame, shape (6, n)."""
+    axis, prismatic = joints.axis, joints.prismatic
     for j in range(axis.shape[0]):
         pose = poses[j + 1]
         ax = pose[0, 0] * axis[j, 0] + pose[0, 1] * axis[j, 1] + pose[0, 2] * axis[j, 2]
@@ -255,17 +232,17 @@ def _jacobian(
         out[3, j], out[4, j], out[5, j] = ax, ay, az
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _normal_equations(
+    joints: JointTable,
     jacobian: Array,
     error: Array,
     q: Array,
-    lower: Array,
-    upper: Array,
     normal: Array,
     gradient: Array,
 ) -> None:
     """Write J'J (lower triangle) and J'e; joints pushed out of their limits take no part."""
+    lower, upper = joints.lower, joints.upper
     n = q.shape[0]
     for i in range(n):
         total = 0.0
@@ -283,7 +260,7 @@ def _normal_equations(
             normal[i, j] = total
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _solve_positive(matrix: Array, vector: Array) -> None:
     """Solve a positive definite system in place by Cholesky, lower triangle given."""
     n = vector.shape[0]

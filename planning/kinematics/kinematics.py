@@ -9,10 +9,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from planning.cell.compiled_robot import joint_table, placed_joints
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
-from planning.kinematics.chain import joint_poses
+from planning.kinematics.chain import pose_joints
 from planning.kinematics.damped_least_squares import (
     TOLERANCE,
     follow_targets,
@@ -46,17 +47,16 @@ def frame_pose(robot: PlacedRobot, q: Array, frame: str = "flange") -> Transform
     Raises:
         RobotModelError: the robot has no such frame.
     """
-    chain = robot.model.chain
-    poses = np.empty((robot.model.dof + 1, 4, 4))
-    joint_poses(
-        chain.placement,
-        chain.axis,
-        chain.prismatic,
-        np.ascontiguousarray(robot.base, dtype=np.float64),
-        np.ascontiguousarray(q, dtype=np.float64),
-        poses,
-    )
+    poses = joint_poses_of(robot, q)
     return np.asarray(poses[-1] @ frame_in_last_joint(robot.model, frame))
+
+
+def joint_poses_of(robot: PlacedRobot, q: Array) -> Array:
+    """Return the world poses of a robot's base and joints at ``q``, shape (n + 1, 4, 4)."""
+    poses = np.empty((len(q) + 1, 4, 4))
+    # A writable copy: numba compiles read-only arrays anew.
+    pose_joints(placed_joints(robot), np.array(q, dtype=np.float64), poses)
+    return poses
 
 
 def frame_in_last_joint(model: RobotModel, frame: str) -> Transform:
@@ -165,6 +165,7 @@ def follow_poses(
         One configuration a pose from the second on; None, as the last, where there is none.
     """
     model = robot.model
+    joints = joint_table(model)
     chain = np.empty((len(targets), model.dof))
     chain[0] = start
     tips = np.array([frame_in_last_joint(model, frame) for frame in frames])
@@ -173,13 +174,9 @@ def follow_poses(
     while done < len(targets):
         first = done
         done = follow_targets(
-            model.chain.placement,
-            model.chain.axis,
-            model.chain.prismatic,
+            joints,
             tips,
             wanted,
-            model.lower,
-            model.upper,
             chain,
             done,
         )
@@ -208,7 +205,6 @@ def _solve(
     # Writable copies: numba compiles read-only arrays anew.
     tip = np.array(frame_in_last_joint(model, frame))
     wanted = np.ascontiguousarray(inverse(robot.base) @ target)
-    chain = model.chain
     starts = np.empty((restarts + 1, model.dof))
     starts[0] = np.clip(seed, model.lower, model.upper)
     if restarts:
@@ -217,13 +213,9 @@ def _solve(
         )
     found = np.empty_like(starts)
     count = solve_from(
-        chain.placement,
-        chain.axis,
-        chain.prismatic,
+        joint_table(model),
         tip,
         wanted,
-        model.lower,
-        model.upper,
         np.array(seed, dtype=np.float64),
         starts,
         found,

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from planning.cell.workcell import Clearances
 from planning.geometry.robot_bodies import entity
+from planning.kernels import inner_kernel, packed
 from planning.tasks.task_graph import AllowedContact
 from planning.transforms import Array, Indices
 
@@ -79,7 +79,7 @@ def contact_table(
         head[x, y] = head[y, x] = len(following) - 1
         tasks += sorted(contact.tasks)
         first.append(len(tasks))
-    return ContactTable(
+    table = ContactTable(
         head,
         np.array(following, dtype=np.int32),
         np.array(first, dtype=np.int64),
@@ -87,9 +87,10 @@ def contact_table(
         np.array([clearances.robot_robot, clearances.robot_object]),
         len(GROUPS) * robots,
     )
+    return packed(table)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _lists(table: ContactTable, entry: int, task: int) -> bool:
     if task == ALWAYS:
         return True
@@ -103,7 +104,7 @@ def _lists(table: ContactTable, entry: int, task: int) -> bool:
     return bool(lo < table.first[entry + 1] and table.tasks[lo] == task)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def may_touch(
     table: ContactTable,
     x: int,

@@ -9,11 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from planning.geometry.exact import TOLERANCE
 from planning.geometry.gjk import ROUNDING
-from planning.geometry.hull_table import HullTable
 from planning.geometry.separation import (
     APART,
     CONFLICT,
@@ -30,6 +28,7 @@ from planning.geometry.stretches import (
     pose_stretch,
     stretches_stay_apart,
 )
+from planning.kernels import inner_kernel, packed
 from planning.transforms import Array, Indices
 from scheduling.conflicts.allowed_contacts import ContactTable, may_touch
 from scheduling.conflicts.swept_sequence import LEAF, SweptSequence
@@ -45,72 +44,93 @@ _LEVELS = 2 * LEAF.bit_length() + 2
 
 
 class Descent(NamedTuple):
-    """How far a descent has come, and room to go on.
+    """Two occupancies that are compared, how far that has come, and room to go on.
 
     Attributes:
+        a: occupancy of the nodes v that may have to wait.
+        b: occupancy of the nodes u that may have to be waited for.
+        table: allowed contacts and clearances.
+        floor: last u that each v waits for already, never falling, by node of ``a``; raised
+            as conflicts are noted.
+        limit: first u that is not at stake for each v, never falling, by node of ``a``.
+        slack: taken off the clearances [m].
+        gap: capsules that far apart dismiss what they hold [m].
         stack: what is still to be looked at: (block, -1, other block, -1, 0, 0), or two
             stretches and a list of bodies, (first, last, first, last, list, its length), shape
             (room, 6).
         pairs: lists of pairs (body of a, body of b), shape (room, 2).
         where: shares of both motions at which proposed pairs come close, NaN where that is
             not known, shape (room, 2).
-        a, b: stretches, posed.
+        on_a, on_b: stretches, posed.
         planes: direction in which two bodies were apart last, shape (bodies, bodies, 3).
         scratch: room for the hulls.
     """
 
+    a: SweptSequence
+    b: SweptSequence
+    table: ContactTable
+    floor: Indices
+    limit: Indices
+    slack: float
+    gap: float
     stack: Indices
     pairs: Indices
     where: Array
-    a: Stretch
-    b: Stretch
+    on_a: Stretch
+    on_b: Stretch
     planes: Array
     scratch: Scratch
 
 
-def start_descent(a: HullTable, b: HullTable) -> Descent:
+def start_descent(
+    a: SweptSequence,
+    b: SweptSequence,
+    table: ContactTable,
+    floor: Indices,
+    limit: Indices,
+    slack: float,
+) -> Descent:
     """Return a descent that begins at both roots, the first row of the stack."""
     stack = np.zeros((512, 6), dtype=np.int64)
     stack[0, 1] = stack[0, 3] = BLOCKS
-    room = _LEVELS * a.solid.shape[1] * b.solid.shape[1]
-    return Descent(
+    bodies = a.entity.shape[1], b.entity.shape[1]
+    room = _LEVELS * bodies[0] * bodies[1]
+    descent = Descent(
+        a,
+        b,
+        table,
+        floor,
+        limit,
+        float(slack),
+        # Hulls are decided on with a tolerance.
+        float(np.max(table.clearance)) + TOLERANCE,
         stack,
         np.empty((room, 2), dtype=np.int64),
         np.full((room, 2), np.nan),
-        make_stretch(a),
-        make_stretch(b),
-        np.zeros((a.solid.shape[1], b.solid.shape[1], 3)),
-        make_scratch(a, b),
+        make_stretch(a.hulls),
+        make_stretch(b.hulls),
+        np.zeros((*bodies, 3)),
+        make_scratch(a.hulls, b.hulls),
     )
+    return packed(descent)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def keep_close_bodies(
-    a: SweptSequence,
-    a_hulls: HullTable,
-    s: int,
-    s_last: int,
-    b: SweptSequence,
-    b_hulls: HullTable,
-    t: int,
-    t_last: int,
-    table: ContactTable,
-    slack: float,
-    descent: Descent,
-    first: int,
-    count: int,
-    decide: bool,
+    descent: Descent, s: int, s_last: int, t: int, t_last: int, first: int, count: int
 ) -> int:
     """Copy a list of bodies behind itself but for those that stay apart on two stretches.
 
     Returns:
-        How many are left; with ``decide`` set, PROVED when two segments are proved to conflict.
+        How many are left; PROVED when two segments are proved to conflict.
     """
+    a, b, table = descent.a, descent.b, descent.table
+    a_hulls, b_hulls = a.hulls, b.hulls
     pairs, where, scratch = descent.pairs, descent.where, descent.scratch
     single = s_last - s == 1 and t_last - t == 1
-    pose_stretch(a_hulls, s, s_last, descent.a)
-    pose_stretch(b_hulls, t, t_last, descent.b)
-    solid_a, solid_b = descent.a.solid, descent.b.solid
+    pose_stretch(a_hulls, s, s_last, descent.on_a)
+    pose_stretch(b_hulls, t, t_last, descent.on_b)
+    solid_a, solid_b = descent.on_a.solid, descent.on_b.solid
     one_task = (
         a.task[s] == a.task[s_last - 1]
         and a.other_task[s] == a.other_task[s_last - 1]
@@ -143,35 +163,29 @@ def keep_close_bodies(
         pairs[end, 0], pairs[end, 1] = x, y
         where[end, 0] = least
         end += 1
-    end = _keep_unseparated(a_hulls, b_hulls, slack - TOLERANCE, descent, begin, end)
+    end = _keep_unseparated(descent, begin, end)
     if not single:
         return end - begin
-    kept = begin
+    kept, direction = begin, scratch.direction
     if begin < end:
         pose_segments(a_hulls, s, b_hulls, t, scratch)
     for e in range(begin, end):
         x, y, least = pairs[e, 0], pairs[e, 1], where[e, 0]
-        scratch.direction[:] = 0.0
-        answer = judge_hulls(a_hulls, s, x, b_hulls, t, y, least - slack, scratch)
+        for r in range(3):
+            direction[r] = 0.0
+        answer = judge_hulls(a_hulls, x, b_hulls, y, least - descent.slack, scratch)
         if answer == APART:
             continue
-        if decide and answer == CONFLICT:
+        if answer == CONFLICT:
             return PROVED
         pairs[kept, 0], pairs[kept, 1] = x, y
-        where[kept] = scratch.where
+        where[kept, 0], where[kept, 1] = scratch.where[0], scratch.where[1]
         kept += 1
     return kept - begin
 
 
-@njit(cache=True, nogil=True)
-def _keep_unseparated(
-    a: HullTable,
-    b: HullTable,
-    slack: float,
-    descent: Descent,
-    first: int,
-    end: int,
-) -> int:
+@inner_kernel
+def _keep_unseparated(descent: Descent, first: int, end: int) -> int:
     """Drop the pairs of bodies that planes separate on two stretches, posed.
 
     A plane found for one pair is tried on all others: few pairs need one of their own. More
@@ -179,16 +193,15 @@ def _keep_unseparated(
     of two segments does not depend on the stretches they were part of.
 
     Args:
-        a, b: the occupancies.
-        slack: taken off the clearances [m].
         descent: with the clearances of the pairs in ``where``, infinite to keep a pair.
         first, end: the list of pairs.
 
     Returns:
         The new end of the list.
     """
+    a, b, slack = descent.a.hulls, descent.b.hulls, descent.slack - TOLERANCE
     pairs, where = descent.pairs, descent.where
-    on_a, on_b = descent.a, descent.b
+    on_a, on_b = descent.on_a, descent.on_b
     least_a, least_b = on_a.least, on_b.least
     known_a, known_b = on_a.measured, on_b.measured
     at = first

@@ -29,7 +29,14 @@ _MOST_HITS = 32768
 
 
 class ConflictChecker(Protocol):
-    """Decides whether what capsules propose is a conflict; may be asked by several threads."""
+    """Decides what hulls are not proved to do; may be asked by several threads.
+
+    Attributes:
+        slack: taken off the clearances [m]: bodies proved to keep that are not asked about, nor
+            those proved not to.
+    """
+
+    slack: float
 
     def conflict(
         self,
@@ -99,41 +106,6 @@ class HullChecker:
         return False
 
 
-class CapsuleChecker:
-    """Takes the swept capsules at their word: quicker, and safe, but with conflicts too many."""
-
-    def conflict(
-        self,
-        a: Occupancy,
-        s: int,
-        b: Occupancy,
-        t: int,
-        pairs: Indices,
-        where: Array,
-    ) -> bool:
-        """Tell whether two segments conflict; see ConflictChecker."""
-        return True
-
-
-def decides_as_proved(checker: ConflictChecker) -> bool:
-    """Tell whether a checker need not be asked about what is proved to conflict."""
-    return isinstance(checker, HullChecker | CapsuleChecker)
-
-
-def proof_slack(checker: ConflictChecker) -> float:
-    """Return what is taken off the clearances that separating planes must prove [m].
-
-    A checker that goes by hulls need not be asked about hulls proved to be apart. NaN for
-    any other.
-    """
-    return checker.slack if isinstance(checker, HullChecker) else np.nan
-
-
-def goes_by_hulls(checker: ConflictChecker) -> bool:
-    """Tell whether a checker goes by hulls; any other one goes by the capsules of segments."""
-    return isinstance(checker, HullChecker)
-
-
 def search_conflicts(
     a: Occupancy,
     b: Occupancy,
@@ -152,29 +124,14 @@ def search_conflicts(
         floor: last u implied for each v already, never falling; raised here.
         limit: first u that is not asked for, for each v, never falling.
         table: allowed contacts and clearances.
-        checker: decides what is not proved. One that does not go by hulls needs blocks of one
-            segment each.
+        checker: decides what is not proved.
     """
-    descent = start_descent(a.hulls, b.hulls)
+    descent = start_descent(a.sequence, b.sequence, table, floor, limit, checker.slack)
     depth = 1
-    slack, decide = proof_slack(checker), decides_as_proved(checker)
     # Who asks for the first conflict alone does not have to wait for more.
     hits = np.empty((1, 2), dtype=np.int64)
     while depth > 0:
-        depth, s, t, first, bodies, found = next_proposal(
-            a.sequence,
-            a.hulls,
-            b.sequence,
-            b.hulls,
-            table,
-            slack,
-            floor,
-            limit,
-            descent,
-            depth,
-            decide,
-            hits,
-        )
+        depth, s, t, first, bodies, found = next_proposal(descent, depth, hits)
         yield from map(tuple, hits[:found].tolist())
         if found == len(hits):
             hits = np.empty((min(8 * found, _MOST_HITS), 2), dtype=np.int64)

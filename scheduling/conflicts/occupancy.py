@@ -20,10 +20,16 @@ from planning.cell.body import ConvexBody
 from planning.cell.compiled_robot import RobotKernel, robot_kernel
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.geometry.exact import Solid, carried_solid, resting_solid
-from planning.geometry.hull_table import HullTable, hull_table, placed_capsules
+from planning.geometry.hull_table import (
+    HullTable,
+    hull_table,
+    placed_capsules,
+    standing_hulls,
+)
 from planning.geometry.scene_checker import entity as robot_entity
 from planning.geometry.scene_checker import robot_solids
 from planning.geometry.swept import bound_travel
+from planning.kernels import packed
 from planning.transforms import Array, Indices, Transform
 from scheduling.conflicts.allowed_contacts import ALWAYS
 from scheduling.conflicts.object_spans import ObjectSpan, Rest
@@ -44,12 +50,15 @@ class Occupancy:
     Attributes:
         sequence: the segments and the tree of swept capsules over them.
         solids: the bodies that occur.
-        hulls: their corners, and which of them are where.
     """
 
     sequence: SweptSequence
     solids: tuple[Solid, ...]
-    hulls: HullTable
+
+    @property
+    def hulls(self) -> HullTable:
+        """Corners of the bodies, and which of them are where."""
+        return self.sequence.hulls
 
     @property
     def nodes(self) -> int:
@@ -77,7 +86,7 @@ def cut_nodes(
     q_a = np.vstack([chain.start[None], q_b[:-1]])
     node = np.repeat(np.arange(len(chain)), np.diff(chain.first)).astype(np.int64)
     waypoint = np.arange(len(q_b)) - chain.first[node] + 1
-    kernel = _with_ball(_kernel(robot), robot, held)
+    kernel = _with_ball(robot_kernel(robot), robot, held)
     while True:
         travel = bound_travel(kernel, q_a, q_b)
         pieces = np.ceil(travel / MOTION).astype(np.int64)
@@ -112,13 +121,14 @@ def _with_ball(
     radius = np.concatenate([np.tile(p[2], 2) for p in placed])[:, None]
     low, high = (ends - radius).min(axis=0), (ends + radius).max(axis=0)
     centre = 0.5 * (low + high)[None]
-    return kernel._replace(
+    with_ball = kernel._replace(
         joint=np.append(kernel.joint, robot.model.dof - 1),
         start=np.concatenate([kernel.start, centre]),
         end=np.concatenate([kernel.end, centre]),
         radius=np.append(kernel.radius, 0.5 * np.linalg.norm(high - low)),
         body=np.append(kernel.body, kernel.body[-1] + 1),
     )
+    return packed(with_ball)
 
 
 class _Segments(NamedTuple):
@@ -224,22 +234,10 @@ def rest_occupancy(
     """Return what one object at rest, or in the hand of a robot that stands, occupies."""
     body = cell.object(rest.object).body
     solids = (resting_solid(rest.object, body, rest.pose),)
-    # No robot carries it; any one's kernel will do.
-    kernel = _kernel(cell.robots[0])
-    q = np.array(cell.robots[0].home[None], dtype=np.float64)
-    only = np.zeros((1, 1), dtype=np.int32)
-    hulls = hull_table(kernel, q, q, only, solids, (body,))
+    hulls = standing_hulls(solids, (body,))
     entity = np.full((1, 1), entities[rest.object], dtype=np.int32)
     node = np.zeros(1, dtype=np.int64)
-    sequence = swept_sequence(node, _NO_TASK, _NO_TASK, entity, hulls)
-    return Occupancy(sequence, solids, hulls)
-
-
-def _kernel(
-    robot: PlacedRobot, held: Sequence[tuple[ConvexBody, Transform]] = ()
-) -> RobotKernel:
-    """Return a robot's arrays, all writable: numba compiles read-only ones anew."""
-    return RobotKernel._make(np.array(v) for v in robot_kernel(robot, held))
+    return Occupancy(swept_sequence(node, _NO_TASK, _NO_TASK, entity, hulls), solids)
 
 
 def _segments_of(
@@ -270,7 +268,7 @@ def _assemble(
     leaf: int = LEAF,
 ) -> Occupancy:
     """Collect the bodies of the robot and, in slots, the objects of each run of segments."""
-    kernel = _kernel(robot)
+    kernel = robot_kernel(robot)
     solids = robot_solids(robot, kernel)
     parts = robot.model.parts
     bodies = [part.body for part in parts]
@@ -297,7 +295,7 @@ def _assemble(
     hulls = hull_table(kernel, segments.q_a, segments.q_b, solid, solids, bodies)
     tasks = segments.task, segments.other_task
     sequence = swept_sequence(segments.node, *tasks, entity, hulls, leaf=leaf)
-    return Occupancy(sequence, tuple(solids), hulls)
+    return Occupancy(sequence, tuple(solids))
 
 
 def _assign_slots(runs: Sequence[_Run]) -> list[int]:

@@ -9,48 +9,23 @@ the leaves separating planes dismiss pairs of bodies, for ever shorter stretches
 
 from __future__ import annotations
 
-import numpy as np
-from numba import njit
-
-from planning.geometry.hull_table import HullTable
+from planning.kernels import ZERO, kernel
 from planning.transforms import Indices
-from scheduling.conflicts.allowed_contacts import ContactTable
-from scheduling.conflicts.block_pairs import close_blocks, touching_bodies, wide_gap
+from scheduling.conflicts.block_pairs import close_blocks
 from scheduling.conflicts.close_bodies import BLOCKS, PROVED, Descent, keep_close_bodies
-from scheduling.conflicts.swept_sequence import SweptSequence
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def next_proposal(
-    a: SweptSequence,
-    a_hulls: HullTable,
-    b: SweptSequence,
-    b_hulls: HullTable,
-    table: ContactTable,
-    slack: float,
-    floor: Indices,
-    limit: Indices,
-    descent: Descent,
-    depth: int,
-    decide: bool,
-    hits: Indices,
+    descent: Descent, depth: int, hits: Indices
 ) -> tuple[int, int, int, int, int, int]:
     """Go on with a descent until it has to be decided whether two segments conflict.
 
-    What is proved to conflict is noted in ``hits``; so is whatever capsules alone decide.
+    What is proved to conflict is noted in ``hits``.
 
     Args:
-        a, a_hulls: occupancy of the nodes v that may have to wait.
-        b, b_hulls: occupancy of the nodes u that may have to be waited for.
-        table: allowed contacts and clearances.
-        slack: pairs of bodies whose hulls are proved to keep their clearance less this are
-            dropped [m]; NaN to go by the capsules alone, of blocks of one segment each.
-        floor: last u that each v waits for already, never falling, by node of ``a``; raised
-            as conflicts are noted.
-        limit: first u that is not at stake for each v, never falling, by node of ``a``.
         descent: how far it has come.
         depth: filled rows of its stack.
-        decide: False to leave every conflict to be decided.
         hits: receives nodes (v, u) in conflict, shape (room, 2), room for one at least.
 
     Returns:
@@ -59,21 +34,23 @@ def next_proposal(
         hits. The descent is over when the new depth is 0 and nothing is to be decided; it
         stops early when ``hits`` is full.
     """
-    found = 0
-    gap = wide_gap(table, slack)
+    a, b, floor, limit = descent.a, descent.b, descent.floor, descent.limit
+    found = ZERO
     leaf_a, leaf_b = len(a.block_first) // 2, len(b.block_first) // 2
     stack = descent.stack
     while depth > 0:
         depth -= 1
-        if stack[depth, 1] == BLOCKS:
-            i, j = stack[depth, 0], stack[depth, 2]
+        row = stack[depth]
+        if row[1] == BLOCKS:
+            i, j = row[0], row[2]
             s, s_last = a.block_first[i], a.block_last[i]
             t, t_last = b.block_first[j], b.block_last[j]
-            begin = 0
+            begin = ZERO
             leaves = i >= leaf_a and j >= leaf_b
         else:
-            i = j = -1
-            s, s_last, t, t_last, begin, count = stack[depth]
+            i = j = ZERO - 1
+            s, s_last, t, t_last = row[0], row[1], row[2], row[3]
+            begin, count = row[4], row[5]
             leaves = True
         if s >= s_last or t >= t_last:
             continue
@@ -82,42 +59,18 @@ def next_proposal(
         if b.node[t] >= limit[a.node[s_last - 1]]:
             continue
         if i >= 0:
-            if leaves and np.isnan(slack):
-                count = touching_bodies(a, i, b, j, table, not decide, descent.pairs)
-                if count == 0:
-                    continue
-                if not decide:
-                    descent.where[:count] = np.nan
-                    return depth, s, t, 0, count, found
-                found = note_hit(a.node[s], b.node[t], floor, hits, found)
-                if found == len(hits):
-                    return depth, 0, 0, 0, 0, found
-                continue
-            count = close_blocks(a, i, b, j, gap, leaves, descent.pairs)
+            count = close_blocks(a, i, b, j, descent.gap, leaves, descent.pairs)
             if count == 0:
                 continue
         if leaves:
-            kept = keep_close_bodies(
-                a,
-                a_hulls,
-                s,
-                s_last,
-                b,
-                b_hulls,
-                t,
-                t_last,
-                table,
-                slack,
-                descent,
-                begin,
-                count,
-                decide,
-            )
+            kept = keep_close_bodies(descent, s, s_last, t, t_last, begin, count)
             begin += count
             if kept == 0:
                 continue
             if kept == PROVED:
-                found = note_hit(a.node[s], b.node[t], floor, hits, found)
+                hits[found, 0], hits[found, 1] = a.node[s], b.node[t]
+                raise_floor(floor, a.node[s], b.node[t])
+                found += 1
                 if found == len(hits):
                     return depth, 0, 0, 0, 0, found
                 continue
@@ -144,15 +97,7 @@ def next_proposal(
     return 0, 0, 0, 0, 0, found
 
 
-@njit(cache=True, nogil=True)
-def note_hit(v: int, u: int, floor: Indices, hits: Indices, found: int) -> int:
-    """Note that v waits for u; return how many hits there are."""
-    hits[found, 0], hits[found, 1] = v, u
-    raise_floor(floor, v, u)
-    return found + 1
-
-
-@njit(cache=True, nogil=True)
+@kernel
 def raise_floor(floor: Indices, v: int, u: int) -> None:
     """Note that v, and so every later node of its robot, waits for u."""
     while v < len(floor) and floor[v] < u:

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from planning.geometry.hull_table import HullTable
 from planning.geometry.stretches import (
@@ -25,6 +24,7 @@ from planning.geometry.stretches import (
     sweep_all_capsules,
     sweep_capsules,
 )
+from planning.kernels import inner_kernel, kernel, packed
 from planning.transforms import Array, Indices
 
 LEAF = 4
@@ -43,18 +43,20 @@ class SweptSequence(NamedTuple):
     The leaves are the second half of the blocks.
 
     Attributes:
+        hulls: the bodies in motion.
         node: node of each segment, never falling, shape (s,).
         task, other_task: tasks of each segment, see ``may_touch``, never falling, shape (s,).
         entity: entity of each body, -1 where there is none, shape (s, bodies).
         still: whether a body does not move with a joint, shape (s, bodies).
         column: where the capsules of each body begin, shape (bodies + 1,).
         block_first, block_last: segments of each block, ``range(first, last)``, shape (b,).
-        block_low, block_high: box around each block, shape (b, 3) [m].
+        block_box: least and greatest corner of each block, shape (b, 6) [m].
         capsules: of the blocks: both ends in the world and the radius, INACTIVE where there is
             none, shape (b, c, 7) [m]. In single precision, and grown by what that rounds off:
             the memory they take is most of what it costs to make them.
     """
 
+    hulls: HullTable
     node: Indices
     task: Indices
     other_task: Indices
@@ -63,8 +65,7 @@ class SweptSequence(NamedTuple):
     column: Indices
     block_first: Indices
     block_last: Indices
-    block_low: Array
-    block_high: Array
+    block_box: Array
     capsules: npt.NDArray[np.float32]
 
 
@@ -88,20 +89,22 @@ def swept_sequence(
     blocks = 2 * leaves - 1
     widths = np.append(np.diff(hulls.capsule_first), 0)  # the last one stands for none
     column = np.cumsum([0, *np.max(widths[hulls.solid], axis=0)]).astype(np.int64)
-    out = SweptSequence(
-        np.ascontiguousarray(node, dtype=np.int64),
-        np.ascontiguousarray(task, dtype=np.int64),
-        np.ascontiguousarray(other_task, dtype=np.int64),
-        np.ascontiguousarray(entity, dtype=np.int32),
-        np.append(hulls.joint, 0)[hulls.solid] < 0,  # the last one stands for none
-        column,
-        np.zeros(blocks, dtype=np.int64),
-        np.zeros(blocks, dtype=np.int64),
-        np.empty((blocks, 3)),
-        np.empty((blocks, 3)),
-        room_for_capsules(blocks, int(column[-1])),
+    out = packed(
+        SweptSequence(
+            hulls,
+            np.ascontiguousarray(node, dtype=np.int64),
+            np.ascontiguousarray(task, dtype=np.int64),
+            np.ascontiguousarray(other_task, dtype=np.int64),
+            np.ascontiguousarray(entity, dtype=np.int32),
+            np.append(hulls.joint, 0)[hulls.solid] < 0,  # the last one stands for none
+            column,
+            np.zeros(blocks, dtype=np.int64),
+            np.zeros(blocks, dtype=np.int64),
+            np.empty((blocks, 6)),
+            room_for_capsules(blocks, int(column[-1])),
+        )
     )
-    _build(out, hulls, leaves, make_stretch(hulls))
+    _build(out, leaves, make_stretch(hulls))
     return out
 
 
@@ -110,10 +113,10 @@ def room_for_capsules(blocks: int, count: int) -> npt.NDArray[np.float32]:
     return np.empty((blocks, count, 7), dtype=np.float32)
 
 
-@njit(cache=True, nogil=True)
-def _build(seq: SweptSequence, hulls: HullTable, leaves: int, room: Stretch) -> None:
+@kernel
+def _build(seq: SweptSequence, leaves: int, room: Stretch) -> None:
     # Leaves on the deepest level come first in the sequence, though last among the blocks.
-    count = len(seq.node)
+    box, count = seq.block_box, len(seq.node)
     deepest = 1
     while deepest < leaves:
         deepest *= 2
@@ -124,31 +127,30 @@ def _build(seq: SweptSequence, hulls: HullTable, leaves: int, room: Stretch) -> 
             block -= leaves
         seq.block_first[block] = i * count // leaves
         seq.block_last[block] = (i + 1) * count // leaves
-        bound_leaf(seq, hulls, block, room)
+        bound_leaf(seq, block, room)
     for block in range(leaves - 2, -1, -1):
         left, right = 2 * block + 1, 2 * block + 2
         seq.block_first[block] = seq.block_first[left]
         seq.block_last[block] = seq.block_last[right]
         for k in range(3):
-            seq.block_low[block, k] = min(
-                seq.block_low[left, k], seq.block_low[right, k]
-            )
-            seq.block_high[block, k] = max(
-                seq.block_high[left, k], seq.block_high[right, k]
-            )
+            box[block, k] = min(box[left, k], box[right, k])
+            box[block, k + 3] = max(box[left, k + 3], box[right, k + 3])
         _bound_both(seq.capsules, block, left, right)
 
 
-@njit(cache=True, nogil=True)
-def bound_leaf(seq: SweptSequence, hulls: HullTable, block: int, room: Stretch) -> None:
+@inner_kernel
+def bound_leaf(seq: SweptSequence, block: int, room: Stretch) -> None:
     """Write the capsules and the box of a block from its segments."""
+    hulls, box = seq.hulls, seq.block_box[block]
     first, last = seq.block_first[block], seq.block_last[block]
     pose_stretch(hulls, first, last, room)
     sweep_all_capsules(hulls, room)
     out, capsule_first = seq.capsules[block], hulls.capsule_first
-    out[:] = INACTIVE
-    seq.block_low[block], seq.block_high[block] = np.inf, -np.inf
-    ends, grown = room.ends, room.radius
+    for c in range(len(out)):
+        out[c, 6] = INACTIVE
+    for k in range(3):
+        box[k], box[k + 3] = np.inf, -np.inf
+    ends, grown, ball = room.ends, room.radius, np.empty(6)
     for i in range(len(room.solid)):
         solid, c = room.solid[i], seq.column[i]
         if solid >= 0:
@@ -157,7 +159,8 @@ def bound_leaf(seq: SweptSequence, hulls: HullTable, block: int, room: Stretch) 
                 c += 1
         elif solid == MIXED:
             # Objects that come and go: the first capsule becomes a ball around them all.
-            low, high = np.full(3, np.inf), np.full(3, -np.inf)
+            for k in range(3):
+                ball[k], ball[k + 3] = np.inf, -np.inf
             for s in range(first, last):
                 solid = int(hulls.solid[s, i])
                 if solid < 0:
@@ -167,22 +170,24 @@ def bound_leaf(seq: SweptSequence, hulls: HullTable, block: int, room: Stretch) 
                 for e in range(capsule_first[solid], capsule_first[solid + 1]):
                     for k in range(3):
                         p, q, r = ends[e, 0, k], ends[e, 1, k], grown[e]
-                        low[k] = min(low[k], min(p, q) - r)
-                        high[k] = max(high[k], max(p, q) + r)
-            centre = 0.5 * (low + high)
-            reach = 0.5 * np.sqrt(np.sum((high - low) ** 2))
-            _write_capsule(out, c, centre, centre, reach)
+                        ball[k] = min(ball[k], min(p, q) - r)
+                        ball[k + 3] = max(ball[k + 3], max(p, q) + r)
+            wide = 0.0
+            for k in range(3):
+                wide += (ball[k + 3] - ball[k]) ** 2
+                ball[k] = 0.5 * (ball[k] + ball[k + 3])
+            _write_capsule(out, c, ball[:3], ball[:3], 0.5 * np.sqrt(wide))
     for c in range(len(out)):
         r = float(out[c, 6])
         if r < 0.0:
             continue
         for k in range(3):
             p, q = float(out[c, k]), float(out[c, k + 3])
-            seq.block_low[block, k] = min(seq.block_low[block, k], min(p, q) - r)
-            seq.block_high[block, k] = max(seq.block_high[block, k], max(p, q) + r)
+            box[k] = min(box[k], min(p, q) - r)
+            box[k + 3] = max(box[k + 3], max(p, q) + r)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _write_capsule(
     out: npt.NDArray[np.float32], c: int, start: Array, end: Array, radius: float
 ) -> None:
@@ -194,7 +199,7 @@ def _write_capsule(
     out[c, 6] = radius + _ROUNDED_OFF * far
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _bound_both(
     capsules: npt.NDArray[np.float32], block: int, left: int, right: int
 ) -> None:

@@ -72,7 +72,8 @@ def _clocks(graph: FlatGraph, keep: npt.NDArray[np.bool_]) -> Indices:
         own = graph.chain[n]
         mine = clock[n]
         if n > first[own]:
-            mine[:] = clock[n - 1]
+            for k in range(robots):
+                mine[k] = clock[n - 1, k]
             mine[own] = n - 1 - first[own]
         lo, hi = graph.edge_first[n], graph.edge_first[n + 1]
         for e in range(lo, hi):

@@ -11,7 +11,8 @@ from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.construction.checks.obstacles import Limits
 from planning.construction.world.fleet import Carrier
 from planning.geometry.proposals import SKIP
-from planning.geometry.robot_bodies import entity, joint_poses_of
+from planning.geometry.robot_bodies import entity
+from planning.kinematics.kinematics import joint_poses_of
 from planning.transforms import Array, Transform
 
 Pairs = frozenset[frozenset[str]]

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.cell.compiled_robot import robot_kernel
 from planning.cell.workcell import Attachment, Workcell
 from planning.construction.checks.body_limits import body_limits
 from planning.construction.checks.motion_checks import (
@@ -26,7 +25,7 @@ from planning.construction.world.rests import Rest, rests_of
 from planning.construction.world.swept_track import SweptTrack, carriers_of, sweep_track
 from planning.construction.world.tracks import build_tracks
 from planning.geometry.exact import resting_solid
-from planning.geometry.hull_table import hull_table
+from planning.geometry.hull_table import standing_hulls
 from planning.motion.sequential import MARGIN
 from planning.robots.mobile import is_mobile
 from planning.transforms import Array, Indices
@@ -234,15 +233,11 @@ def _still_boxes(
     half = 0.5 * np.array(sizes, dtype=np.float64).reshape(-1, 3)
     reach = (np.abs(pose[:, :3, :3]) @ half[:, :, None])[:, :, 0]
     centre = pose[:, :3, 3]
-    # No robot carries them; any one's kernel will do.
-    robot = cell.robots[0]
-    q = np.zeros((1, robot.model.dof))
-    which = np.arange(len(solids), dtype=np.int32)[None]
     return names, StillBoxes(
         pose,
         half,
         np.hstack([centre - reach, centre + reach]),
         np.array([-np.inf] * count + [r.start for r in rests]),
         np.array([np.inf] * count + [r.end for r in rests]),
-        hull_table(robot_kernel(robot), q, q, which, solids, bodies),
+        standing_hulls(solids, bodies),
     )

@@ -54,7 +54,7 @@ def proved_apart(
     other = hulls_of(scene, v, as_row(other_a, 0, n), as_row(other_b, 0, n))
     pose_segments(own, 0, other, 0, scratch)
     j = p - bodies[v]
-    return hulls_stay_apart(own, 0, o - bodies[m], other, 0, j, limit, scratch)
+    return hulls_stay_apart(own, o - bodies[m], other, j, limit, scratch)
 
 
 @njit(cache=True, nogil=True)
@@ -102,7 +102,7 @@ def pairs_apart(
             scratch.posed[0] = -1
         pose_segments(own, 0, other, 0, scratch)
         limit = limits[o, columns[j]]
-        if not hulls_stay_apart(own, 0, o - bodies[m], other, 0, j, limit, scratch):
+        if not hulls_stay_apart(own, o - bodies[m], other, j, limit, scratch):
             return False
     return True
 

@@ -13,6 +13,7 @@ from itertools import islice
 import numpy as np
 from scipy.spatial import KDTree
 
+from planning.cell.compiled_robot import joint_table
 from planning.cell.cover import box_body
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import (
@@ -23,10 +24,13 @@ from planning.cell.workcell import (
     WorldState,
 )
 from planning.errors import RobotModelError
-from planning.geometry.robot_bodies import joint_poses_of
 from planning.geometry.scene_checker import SceneChecker, entity
 from planning.kinematics.damped_least_squares import solve_from
-from planning.kinematics.kinematics import frame_in_flange, frame_in_last_joint
+from planning.kinematics.kinematics import (
+    frame_in_flange,
+    frame_in_last_joint,
+    joint_poses_of,
+)
 from planning.robots.mobile import is_mobile
 from planning.transforms import (
     Array,
@@ -114,16 +118,12 @@ class ReachSampler:
         starts = self.seeds(wanted, rng, count)
         if not len(starts):
             return []
-        model, chain = self.robot.model, self.robot.model.chain
+        model = self.robot.model
         found = np.empty_like(starts)
         solved = solve_from(
-            chain.placement,
-            chain.axis,
-            chain.prismatic,
+            joint_table(model),
             self._tip,
             wanted,
-            model.lower,
-            model.upper,
             starts[0],
             starts,
             found,

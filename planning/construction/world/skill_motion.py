@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planning.cell.compiled_robot import joint_table
 from planning.cell.workcell import PlacedRobot
 from planning.kinematics.damped_least_squares import follow_targets
 from planning.kinematics.kinematics import frame_in_last_joint, frame_pose
@@ -96,13 +97,9 @@ def _follow(
     chain[0] = q
     tip = np.ascontiguousarray(frame_in_last_joint(model, frame))
     done = follow_targets(
-        model.chain.placement,
-        model.chain.axis,
-        model.chain.prismatic,
+        joint_table(model),
         np.repeat(tip[None], count + 1, axis=0),
         np.ascontiguousarray(inverse(robot.base) @ targets),
-        model.lower,
-        model.upper,
         chain,
         1,
     )

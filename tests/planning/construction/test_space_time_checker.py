@@ -24,7 +24,7 @@ from planning.construction.export.planned_task import PlannedTask, with_task
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.geometry.exact import hull_shape
-from planning.geometry.robot_bodies import joint_poses_of
+from planning.kinematics.kinematics import joint_poses_of
 from planning.tasks.task_graph import Handling
 from planning.transforms import Array, translation
 from tests.planning.construction.toy_teams import (

@@ -12,7 +12,7 @@ from planning.construction.world.kept_tracks import SweptTracks
 from planning.construction.world.motion_pieces import cut_timeline
 from planning.construction.world.swept_track import SweptTrack, sweep_track
 from planning.construction.world.timeline import RobotTimeline
-from planning.geometry.robot_bodies import joint_poses_of
+from planning.kinematics.kinematics import joint_poses_of
 from planning.transforms import Array, translation
 from tests.planning.construction.toy_teams import box, placed, rover
 

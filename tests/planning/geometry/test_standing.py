@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from planning.cell.compiled_robot import robot_kernel
 from planning.cell.cover import box_body
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.geometry.hull_table import AT_REST
@@ -27,7 +26,7 @@ def test_tables_reach_as_far_as_the_rows_of_a_scene(
     stand_boxes(cell, [(f"other{k}", brick, SIZE, p) for k, p in enumerate(poses)])
     # A scene of few boxes, whose rows come after those of many others.
     few = stand_boxes(cell, [("last", brick, SIZE, poses[-1])])
-    table = few.hulls(robot_kernel(robot))
+    table = few.hulls
     rows = table.solid[0]
     assert rows.tolist() == few.rows.tolist()
     assert rows.min() >= 39

@@ -25,7 +25,13 @@ from planning.transforms import Array
 from scheduling.build_nodes import build_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.occupancy import MOTION, Occupancy
+from tests.kernels import outer
 from tests.scheduling.mini_world import random_plan
+
+_gap_class = outer(gap_class)
+_judge_hulls = outer(judge_hulls)
+_pose_segments = outer(pose_segments)
+_hulls_stay_apart = outer(hulls_stay_apart)
 
 
 def _coal_distance(a: Array, b: Array) -> float:
@@ -59,7 +65,7 @@ def test_gaps_agree_with_coal() -> None:
         b = np.ascontiguousarray(b + rng.normal(size=3) * rng.uniform(0, 4))
         gap = _coal_distance(a, b)
         clearance, enough = sorted(rng.uniform(0.0, 2.0, 2))
-        answer = gap_class(a, len(a), b, len(b), clearance, enough, np.zeros(3))
+        answer = _gap_class(a, len(a), b, len(b), clearance, enough, np.zeros(3))
         seen[answer] += 1
         if answer == FAR:
             assert gap >= enough - 1e-7
@@ -71,7 +77,7 @@ def test_gaps_agree_with_coal() -> None:
             assert gap < clearance + 1e-3
         if answer == TOO_CLOSE:
             assert gap < clearance
-        below = gap_class(a, len(a), b, len(b), -0.1, enough, np.zeros(3))
+        below = _gap_class(a, len(a), b, len(b), -0.1, enough, np.zeros(3))
         assert below != TOO_CLOSE
     assert min(seen[FAR], seen[BETWEEN], seen[TOO_CLOSE]) > 20
     assert seen[CLOSE] < 0.1 * seen[TOO_CLOSE]
@@ -92,7 +98,7 @@ def test_boxes_side_by_side_are_not_called_overlapping() -> None:
         a, b = np.ascontiguousarray(a @ turn.T), np.ascontiguousarray(b @ turn.T)
         clearance = rng.uniform(0.0, 0.008)
         enough = clearance + rng.uniform(0.0, 0.008)
-        answer = gap_class(a, 8, b, 8, clearance, enough, np.zeros(3))
+        answer = _gap_class(a, 8, b, 8, clearance, enough, np.zeros(3))
         answers[answer] += 1
         if answer == TOO_CLOSE:
             assert gap < clearance
@@ -123,12 +129,10 @@ def test_motions_proved_apart_are_apart(occupancies: list[Occupancy]) -> None:
         gap = distance_at(solid_a, a.hulls.q_a[s], solid_b, b.hulls.q_b[t])
         # Clearances near the gap are where it matters.
         clearance = max(gap, 0.0) + rng.uniform(-0.03, 0.01)
-        pose_segments(a.hulls, s, b.hulls, t, scratch)
-        answer = judge_hulls(a.hulls, s, i, b.hulls, t, j, clearance, scratch)
+        _pose_segments(a.hulls, s, b.hulls, t, scratch)
+        answer = _judge_hulls(a.hulls, i, b.hulls, j, clearance, scratch)
         apart = answer == APART
-        assert apart == hulls_stay_apart(
-            a.hulls, s, i, b.hulls, t, j, clearance, scratch
-        )
+        assert apart == _hulls_stay_apart(a.hulls, i, b.hulls, j, clearance, scratch)
         if answer == CONFLICT:
             conflicts += 1
             x, y = scratch.where

@@ -1,0 +1,126 @@
+"""Capsules of whole bodies on a stretch of motion, and which of them meet, compiled."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from planning.geometry.distance import segment_segment
+from planning.geometry.hull_table import HullTable
+from planning.geometry.swept import place_capsules
+from planning.kernels import inner_kernel, packed
+from planning.transforms import Array, Indices
+
+APART = -1.0
+"""How far bodies stray that do not meet."""
+
+
+class SweptBodies(NamedTuple):
+    """Bodies on a stretch of motion.
+
+    Attributes:
+        hulls: the bodies, on that stretch.
+        radius: of the capsules, shape (c,) [m].
+        first: capsules of body o are ``first[o]:first[o + 1]``, shape (o + 1,).
+        start, end: capsules in the middle of the stretch, shape (c, 3) [m].
+        moved: how far they stray from there, see ``place_capsules``, shape (c, n + 1) [m].
+        box: least and greatest corner of each body, shape (o, 6) [m].
+        poses, middle: joints in the middle, shapes (n + 1, 4, 4) and (n,).
+    """
+
+    hulls: HullTable
+    radius: Array
+    first: Indices
+    start: Array
+    end: Array
+    moved: Array
+    box: Array
+    poses: Array
+    middle: Array
+
+
+def make_swept(hulls: HullTable) -> SweptBodies:
+    """Return the bodies of a robot on a stretch of motion of their own, not swept yet."""
+    n, capsules = hulls.q_a.shape[1], len(hulls.radius)
+    swept = SweptBodies(
+        hulls.on_a_motion(),
+        hulls.radius,
+        hulls.capsule_first,
+        np.empty((capsules, 3)),
+        np.empty((capsules, 3)),
+        np.zeros((capsules, n + 1)),
+        np.empty((len(hulls.joint), 6)),
+        np.empty((n + 1, 4, 4)),
+        np.empty(n),
+    )
+    return packed(swept)
+
+
+def stand_still(hulls: HullTable) -> SweptBodies:
+    """Return bodies that rest in the world."""
+    start, end = np.array(hulls.ends[:, 0]), np.array(hulls.ends[:, 1])
+    first, radius = hulls.capsule_first, hulls.radius[:, None]
+    low, high = np.minimum(start, end) - radius, np.maximum(start, end) + radius
+    box = np.hstack(
+        [np.minimum.reduceat(low, first[:-1]), np.maximum.reduceat(high, first[:-1])]
+    )
+    moved, poses, middle = np.zeros((len(start), 1)), np.empty((1, 4, 4)), np.empty(0)
+    return packed(
+        SweptBodies(hulls, hulls.radius, first, start, end, moved, box, poses, middle)
+    )
+
+
+@inner_kernel
+def sweep_bodies(bodies: SweptBodies, q_a: Array, q_b: Array) -> None:
+    """Sweep a robot's bodies along a straight motion, ends of shape (n,)."""
+    hulls, first, radius = bodies.hulls, bodies.first, bodies.radius
+    start, end, moved, box = bodies.start, bodies.end, bodies.moved, bodies.box
+    for j in range(len(q_a)):
+        hulls.q_a[0, j], hulls.q_b[0, j] = q_a[j], q_b[j]
+    place_capsules(
+        hulls.kernel, q_a, q_b, bodies.poses, bodies.middle, start, end, moved
+    )
+    for o in range(len(first) - 1):
+        for r in range(3):
+            low, high = np.inf, -np.inf
+            for c in range(first[o], first[o + 1]):
+                grown = radius[c] + moved[c, 0]
+                low = min(low, min(start[c, r], end[c, r]) - grown)
+                high = max(high, max(start[c, r], end[c, r]) + grown)
+            box[o, r], box[o, r + 3] = low, high
+
+
+@inner_kernel
+def strays_where_they_meet(
+    a: SweptBodies,
+    i: int,
+    b: SweptBodies,
+    j: int,
+    root: int,
+    limit: float,
+    enough: float,
+) -> float:
+    """Return how far capsules of two bodies stray that come closer than a limit.
+
+    Args:
+        a, i: bodies, and one of them.
+        b, j: likewise for the other.
+        root: the joint from which they are seen plus one; 0 for the world.
+        limit: least distance [m].
+        enough: the first that stray further are good enough to return [m].
+
+    Returns:
+        The largest sum of what two such capsules stray [m], APART where there are none.
+    """
+    strayed = APART
+    for c in range(a.first[i], a.first[i + 1]):
+        for d in range(b.first[j], b.first[j + 1]):
+            both = a.moved[c, root] + b.moved[d, root]
+            near = a.radius[c] + b.radius[d] + both + limit
+            gap = segment_segment(a.start[c], a.end[c], b.start[d], b.end[d])
+            if gap <= near * near:
+                strayed = max(strayed, both)
+                if strayed > enough:
+                    return float(strayed)
+    return strayed
