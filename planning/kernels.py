@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, TypeVar, cast
 from zlib import crc32
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import njit, types
-from numba.core import cgutils
+from numba.core import cgutils, event
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     NativeValue,
@@ -34,6 +35,37 @@ def inner_kernel(function: Function) -> Function:
     """Compile a function that only kernels call: a quarter less to compile."""
     options: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     return cast(Function, njit(cache=True, nogil=True, **options)(function))
+
+
+class _CompilationListener(event.Listener):
+    def __init__(self, begin: Callable[[], None], end: Callable[[], None]) -> None:
+        self._begin, self._end = begin, end
+        self._under_way = 0
+
+    def on_start(self, event: event.Event) -> None:
+        self._under_way += 1
+        # Kernels make numba compile functions of its own.
+        if not event.data["dispatcher"].py_func.__module__.startswith("numba."):
+            self._begin()
+
+    def on_end(self, event: event.Event) -> None:
+        self._under_way -= 1
+        if self._under_way == 0:
+            self._end()
+
+
+@contextmanager
+def watch_compilation(
+    begin: Callable[[], None], end: Callable[[], None]
+) -> Iterator[None]:
+    """Call back while kernels are compiled, which those in the cache are not.
+
+    Args:
+        begin: called before each, by the thread that needs it.
+        end: called when none is under way any more.
+    """
+    with event.install_listener("numba:compile", _CompilationListener(begin, end)):
+        yield
 
 
 ZERO = cast(int, np.int64(0))

@@ -10,23 +10,14 @@ import numpy as np
 from planning.geometry.exact import TOLERANCE
 from planning.geometry.proposals import BOX, SELF, Scene, propose
 from planning.geometry.separation import APART, CONFLICT, judge_hulls, pose_segments
+from planning.geometry.swept_bodies import go_along
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.transforms import Array, Indices
 
-_ROOM = ZERO + 512
+_ROOM = ZERO + 64
 
 HIT = -1
 """In the place of a probe: somewhere the robot is too close to something."""
-
-
-@inner_kernel
-def _pose_whole(scene: Scene, q_a: Array, q_b: Array, lo: float, hi: float) -> None:
-    """Pose a stretch of a motion, as it is seen from the world."""
-    whole, scratch = scene.own.hulls, scene.on_standing
-    for j in range(q_a.shape[0]):
-        step = q_b[j] - q_a[j]
-        whole.q_a[0, j], whole.q_b[0, j] = q_a[j] + lo * step, q_a[j] + hi * step
-    scratch.posed[0] = -1
 
 
 @inner_kernel
@@ -65,7 +56,8 @@ def _keep_unproved(
         kind, i, j = what[k, 0], what[k, 1], what[k, 2]
         if when[k, 0] != lo or when[k, 1] != hi:
             lo, hi = when[k, 0], when[k, 1]
-            _pose_whole(scene, q_a, q_b, lo, hi)
+            go_along(whole, q_a, q_b, lo, hi)
+            on_standing.posed[0] = -1
             root = -2
         if kind == SELF:
             lower = min(whole.joint[i], whole.joint[j])
@@ -107,22 +99,20 @@ def find_undecided(
 
     Returns:
         The number of the probe (p for the whole motion, p + 1 when all is clear, HIT for a pair
-        that is too close), and of what
-        is undecided there the stretches, shape (k, 2), and rows (kind, own body, other), shape
-        (k, 3). Stretches are parameters of the whole motion, and [0, 0] for a probe.
+        that is too close), and of what is undecided there the stretches as shares of the
+        motion, shape (k, 2), and rows (kind, own body, other), shape (k, 3).
     """
     for k in range(begin, len(probes) + 1):
-        first, last = q_a, q_b
+        lo, hi = 0.0, 1.0
         if k < len(probes):
-            first = q_a + probes[k] * (q_b - q_a)
-            last = first
+            lo = hi = probes[k]
         room = _ROOM
-        when, what, count = propose(scene, first, last, room)
+        count = -1
         while count < 0:
             room *= 8
-            when, what, count = propose(scene, first, last, room)
+            when, what, count = propose(scene, q_a, q_b, lo, hi, room)
         if count > 0:
-            count = _keep_unproved(scene, first, last, when, what, count, stop)
+            count = _keep_unproved(scene, q_a, q_b, when, what, count, stop)
         if count == HIT:
             return HIT, when[:0].copy(), what[:0].copy()
         if count > 0:

@@ -18,13 +18,14 @@ from planning.geometry.boxes import boxes_apart
 from planning.geometry.proposals import SKIP
 from planning.geometry.robot_bodies import RobotBodies, held_by, robot_bodies
 from planning.geometry.separation import (
+    APART,
     Scratch,
-    hulls_stay_apart,
+    judge_hulls,
     make_scratch,
     pose_segments,
 )
 from planning.geometry.swept_bodies import (
-    APART,
+    NOWHERE,
     SweptBodies,
     make_swept,
     strays_where_they_meet,
@@ -69,7 +70,11 @@ class MovingPair:
                 if still or frozenset((x, y)) in allowed:
                     limits[i, j] = SKIP
         a, b = make_swept(one.hulls), make_swept(two.hulls)
-        self._pair = packed(_Pair(a, b, limits, make_scratch(a.hulls, b.hulls)))
+        scratch, most = (
+            make_scratch(a.hulls, b.hulls),
+            max(one.hulls.q_a.shape[1], two.hulls.q_a.shape[1]),
+        )
+        self._pair = packed(_Pair(a, b, limits, scratch, np.zeros((4, most))))
 
     def split(
         self, a_from: Array, a_to: Array, b_from: Array, b_to: Array, parts: int
@@ -85,12 +90,10 @@ class MovingPair:
             The parameters at which parts end, rising to 1, shape (k,) with k >= ``parts``; None
             when the robots come too close, or nearly so.
         """
+        for row, q in enumerate((a_from, a_to, b_from, b_to)):
+            self._pair.motion[row, : len(q)] = q
         ends = np.empty(parts << _HALVINGS)
-        # Writable copies: numba compiles read-only arrays anew.
-        a0, a1, b0, b1 = (
-            np.array(q, dtype=np.float64) for q in (a_from, a_to, b_from, b_to)
-        )
-        count = _split(self._pair, a0, a1, b0, b1, parts, ends)
+        count = _split(self._pair, parts, ends)
         return ends[:count] if count >= 0 else None
 
     def clear(self, a_at: Array, b_at: Array) -> bool:
@@ -110,46 +113,41 @@ class _Pair(NamedTuple):
         a, b: bodies of either.
         limits: least distances, SKIP where a pair is not checked, shape (o, p) [m].
         scratch: room for the hulls.
+        motion: ends of the motion of a, then of b, shape (4, at least n) [rad or m].
     """
 
     a: SweptBodies
     b: SweptBodies
     limits: Array
     scratch: Scratch
+    motion: Array
 
 
 @inner_kernel
-def _is_clear(pair: _Pair, a0: Array, a1: Array, b0: Array, b1: Array) -> bool:
-    """Tell whether the robots are proved clear, each anywhere on its stretch."""
-    a, b, limits, scratch = pair.a, pair.b, pair.limits, pair.scratch
-    sweep_bodies(a, a0, a1)
-    sweep_bodies(b, b0, b1)
+def _is_clear(pair: _Pair, lo: float, hi: float) -> bool:
+    """Tell whether the robots are proved clear, each anywhere on a stretch of its motion."""
+    a, b, limits = pair.a, pair.b, pair.limits
+    scratch, motion = pair.scratch, pair.motion
+    n, m = a.hulls.q_a.shape[1], b.hulls.q_a.shape[1]
+    sweep_bodies(a, motion[0, :n], motion[1, :n], lo, hi)
+    sweep_bodies(b, motion[2, :m], motion[3, :m], lo, hi)
     scratch.posed[0] = scratch.posed[1] = -1
     for i in range(len(a.box)):
         for j in range(len(b.box)):
             limit = limits[i, j]
             if limit < 0.0 or boxes_apart(a.box, i, b.box, j, limit):
                 continue
-            if strays_where_they_meet(a, i, b, j, ZERO, limit, APART) == APART:
+            if strays_where_they_meet(a, i, b, j, ZERO, limit, NOWHERE) == NOWHERE:
                 continue
             pose_segments(a.hulls, ZERO, b.hulls, ZERO, scratch)
-            if not hulls_stay_apart(a.hulls, i, b.hulls, j, limit, scratch):
+            if judge_hulls(a.hulls, i, b.hulls, j, limit, scratch) != APART:
                 return False
     return True
 
 
 @kernel
-def _split(
-    pair: _Pair,
-    a_from: Array,
-    a_to: Array,
-    b_from: Array,
-    b_to: Array,
-    parts: int,
-    ends: Array,
-) -> int:
+def _split(pair: _Pair, parts: int, ends: Array) -> int:
     """Write where parts end; return how many there are, -1 when the robots come too close."""
-    a_step, b_step = a_to - a_from, b_to - b_from
     stack = np.empty((_HALVINGS + 2, 2))
     smallest = 1.0 / len(ends)
     count = 0
@@ -159,9 +157,7 @@ def _split(
         while depth > 0:
             depth -= 1
             lo, hi = stack[depth, 0], stack[depth, 1]
-            a0, a1 = a_from + lo * a_step, a_from + hi * a_step
-            b0, b1 = b_from + lo * b_step, b_from + hi * b_step
-            if _is_clear(pair, a0, a1, b0, b1):
+            if _is_clear(pair, lo, hi):
                 ends[count] = hi
                 count += 1
                 continue
@@ -169,8 +165,7 @@ def _split(
                 return -1
             # What is not proved clear is looked at in its middle before it is halved.
             middle = 0.5 * (lo + hi)
-            a0, b0 = a_from + middle * a_step, b_from + middle * b_step
-            if not _is_clear(pair, a0, a0, b0, b0):
+            if not _is_clear(pair, middle, middle):
                 return -1
             stack[depth, 0], stack[depth, 1] = middle, hi
             stack[depth + 1, 0], stack[depth + 1, 1] = lo, middle

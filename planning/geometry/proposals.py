@@ -115,20 +115,21 @@ def _strays_at_box(scene: Scene, o: int, b: int, limit: float) -> float:
 
 @inner_kernel
 def propose(
-    scene: Scene, q_a: Array, q_b: Array, room: int
+    scene: Scene, q_a: Array, q_b: Array, lo: float, hi: float, room: int
 ) -> tuple[Array, Indices, int]:
-    """Return the pairs of bodies that may touch on a straight motion, and where on it.
+    """Return the pairs of bodies that may touch on a stretch of a straight motion, and where.
 
-    The motion is halved until every stretch either clears all capsules or moves none of those
+    It is halved until every stretch either clears all capsules or moves none of those
     that do not by more than RESOLUTION.
 
     Args:
         scene: the robot and what stands around it.
-        q_a, q_b: ends of the motion, shape (n,); equal for a single configuration.
+        q_a, q_b: ends of the motion, shape (n,).
+        lo, hi: ends of the stretch as shares of it; equal for a single configuration.
         room: proposals that fit in the answer.
 
     Returns:
-        Stretches as parameters in [0, 1], shape (k, 2); rows (kind, own body, other), shape
+        Stretches as shares of the motion, shape (k, 2); rows (kind, own body, other), shape
         (k, 3); and k, or -1 when there were more than ``room``.
     """
     own = scene.own.box.shape[0]
@@ -138,14 +139,13 @@ def propose(
     what = np.empty((room, 3), dtype=np.int64)
     lows = np.empty(64)
     highs = np.empty(64)
-    lows[0], highs[0] = 0.0, 1.0
+    lows[0], highs[0] = lo, hi
     depth = 1
     total = 0
-    step = q_b - q_a
     while depth > 0:
         depth -= 1
         lo, hi = lows[depth], highs[depth]
-        sweep_bodies(scene.own, q_a + lo * step, q_a + hi * step)
+        sweep_bodies(scene.own, q_a, q_b, lo, hi)
         found = _hits(scene, pairs)
         if found < 0:
             middle = 0.5 * (lo + hi)

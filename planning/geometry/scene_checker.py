@@ -255,13 +255,10 @@ class SceneChecker:
             at, when, what = self._undecided(q_a, q_b, probes, at, stop=True)
             if at == HIT:
                 return False
-            first, last = q_a, q_b
-            if at < len(probes):
-                first = last = q_a + probes[at] * (q_b - q_a)
             for (lo, hi), (kind, body, other) in zip(
                 when.tolist(), what.tolist(), strict=True
             ):
-                q0, q1 = first + lo * (last - first), first + hi * (last - first)
+                q0, q1 = q_a + lo * (q_b - q_a), q_a + hi * (q_b - q_a)
                 mine, limit = self._own.solids[body], self._limit(kind, body, other)
                 solid = self._obstacle(kind, other)
                 if kind == SELF:

@@ -12,7 +12,7 @@ from planning.geometry.swept import place_capsules
 from planning.kernels import inner_kernel, packed
 from planning.transforms import Array, Indices
 
-APART = -1.0
+NOWHERE = -1.0
 """How far bodies stray that do not meet."""
 
 
@@ -72,14 +72,36 @@ def stand_still(hulls: HullTable) -> SweptBodies:
 
 
 @inner_kernel
-def sweep_bodies(bodies: SweptBodies, q_a: Array, q_b: Array) -> None:
-    """Sweep a robot's bodies along a straight motion, ends of shape (n,)."""
+def go_along(hulls: HullTable, q_a: Array, q_b: Array, lo: float, hi: float) -> None:
+    """Make a stretch of a straight motion the one that bodies are on.
+
+    Args:
+        hulls: the bodies.
+        q_a, q_b: ends of the motion, shape (n,).
+        lo, hi: ends of the stretch as shares of it.
+    """
+    for j in range(len(q_a)):
+        step = q_b[j] - q_a[j]
+        hulls.q_a[0, j], hulls.q_b[0, j] = q_a[j] + lo * step, q_a[j] + hi * step
+
+
+@inner_kernel
+def sweep_bodies(
+    bodies: SweptBodies, q_a: Array, q_b: Array, lo: float, hi: float
+) -> None:
+    """Sweep a robot's bodies along a stretch of a straight motion; see ``go_along``."""
     hulls, first, radius = bodies.hulls, bodies.first, bodies.radius
     start, end, moved, box = bodies.start, bodies.end, bodies.moved, bodies.box
-    for j in range(len(q_a)):
-        hulls.q_a[0, j], hulls.q_b[0, j] = q_a[j], q_b[j]
+    go_along(hulls, q_a, q_b, lo, hi)
     place_capsules(
-        hulls.kernel, q_a, q_b, bodies.poses, bodies.middle, start, end, moved
+        hulls.kernel,
+        hulls.q_a[0],
+        hulls.q_b[0],
+        bodies.poses,
+        bodies.middle,
+        start,
+        end,
+        moved,
     )
     for o in range(len(first) - 1):
         for r in range(3):
@@ -111,9 +133,9 @@ def strays_where_they_meet(
         enough: the first that stray further are good enough to return [m].
 
     Returns:
-        The largest sum of what two such capsules stray [m], APART where there are none.
+        The largest sum of what two such capsules stray [m], NOWHERE where there are none.
     """
-    strayed = APART
+    strayed = NOWHERE
     for c in range(a.first[i], a.first[i + 1]):
         for d in range(b.first[j], b.first[j + 1]):
             both = a.moved[c, root] + b.moved[d, root]

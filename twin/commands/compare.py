@@ -40,7 +40,7 @@ def compare(
     can beat, and planning time by stage; leaves compare.json and compare.png.
     """
     from twin.host.atomic import write_json
-    from twin.host.kernel_cache import kernels_are_cached
+    from twin.host.compilation import compilation_shown
     from twin.host.progress import StageDisplay
     from twin.run.folder import CHART, COMPARISON, run_folder
     from twin.scenario.build_workcell import build_workcell
@@ -50,13 +50,11 @@ def compare(
     chosen = load_scenario(scenario)
     numbers = range(chosen.seed, chosen.seed + seeds)
     silent = quiet or as_json
-    compiles = not kernels_are_cached()
     with (
         StageDisplay(enabled=not silent) as progress,
+        compilation_shown(progress, silent=silent) as compiled,
         run_folder(out, chosen.name) as folder,
     ):
-        if compiles and not silent:
-            typer.echo("compiling kernels, once ...", err=True)
         from twin.comparison.chart import draw_comparison
         from twin.comparison.comparison import compare_policies, shortcut_budget
         from twin.comparison.spread import comparison_figures
@@ -91,5 +89,5 @@ def compare(
     elif not quiet:
         from twin.comparison.table import print_comparison
 
-        print_comparison(figures, folder, heading=heading, compiled=compiles)
+        print_comparison(figures, folder, heading=heading, compiled=compiled.count > 0)
     return COMPLETED

@@ -81,7 +81,7 @@ def run(
     quiet: Quiet = False,
 ) -> int:
     """Plan a scenario, execute it in the twin, check it, and show the figures."""
-    from twin.host.kernel_cache import kernels_are_cached
+    from twin.host.compilation import compilation_shown
     from twin.host.progress import StageDisplay
     from twin.run.folder import run_folder
 
@@ -91,14 +91,16 @@ def run(
     variant |= _values(settings or [])
     chosen = _chosen(scenario, seed, shortcuts, robots, variant)
     silent = quiet or as_json
-    with StageDisplay(enabled=not silent) as progress:
+    with (
+        StageDisplay(enabled=not silent) as progress,
+        compilation_shown(progress, silent=silent) as compiled,
+    ):
         tpg = None if plan is None else _saved_plan(plan, chosen, base)
-        compiles = tpg is None and not kernels_are_cached()
         planning_s: Mapping[str, float] = {}
         turns = None
         with run_folder(out, chosen.name) as folder:
             if not silent:
-                _announce(chosen, folder, compiles=compiles)
+                _announce(chosen, folder)
             if tpg is None:
                 from twin.planning.pipeline import plan_scenario
 
@@ -121,7 +123,9 @@ def run(
     elif not quiet:
         from twin.run.table import print_summary
 
-        print_summary(trial.summary, folder, recording=recording, compiled=compiles)
+        print_summary(
+            trial.summary, folder, recording=recording, compiled=compiled.count > 0
+        )
     if trial.run.outcome == "aborted":
         print_error(f"interrupted; what happened until then is in {folder}")
         return INTERRUPTED
@@ -191,7 +195,7 @@ def _saved_plan(folder: Path, scenario: Scenario, base: Path) -> TemporalPlanGra
     return tpg
 
 
-def _announce(scenario: Scenario, folder: Path, *, compiles: bool) -> None:
+def _announce(scenario: Scenario, folder: Path) -> None:
     from rich.console import Console
 
     from twin.assemblies.kinds import assembly_kind
@@ -201,5 +205,3 @@ def _announce(scenario: Scenario, folder: Path, *, compiles: bool) -> None:
         f"{scenario.name}: {len(scenario.cell.robots)} robots, "
         f"{assembly_kind(scenario.assembly).steps()} steps, seed {scenario.seed} -> {folder}"
     )
-    if compiles:
-        console.print("compiling kernels, once ...")

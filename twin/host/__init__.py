@@ -1,4 +1,4 @@
 """The machine that the program runs on: whole files, pictures, progress, exit codes, kernels.
 
-Imports planning.errors only; every room of twin may import it.
+Imports planning.errors and planning.kernels only; every room of twin may import it.
 """

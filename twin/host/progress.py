@@ -13,6 +13,7 @@ from rich.progress import (
     ProgressColumn,
     SpinnerColumn,
     TaskID,
+    TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
 )
@@ -42,7 +43,7 @@ class StageDisplay:
         self, *, enabled: bool = True, columns: Sequence[ProgressColumn] = ()
     ) -> None:
         """Show nothing yet."""
-        share = (TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn())
+        share = (TaskProgressColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn())
         self._live = enabled and sys.stderr.isatty()
         self._stages: dict[str, TaskID] = {}
         self._progress = Progress(
@@ -63,6 +64,20 @@ class StageDisplay:
     def __exit__(self, *error: object) -> None:
         """Take the lines away again."""
         self._progress.stop()
+
+    def say(self, text: str) -> None:
+        """Print a line on standard error, terminal or not."""
+        self._progress.console.print(text, highlight=False)
+
+    def count(self, what: str, so_far: int, *, done: bool) -> None:
+        """Show how many there are of something, nobody knows of how many; hide it when done."""
+        if not self._live:
+            return
+        if what not in self._stages:
+            self._stages[what] = self._progress.add_task(what, total=None)
+        self._progress.update(
+            self._stages[what], description=f"{what}: {so_far}", visible=not done
+        )
 
     def __call__(self, stage: str, done: float, total: float) -> None:
         """Show how far a stage has come; the first call of a stage adds its line.

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from numba import njit
 
-from twin.host import kernel_cache
+from twin.host.compilation import compilation_shown
 from twin.host.progress import StageDisplay
 
 ROOT = Path(__file__).parents[3]
@@ -34,21 +34,19 @@ def test_compiled_code_is_silenced_and_python_speaks_again() -> None:
     assert (done.stdout, done.stderr) == ("before\nafter\n", "error\n")
 
 
-def test_a_kernel_is_compiled_when_its_index_is_newer_than_its_source(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_kernels_are_announced_when_they_are_compiled(
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(kernel_cache, "_elsewhere", lambda: [])
-    source = tmp_path / "kernel.py"
-    source.write_text("@njit\ndef f(): ...\n")
-    assert not kernel_cache._is_compiled(source)
-    index = tmp_path / "__pycache__" / "kernel.f-2.py311.nbi"
-    index.parent.mkdir()
-    index.write_bytes(b"")
-    os.utime(source, (100, 100))
-    os.utime(index, (200, 200))
-    assert kernel_cache._is_compiled(source)
-    os.utime(source, (300, 300))
-    assert not kernel_cache._is_compiled(source)
+    with (
+        StageDisplay() as display,
+        compilation_shown(display, silent=False) as compiled,
+    ):
+        assert capfd.readouterr() == ("", "")
+        double = njit(lambda x: 2 * x)
+        assert (double(1), compiled.count) == (2, 1)
+        assert (double(2), compiled.count) == (4, 1)
+        assert (double(1.5), compiled.count) == (3.0, 2)
+    assert capfd.readouterr() == ("", "compiling kernels, once ...\n")
 
 
 def test_progress_prints_nothing_when_standard_error_is_no_terminal(
