@@ -69,7 +69,8 @@ def watch_compilation(
 
 
 ZERO = cast(int, np.int64(0))
-"""A nought to hand to kernels: they are compiled anew for every literal that they are given."""
+"""A nought to hand to kernels, or to add to what is no int64: they are compiled anew for every
+literal and for every type that they are given."""
 
 Fields = TypeVar("Fields", bound=tuple[Any, ...])
 

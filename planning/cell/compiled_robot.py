@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.cell.body import ConvexBody
-from planning.cell.robot_model import RobotModel
+from planning.cell.robot_model import KinematicChain, RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.kernels import packed
 from planning.transforms import Array, Indices, Transform
@@ -74,19 +74,23 @@ class JointTable(NamedTuple):
     upper: Array
 
 
-@cache
-def joint_table(model: RobotModel) -> JointTable:
-    """Return the joints of a robot, seen from its base."""
-    chain = model.chain
+def chain_table(chain: KinematicChain, lower: Array, upper: Array) -> JointTable:
+    """Return joints seen from their base."""
     table = JointTable(
         np.ascontiguousarray(chain.placement, dtype=np.float64),
         np.ascontiguousarray(chain.axis, dtype=np.float64),
         np.ascontiguousarray(chain.prismatic, dtype=np.bool_),
         np.eye(4),
-        np.ascontiguousarray(model.lower, dtype=np.float64),
-        np.ascontiguousarray(model.upper, dtype=np.float64),
+        np.ascontiguousarray(lower, dtype=np.float64),
+        np.ascontiguousarray(upper, dtype=np.float64),
     )
     return packed(table)
+
+
+@cache
+def joint_table(model: RobotModel) -> JointTable:
+    """Return the joints of a robot, seen from its base."""
+    return chain_table(model.chain, model.lower, model.upper)
 
 
 @lru_cache(maxsize=1024)

@@ -8,6 +8,7 @@ close; what is left is split in two, down to a tolerance below which closeness i
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from heapq import heappop, heappush
 from typing import Any
 
@@ -24,21 +25,17 @@ TOLERANCE = 2e-4
 """Hulls that may come within clearance + TOLERANCE of each other are called too close [m]."""
 
 _REQUEST = coal.DistanceRequest()
-_SHAPES: dict[int, tuple[ConvexBody, Any]] = {}
 
 
+@cache
 def hull_shape(body: ConvexBody) -> Any:
     """Return coal's convex shape of a body, built once a body."""
-    known = _SHAPES.get(id(body))
-    if known is None:
-        model = coal.BVHModelOBBRSS()
-        model.beginModel(0, len(body.vertices))
-        model.addVertices(np.asarray(body.vertices, dtype=np.float64))
-        model.endModel()
-        model.buildConvexHull(True, "Qt")
-        # The body is kept beside its shape so that its id is not given to another one.
-        known = _SHAPES[id(body)] = (body, model.convex)
-    return known[1]
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(0, len(body.vertices))
+    model.addVertices(np.asarray(body.vertices, dtype=np.float64))
+    model.endModel()
+    model.buildConvexHull(True, "Qt")
+    return model.convex
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from planning.cell.body import ConvexBody
 from planning.cell.compiled_robot import NO_ROBOT, RobotKernel
 from planning.geometry.exact import Solid
+from planning.kept_answers import KeptAnswers
 from planning.kernels import inner_kernel, packed
 from planning.transforms import Array, Indices, Transform
 
@@ -103,11 +104,12 @@ def standing_hulls(solids: Sequence[Solid], bodies: Sequence[ConvexBody]) -> Hul
     return hull_table(NO_ROBOT, q, q, which, solids, bodies)
 
 
-_PLACED: dict[tuple[int, bytes], tuple[ConvexBody, Array, Array, Array]] = {}
-_MOST_PLACED = 50_000
+_Placed = tuple[Array, Array, Array]
+
+_PLACED: KeptAnswers[_Placed] = KeptAnswers(50_000)
 
 
-def _placed(solid: Solid, body: ConvexBody) -> tuple[Array, Array, Array]:
+def _placed(solid: Solid, body: ConvexBody) -> _Placed:
     """Return starts and ends of a body's capsules, and its corners, where it is.
 
     Bodies at rest are worked out once: they stand in the same place in very many scenes.
@@ -115,16 +117,12 @@ def _placed(solid: Solid, body: ConvexBody) -> tuple[Array, Array, Array]:
     if solid.carrier is not None:
         start, end, _ = placed_capsules(body, solid.local)
         return start, end, solid.vertices
-    key = id(body), solid.local.tobytes()
-    known = _PLACED.get(key)
-    if known is None or known[0] is not body:
-        if len(_PLACED) >= _MOST_PLACED:
-            _PLACED.clear()
+
+    def at_rest() -> _Placed:
         start, end, _ = placed_capsules(body, solid.local)
-        corners = solid.vertices @ solid.local[:3, :3].T + solid.local[:3, 3]
-        # The body is kept so that its id is not given to another one.
-        known = _PLACED[key] = (body, start, end, corners)
-    return known[1:]
+        return start, end, solid.vertices @ solid.local[:3, :3].T + solid.local[:3, 3]
+
+    return _PLACED.get((body, solid.local.tobytes()), at_rest)
 
 
 def placed_capsules(body: ConvexBody, pose: Transform) -> tuple[Array, Array, Array]:

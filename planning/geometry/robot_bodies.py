@@ -13,13 +13,12 @@ from planning.cell.workcell import Attachment, CellObject, PlacedRobot
 from planning.geometry.exact import Solid, carried_solid
 from planning.geometry.hull_table import HullTable, hull_table
 from planning.geometry.proposals import SKIP
+from planning.kept_answers import KeptAnswers
 from planning.kernels import packed
 from planning.kinematics.kinematics import joint_poses_of
 from planning.transforms import Array, Indices
 
 Held = tuple[CellObject, Attachment]
-
-_MOST_KNOWN = 4000
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class RobotBodies:
         return [k for k, entity_name in enumerate(self.entities) if entity_name == name]
 
 
-_KNOWN: dict[tuple[object, ...], tuple[tuple[object, ...], RobotBodies]] = {}
+_KNOWN: KeptAnswers[RobotBodies] = KeptAnswers(4000)
 
 
 def entity(robot: str, group: str) -> str:
@@ -65,19 +64,12 @@ def robot_bodies(robot: PlacedRobot, held: Sequence[Held] = ()) -> RobotBodies:
         held: objects in its hand, each with its pose in the flange frame.
     """
     key = (
-        id(robot.model),
+        robot.model,
         robot.name,
         robot.base.tobytes(),
-        *((item.name, id(item.body), at.pose.tobytes()) for item, at in held),
+        *((item.name, item.body, at.pose.tobytes()) for item, at in held),
     )
-    known = _KNOWN.get(key)
-    if known is None:
-        if len(_KNOWN) >= _MOST_KNOWN:
-            _KNOWN.clear()
-        # Model and bodies are kept so that their ids are not given to others.
-        kept = (robot.model, *(item.body for item, _ in held))
-        known = _KNOWN[key] = kept, _collect(robot, held)
-    return known[1]
+    return _KNOWN.get(key, lambda: _collect(robot, held))
 
 
 def robot_solids(robot: PlacedRobot, kernel: RobotKernel) -> list[Solid]:

@@ -147,7 +147,7 @@ def judge_hulls(
         of it, UNDECIDED when neither is proved.
     """
     s, t = scratch.posed[0], scratch.posed[1]
-    x, y = int(a.solid[s, i]), int(b.solid[t, j])
+    x, y = ZERO + a.solid[s, i], ZERO + b.solid[t, j]
     corners_a, corners_b, stack = scratch.corners_a, scratch.corners_b, scratch.stack
     joints_a, joints_b = scratch.joints_a, scratch.joints_b
     stack[0, 0] = stack[0, 2] = 0.0

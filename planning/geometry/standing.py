@@ -21,12 +21,12 @@ from planning.geometry.exact import Solid, resting_solid
 from planning.geometry.hull_table import AT_REST, HullTable, standing_hulls
 from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.swept_bodies import SweptBodies, stand_still
+from planning.kept_answers import KeptAnswers
 from planning.kernels import packed
 from planning.kinematics.kinematics import joint_poses_of
 from planning.transforms import Array, Indices, Transform
 
 _MOST_PLACES = 50_000
-_MOST_STANDS = 2_000
 
 
 class _Places:
@@ -42,13 +42,12 @@ class _Places:
         self.corners = np.empty((8192, 3))
         self.most_corners = 0
         self.solids: list[Solid] = []
-        self._bodies: list[ConvexBody] = []
-        self._known: dict[tuple[int, bytes], int] = {}
+        self._known: dict[tuple[ConvexBody, bytes], int] = {}
         self._lock = Lock()
 
     def row(self, body: ConvexBody, size: Array, pose: Transform) -> int:
         """Return the row of a body, a box of some size, at a pose."""
-        key = id(body), pose.tobytes()
+        key = body, pose.tobytes()
         known = self._known.get(key)
         if known is None:
             with self._lock:
@@ -82,8 +81,6 @@ class _Places:
         self.corner_first[row + 1] = self.corners_used
         self.most_corners = max(self.most_corners, len(corners))
         self.solids.append(resting_solid(body.name, body, pose))
-        # The body is kept so that its id is not given to another one.
-        self._bodies.append(body)
         self.count += 1
         return row
 
@@ -210,7 +207,7 @@ class StandingRobots(NamedTuple):
     bodies: SweptBodies
 
 
-_STANDS: dict[tuple[object, ...], tuple[tuple[object, ...], StandingRobots]] = {}
+_STANDS: KeptAnswers[StandingRobots] = KeptAnswers(2000)
 
 
 def stand_robots(
@@ -219,17 +216,10 @@ def stand_robots(
     """Return robots, with empty hands, where they stand."""
     at = [np.array(configurations[r.name], dtype=np.float64) for r in robots]
     key = tuple(
-        (id(r.model), r.name, r.base.tobytes(), q.tobytes())
+        (r.model, r.name, r.base.tobytes(), q.tobytes())
         for r, q in zip(robots, at, strict=True)
     )
-    known = _STANDS.get(key)
-    if known is None:
-        if len(_STANDS) >= _MOST_STANDS:
-            _STANDS.clear()
-        # The models are kept so that their ids are not given to others.
-        kept = tuple(r.model for r in robots)
-        known = _STANDS[key] = kept, _collect(robots, at)
-    return known[1]
+    return _STANDS.get(key, lambda: _collect(robots, at))
 
 
 def _collect(robots: Sequence[PlacedRobot], at: Sequence[Array]) -> StandingRobots:

@@ -13,6 +13,7 @@ from planning.cell.compiled_robot import joint_table, placed_joints
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
+from planning.kept_answers import KeptAnswers
 from planning.kinematics.chain import pose_joints
 from planning.kinematics.damped_least_squares import (
     TOLERANCE,
@@ -30,10 +31,8 @@ __all__ = [
     "inverse_kinematics",
 ]
 
-_SOLVED: dict[tuple[object, ...], tuple[RobotModel, list[Array]]] = {}
+_SOLVED: KeptAnswers[list[Array]] = KeptAnswers(20_000)
 """Answers given: the same poses are asked for again and again while candidates are sought."""
-
-_MOST_SOLVED = 20_000
 
 
 def frame_pose(robot: PlacedRobot, q: Array, frame: str = "flange") -> Transform:
@@ -118,7 +117,7 @@ def inverse_kinematics(
     """
     seed = np.asarray(seed, dtype=np.float64)
     key = (
-        id(robot.model),
+        robot.model,
         robot.base.tobytes(),
         frame,
         target.tobytes(),
@@ -126,19 +125,15 @@ def inverse_kinematics(
         restarts,
         rng_seed,
     )
-    known = _SOLVED.get(key)
-    if known is None:
-        if len(_SOLVED) >= _MOST_SOLVED:
-            _SOLVED.clear()
-        found = _solve(robot, frame, target, seed, restarts, rng_seed)
-        # The model is kept so that its id is not given to another one.
-        known = _SOLVED[key] = robot.model, found
-    return [solution.copy() for solution in known[1]]
+    found = _SOLVED.get(
+        key, lambda: _solve(robot, frame, target, seed, restarts, rng_seed)
+    )
+    return [solution.copy() for solution in found]
 
 
 def forget_solutions() -> None:
     """Forget all answers of ``inverse_kinematics``, such as before measuring it."""
-    _SOLVED.clear()
+    _SOLVED.forget()
 
 
 def follow_poses(

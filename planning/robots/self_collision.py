@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from planning.cell.compiled_robot import chain_table
 from planning.cell.robot_model import KinematicChain, LinkPart
-from planning.kinematics.chain import joint_poses
-from planning.transforms import Array, identity
+from planning.kinematics.chain import pose_joints
+from planning.transforms import Array
 
 _SAMPLES = 60
 _BUDGET = 500
@@ -131,7 +132,8 @@ class _PairDistances:
         import coal
 
         self._coal: Any = coal
-        self._chain = chain
+        no_limits = np.empty(0)
+        self._chain = chain_table(chain, no_limits, no_limits)
         self._joints = [part.joint + 1 for part in parts]
         self._hulls: list[Any] = []
         for part in parts:
@@ -145,15 +147,7 @@ class _PairDistances:
 
     def move_to(self, q: Array) -> None:
         """Place the hulls."""
-        chain = self._chain
-        joint_poses(
-            chain.placement,
-            chain.axis,
-            chain.prismatic,
-            identity(),
-            np.ascontiguousarray(q, dtype=np.float64),
-            self._poses,
-        )
+        pose_joints(self._chain, np.array(q, dtype=np.float64), self._poses)
         self._placed.clear()
 
     def __call__(self, pair: tuple[int, int]) -> float:

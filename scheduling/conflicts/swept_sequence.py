@@ -24,7 +24,7 @@ from planning.geometry.stretches import (
     sweep_all_capsules,
     sweep_capsules,
 )
-from planning.kernels import inner_kernel, kernel, packed
+from planning.kernels import ZERO, inner_kernel, kernel, packed
 from planning.transforms import Array, Indices
 
 LEAF = 4
@@ -162,7 +162,7 @@ def bound_leaf(seq: SweptSequence, block: int, room: Stretch) -> None:
             for k in range(3):
                 ball[k], ball[k + 3] = np.inf, -np.inf
             for s in range(first, last):
-                solid = int(hulls.solid[s, i])
+                solid = ZERO + hulls.solid[s, i]
                 if solid < 0:
                     continue
                 measure_stray(hulls, solid, room)
