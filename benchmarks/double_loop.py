@@ -24,7 +24,7 @@ from scheduling.conflicts.close_bodies import (
     keep_close_bodies,
     start_descent,
 )
-from scheduling.conflicts.conflict_search import ConflictChecker
+from scheduling.conflicts.conflict_search import hulls_conflict
 from scheduling.conflicts.occupancy import Occupancy
 from scheduling.conflicts.staircase import raise_floor
 from scheduling.conflicts.swept_sequence import (
@@ -123,14 +123,13 @@ def search_double_loop(
     floor: Indices,
     limit: Indices,
     table: ContactTable,
-    checker: ConflictChecker,
     growing: bool,
 ) -> tuple[Indices, int]:
     """Return conflicting nodes (v, u), shape (found, 2), and how many pairs were tested.
 
     Every segment of ``a`` and ``b`` is a block of its own; see ``segment_capsules``.
     """
-    room = start_descent(a.sequence, b.sequence, table, floor, limit, checker.slack)
+    room = start_descent(a.sequence, b.sequence, table, floor, limit, 0.0)
     stop = np.searchsorted(b.sequence.node, limit[a.sequence.node], side="left")
     at = np.array([0, stop[0], 0], dtype=np.int64)
     hits = np.empty((65536, 2), dtype=np.int64)
@@ -143,8 +142,7 @@ def search_double_loop(
                 return np.concatenate(out), int(at[2])
             continue
         s, t = int(at[0]), int(at[1])
-        which = slice(first, first + count)
-        if checker.conflict(a, s, b, t, room.pairs[which], room.where[which]):
+        if hulls_conflict(a, s, b, t, room, slice(first, first + count)):
             v, u = int(a.sequence.node[s]), int(b.sequence.node[t])
             out.append(np.array([[v, u]]))
             if growing:
@@ -158,7 +156,6 @@ def find_edges_double_loop(
     ranks: Sequence[Indices],
     order: NodeOrder,
     table: ContactTable,
-    checker: ConflictChecker,
     growing: bool,
 ) -> tuple[Indices, int]:
     """Return what ``find_motion_edges`` returns, by the double loop, and the pairs tested."""
@@ -172,7 +169,6 @@ def find_edges_double_loop(
             np.ascontiguousarray(order.last_before(i, k)),
             nodes_before(ranks, i, k),
             table,
-            checker,
             growing,
         )
         tests += tested

@@ -30,7 +30,7 @@ from planning.motion.motion_plan import MotionPlan
 from planning.transforms import Indices
 from scheduling.build_nodes import build_nodes
 from scheduling.build_tpg import build_tpg
-from scheduling.conflicts.conflict_search import HullChecker, find_motion_edges
+from scheduling.conflicts.conflict_search import find_motion_edges
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.occupancy import Occupancy, chain_occupancy
 from scheduling.conflicts.swept_sequence import LEAF
@@ -143,11 +143,10 @@ def _by_tree(
     tpg: TemporalPlanGraph, task_edges: Indices, common: float
 ) -> tuple[Search, Indices]:
     nodes = DerivedTpg(tpg)
-    checker = HullChecker(nodes.table)
     bodies, made = _clock(lambda: _occupancies(nodes, leaf=LEAF))
     (order, _), ordered = _clock(lambda: order_and_reduce(nodes.ranks, task_edges))
     found, searched = _clock(
-        lambda: find_motion_edges(bodies, nodes.ranks, order, nodes.table, checker)
+        lambda: find_motion_edges(bodies, nodes.ranks, order, nodes.table)
     )
     edges, reduced = _clock(lambda: _reduced(nodes.ranks, task_edges, found))
     total = common + made + ordered + searched + reduced
@@ -158,14 +157,11 @@ def _by_double_loop(
     tpg: TemporalPlanGraph, task_edges: Indices, common: float, *, growing: bool
 ) -> tuple[Search, Indices]:
     nodes = DerivedTpg(tpg)
-    checker = HullChecker(nodes.table)
     bodies, made = _clock(lambda: _occupancies(nodes, leaf=_ONE_BLOCK))
     flat, flattened = _clock(lambda: [segment_capsules(item) for item in bodies])
     (order, _), ordered = _clock(lambda: order_and_reduce(nodes.ranks, task_edges))
     (found, pairs), searched = _clock(
-        lambda: find_edges_double_loop(
-            flat, nodes.ranks, order, nodes.table, checker, growing
-        )
+        lambda: find_edges_double_loop(flat, nodes.ranks, order, nodes.table, growing)
     )
     edges, reduced = _clock(lambda: _reduced(nodes.ranks, task_edges, found))
     total = common + made + flattened + ordered + searched + reduced

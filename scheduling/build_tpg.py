@@ -8,7 +8,7 @@ import numpy as np
 
 from planning.motion.motion_plan import MotionPlan
 from scheduling.build_nodes import build_nodes
-from scheduling.conflicts.conflict_search import HullChecker, find_motion_edges
+from scheduling.conflicts.conflict_search import find_motion_edges
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.reduction import order_and_reduce
 from scheduling.graph.task_edges import dependency_edges
@@ -56,7 +56,6 @@ def connect_nodes(
         nodes.ranks,
         implied,
         nodes.table,
-        HullChecker(nodes.table),
         progress,
     )
     causes = np.array([TASK_DEPENDENCY, MOTION_CONFLICT], dtype=np.uint8)

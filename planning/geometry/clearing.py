@@ -1,4 +1,4 @@
-"""Motions cleared by compiled code: what it cannot clear is left to the exact decision.
+"""Collision checks of whole motions, compiled; what they cannot prove is left to the exact decision.
 
 Capsules propose pairs of bodies; those whose hulls are proved apart are dropped.
 """

@@ -7,36 +7,25 @@ import numpy as np
 from planning.kernels import inner_kernel
 from planning.transforms import Array
 
+Vector = tuple[float, float, float]
+
 
 @inner_kernel
 def segment_segment(a0: Array, a1: Array, b0: Array, b1: Array) -> float:
     """Return the squared distance [m^2] of segments a0-a1 and b0-b1, each end of shape (3,)."""
     return segment_distance(
-        a1[0] - a0[0],
-        a1[1] - a0[1],
-        a1[2] - a0[2],
-        b1[0] - b0[0],
-        b1[1] - b0[1],
-        b1[2] - b0[2],
-        a0[0] - b0[0],
-        a0[1] - b0[1],
-        a0[2] - b0[2],
+        (a1[0] - a0[0], a1[1] - a0[1], a1[2] - a0[2]),
+        (b1[0] - b0[0], b1[1] - b0[1], b1[2] - b0[2]),
+        (a0[0] - b0[0], a0[1] - b0[1], a0[2] - b0[2]),
     )
 
 
 @inner_kernel
-def segment_distance(
-    ux: float,
-    uy: float,
-    uz: float,
-    vx: float,
-    vy: float,
-    vz: float,
-    wx: float,
-    wy: float,
-    wz: float,
-) -> float:
+def segment_distance(u: Vector, v: Vector, w: Vector) -> float:
     """Return the squared distance [m^2] of segments w + [0, 1] u and [0, 1] v."""
+    ux, uy, uz = u
+    vx, vy, vz = v
+    wx, wy, wz = w
     a = ux * ux + uy * uy + uz * uz
     c = vx * vx + vy * vy + vz * vz
     b = ux * vx + uy * vy + uz * vz

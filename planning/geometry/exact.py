@@ -18,7 +18,7 @@ import numpy as np
 from planning.cell.body import ConvexBody
 from planning.cell.compiled_robot import RobotKernel
 from planning.kernels import kernel
-from planning.kinematics.chain import joint_poses
+from planning.kinematics.chain import pose_joints
 from planning.transforms import Array, Transform
 
 TOLERANCE = 2e-4
@@ -81,31 +81,21 @@ def _carry(
     q_a: Array,
     q_b: Array,
     root: int,
-    rotation: Array,
-    offset: Array,
+    out: Array,
 ) -> float:
     """Write a carried body's pose at the middle of a motion; bound its motion seen from root."""
     n = q_a.shape[0]
-    poses = np.empty((n + 1, 4, 4))
-    joint_poses(
-        kernel.placement,
-        kernel.axis,
-        kernel.prismatic,
-        kernel.base,
-        0.5 * (q_a + q_b),
-        poses,
-    )
+    poses, middle = np.empty((n + 1, 4, 4)), np.empty(n)
+    for j in range(n):
+        middle[j] = 0.5 * (q_a[j] + q_b[j])
+    pose_joints(kernel, middle, poses)
     pose = poses[joint + 1]
     for r in range(3):
-        for c in range(3):
-            total = 0.0
+        for c in range(4):
+            total = pose[r, 3] if c == 3 else 0.0
             for k in range(3):
                 total += pose[r, k] * local[k, c]
-            rotation[r, c] = total
-        total = pose[r, 3]
-        for k in range(3):
-            total += pose[r, k] * local[k, 3]
-        offset[r] = total
+            out[r, c] = total
     moved = 0.0
     for j in range(joint, root, -1):
         half_travel = 0.5 * abs(q_b[j] - q_a[j])
@@ -150,20 +140,10 @@ def place(solid: Solid, q_a: Array, q_b: Array, root: int = -1) -> tuple[Any, fl
     """
     if solid.carrier is None:
         return coal.Transform3s(solid.local[:3, :3], solid.local[:3, 3]), 0.0
-    rotation = np.empty((3, 3))
-    offset = np.empty(3)
-    moved = _carry(
-        solid.carrier,
-        solid.joint,
-        solid.vertices,
-        solid.local,
-        q_a,
-        q_b,
-        root,
-        rotation,
-        offset,
-    )
-    return coal.Transform3s(rotation, offset), moved
+    carrier, joint, vertices = solid.carrier, solid.joint, solid.vertices
+    pose = np.empty((3, 4))
+    moved = _carry(carrier, joint, vertices, solid.local, q_a, q_b, root, pose)
+    return coal.Transform3s(pose[:, :3], pose[:, 3]), moved
 
 
 def distance(a: Solid, pose_a: Any, b: Solid, pose_b: Any) -> float:

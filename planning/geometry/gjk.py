@@ -1,4 +1,4 @@
-"""How far apart two convex hulls are, compiled: GJK that proves what it says.
+"""Distance classes of two convex hulls, compiled: GJK that proves what it says.
 
 GJK walks towards the shortest vector between two hulls. Any direction it tries proves a lower
 bound of their distance (the gap between their supporting planes), whatever rounding does to the

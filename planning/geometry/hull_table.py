@@ -1,4 +1,4 @@
-"""Corners of moving convex bodies for compiled code, and how far they stray on a motion."""
+"""Tables of moving convex bodies for compiled code, and how far they stray on a motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two robots that move at once: do they stay clear of each other along a composite motion?
+"""Collision checks of two robots that move at once along a composite motion.
 
 Both go straight in joint space with the same parameter. The motion is cut into parts; within
 one each robot may be anywhere on its own stretch while the other is anywhere on its own. So the

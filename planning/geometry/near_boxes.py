@@ -1,4 +1,4 @@
-"""Which boxes a robot may come near to on a path: a coarse, safe choice before exact checks."""
+"""Boxes within reach of a robot on a path: a coarse, safe choice before exact checks."""
 
 from __future__ import annotations
 

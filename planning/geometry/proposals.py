@@ -1,4 +1,4 @@
-"""Capsules against a standing scene, compiled: which bodies may touch, and when on a motion."""
+"""Pairs of bodies whose capsules come close on a motion in a standing scene, compiled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""May this robot be here, or move along there, in the cell as it stands at one instant?"""
+"""Collision checks of one robot in a cell that stands still."""
 
 from __future__ import annotations
 

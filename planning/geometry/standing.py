@@ -1,4 +1,4 @@
-"""What stands around a robot: boxes and other robots, collected once wherever they stand.
+"""Tables of the boxes and robots that stand around a robot, shared by scenes.
 
 An object stands in the same place in very many scenes. All its places are rows of arrays that
 scenes share: a scene is a choice of rows.

@@ -65,15 +65,9 @@ def close_blocks(
                     if min(u2, v2) - s > y2 or max(u2, v2) + s < x2:
                         continue
                     apart = segment_distance(
-                        q0 - p0,
-                        q1 - p1,
-                        q2 - p2,
-                        v0 - u0,
-                        v1 - u1,
-                        v2 - u2,
-                        p0 - u0,
-                        p1 - u1,
-                        p2 - u2,
+                        (q0 - p0, q1 - p1, q2 - p2),
+                        (v0 - u0, v1 - u1, v2 - u2),
+                        (p0 - u0, p1 - u1, p2 - u2),
                     )
                     if apart < (r + s) * (r + s):
                         out[count, 0], out[count, 1] = x, y

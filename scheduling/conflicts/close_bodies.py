@@ -1,4 +1,4 @@
-"""Bodies that may come too close on two stretches of motion, compiled, and where a descent keeps them.
+"""Bodies that may come too close on two stretches of motion, compiled, and the state of a descent.
 
 Separating planes dismiss pairs of bodies, for ever shorter stretches of both motions; on two
 segments hulls decide.

@@ -11,15 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import count
-from typing import Protocol
 
 import numpy as np
 
 from planning.geometry.exact import come_close, distance_at
 from planning.parallel import side_by_side
-from planning.transforms import Array, Indices
+from planning.transforms import Indices
 from scheduling.conflicts.allowed_contacts import ContactTable
-from scheduling.conflicts.close_bodies import start_descent
+from scheduling.conflicts.close_bodies import Descent, start_descent
 from scheduling.conflicts.occupancy import Occupancy
 from scheduling.conflicts.staircase import next_proposal, raise_floor
 from scheduling.graph.reduction import NodeOrder
@@ -28,82 +27,34 @@ from scheduling.graph.total_order import nodes_before
 _MOST_HITS = 32768
 
 
-class ConflictChecker(Protocol):
-    """Decides what hulls are not proved to do; may be asked by several threads.
-
-    Attributes:
-        slack: taken off the clearances [m]: bodies proved to keep that are not asked about, nor
-            those proved not to.
-    """
-
-    slack: float
-
-    def conflict(
-        self,
-        a: Occupancy,
-        s: int,
-        b: Occupancy,
-        t: int,
-        pairs: Indices,
-        where: Array,
-    ) -> bool:
-        """Tell whether two segments conflict.
-
-        Args:
-            a, s: an occupancy and a segment of it.
-            b, t: another robot's occupancy and a segment of it.
-            pairs: bodies (of a, of b) that are proposed, shape (p, 2).
-            where: shares of both motions at which each pair may be too close, NaN where
-                that is not known, shape (p, 2).
-        """
-        ...
-
-
-class HullChecker:
-    """Decides by the distance of convex hulls over both whole motions.
+def hulls_conflict(
+    a: Occupancy, s: int, b: Occupancy, t: int, descent: Descent, proposed: slice
+) -> bool:
+    """Decide by the distance of convex hulls over both whole motions whether segments conflict.
 
     Args:
-        table: clearances.
-        slack: taken off the clearances [m].
+        a, s: an occupancy and a segment of it.
+        b, t: another robot's occupancy and a segment of it.
+        descent: what proposed their bodies.
+        proposed: the pairs of bodies.
     """
-
-    def __init__(self, table: ContactTable, *, slack: float = 0.0) -> None:
-        self.slack = slack
-        self._robots = table.robots
-        self._between_robots = float(table.clearance[0]) - slack
-        self._to_objects = float(table.clearance[1]) - slack
-        self.decisions = 0
-
-    def conflict(
-        self,
-        a: Occupancy,
-        s: int,
-        b: Occupancy,
-        t: int,
-        pairs: Indices,
-        where: Array,
-    ) -> bool:
-        """Tell whether two segments conflict; see ConflictChecker."""
-        for (i, j), (x, y) in zip(pairs.tolist(), where.tolist(), strict=True):
-            self.decisions += 1
-            both_robots = (
-                a.sequence.entity[s, i] < self._robots
-                and b.sequence.entity[t, j] < self._robots
-            )
-            limit = self._between_robots if both_robots else self._to_objects
-            solid_a, solid_b = (
-                a.solids[a.hulls.solid[s, i]],
-                b.solids[b.hulls.solid[t, j]],
-            )
-            a_from, a_to = a.hulls.q_a[s], a.hulls.q_b[s]
-            b_from, b_to = b.hulls.q_a[t], b.hulls.q_b[t]
-            if not np.isnan(x):
-                q_a, q_b = a_from + x * (a_to - a_from), b_from + y * (b_to - b_from)
-                if distance_at(solid_a, q_a, solid_b, q_b) < limit:
-                    return True
-            if come_close(solid_a, a_from, a_to, solid_b, b_from, b_to, limit):
+    table, robots = descent.table, descent.table.robots
+    a_from, a_to = a.hulls.q_a[s], a.hulls.q_b[s]
+    b_from, b_to = b.hulls.q_a[t], b.hulls.q_b[t]
+    pairs, where = descent.pairs[proposed].tolist(), descent.where[proposed].tolist()
+    for (i, j), (x, y) in zip(pairs, where, strict=True):
+        one, other = a.sequence.entity[s, i], b.sequence.entity[t, j]
+        limit = table.clearance[0 if one < robots and other < robots else 1]
+        limit = float(limit) - descent.slack
+        solid_a = a.solids[a.hulls.solid[s, i]]
+        solid_b = b.solids[b.hulls.solid[t, j]]
+        if not np.isnan(x):
+            q_a, q_b = a_from + x * (a_to - a_from), b_from + y * (b_to - b_from)
+            if distance_at(solid_a, q_a, solid_b, q_b) < limit:
                 return True
-        return False
+        if come_close(solid_a, a_from, a_to, solid_b, b_from, b_to, limit):
+            return True
+    return False
 
 
 def search_conflicts(
@@ -112,7 +63,7 @@ def search_conflicts(
     floor: Indices,
     limit: Indices,
     table: ContactTable,
-    checker: ConflictChecker,
+    slack: float = 0.0,
 ) -> Iterator[tuple[int, int]]:
     """Yield conflicts (v, u) of two occupancies until those yielded imply all others.
 
@@ -124,9 +75,9 @@ def search_conflicts(
         floor: last u implied for each v already, never falling; raised here.
         limit: first u that is not asked for, for each v, never falling.
         table: allowed contacts and clearances.
-        checker: decides what is not proved.
+        slack: taken off the clearances [m].
     """
-    descent = start_descent(a.sequence, b.sequence, table, floor, limit, checker.slack)
+    descent = start_descent(a.sequence, b.sequence, table, floor, limit, slack)
     depth = 1
     # Who asks for the first conflict alone does not have to wait for more.
     hits = np.empty((1, 2), dtype=np.int64)
@@ -137,8 +88,7 @@ def search_conflicts(
             hits = np.empty((min(8 * found, _MOST_HITS), 2), dtype=np.int64)
         if bodies == 0:
             continue
-        which = slice(first, first + bodies)
-        if checker.conflict(a, s, b, t, descent.pairs[which], descent.where[which]):
+        if hulls_conflict(a, s, b, t, descent, slice(first, first + bodies)):
             v, u = int(a.sequence.node[s]), int(b.sequence.node[t])
             raise_floor(floor, v, u)
             yield v, u
@@ -149,7 +99,6 @@ def find_motion_edges(
     ranks: Sequence[Indices],
     order: NodeOrder,
     table: ContactTable,
-    checker: ConflictChecker,
     progress: Callable[[int, int], None] | None = None,
 ) -> Indices:
     """Return the type-2 edges that motion conflicts ask for, not reduced, shape (e, 4).
@@ -159,7 +108,6 @@ def find_motion_edges(
         ranks: place of every node in the total order.
         order: what task dependencies imply; not searched again.
         table: allowed contacts and clearances.
-        checker: decides what the capsules propose.
         progress: called after each ordered pair of robots with pairs done and in all, by the
             thread that searched it.
     """
@@ -171,9 +119,7 @@ def find_motion_edges(
         i, k = pair
         floor = np.ascontiguousarray(order.last_before(i, k))
         limit = nodes_before(ranks, i, k)
-        found = search_conflicts(
-            occupancies[i], occupancies[k], floor, limit, table, checker
-        )
+        found = search_conflicts(occupancies[i], occupancies[k], floor, limit, table)
         edges = [(k, u, i, v) for v, u in found]
         if progress is not None:
             progress(next(done) + 1, len(todo))

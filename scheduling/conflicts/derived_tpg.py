@@ -21,7 +21,7 @@ from scheduling.conflicts.allowed_contacts import (
     contact_table,
     entity_numbers,
 )
-from scheduling.conflicts.conflict_search import HullChecker, search_conflicts
+from scheduling.conflicts.conflict_search import search_conflicts
 from scheduling.conflicts.object_spans import (
     Moment,
     ObjectHistory,
@@ -151,8 +151,7 @@ class DerivedTpg:
         self, a: Occupancy, b: Occupancy, floor: Indices, limit: Indices
     ) -> Iterator[tuple[int, int]]:
         """Yield conflicts (v, u) until those yielded imply all others, see ``search_conflicts``."""
-        checker = HullChecker(self.table)
-        return search_conflicts(a, b, floor, limit, self.table, checker)
+        return search_conflicts(a, b, floor, limit, self.table)
 
     def first_conflict(
         self,
@@ -171,9 +170,8 @@ class DerivedTpg:
                 ``search_conflicts``. Neither is changed.
             slack: taken off the clearances [m].
         """
-        checker = HullChecker(self.table, slack=slack)
         floor, limit = np.array(floor, np.int64), np.array(limit, np.int64)
-        return next(search_conflicts(a, b, floor, limit, self.table, checker), None)
+        return next(search_conflicts(a, b, floor, limit, self.table, slack), None)
 
     def with_edges(self, edges: Indices, cause: Causes) -> DerivedTpg:
         """Return the graph with other edges, reduced and sorted.

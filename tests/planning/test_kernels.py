@@ -1,0 +1,78 @@
+"""Packed tables seen from kernels, and answers that are kept."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from planning.kept_answers import KeptAnswers
+from planning.kernels import inner_kernel, kernel, packed
+from planning.transforms import Array, Indices
+
+
+class _Rows(NamedTuple):
+    values: Array
+    scale: float
+
+
+class _Table(NamedTuple):
+    rows: _Rows
+    chosen: Indices
+    sums: Array
+    offset: int
+
+
+@inner_kernel
+def _sum_row(rows: _Rows, k: int) -> float:
+    total = 0.0
+    for j in range(rows.values.shape[1]):
+        total += rows.values[k, j]
+    return total * rows.scale
+
+
+@kernel
+def _sum_chosen(table: _Table) -> int:
+    for k in range(len(table.chosen)):
+        table.sums[k] = _sum_row(table.rows, table.chosen[k]) + table.offset
+    return len(table.chosen)
+
+
+def _table(values: Array) -> _Table:
+    rows = packed(_Rows(values, 0.5))
+    return packed(_Table(rows, np.array([2, 0]), np.zeros(2), 10))
+
+
+def test_kernels_read_and_write_packed_tables() -> None:
+    values = np.arange(12.0).reshape(3, 4)
+    values.setflags(write=False)
+    table = _table(values)
+    assert _sum_chosen(table) == 2
+    assert table.sums.tolist() == [29.0, 13.0]
+    other = packed(table._replace(offset=0))
+    _sum_chosen(other)
+    assert table.sums.tolist() == [19.0, 3.0]
+
+
+def test_tables_of_one_layout_are_of_one_type() -> None:
+    one, other = _table(np.zeros((1, 2))), _table(np.zeros((5, 1)))
+    assert one._numba_type_ == other._numba_type_  # type: ignore[attr-defined]
+    flat = packed(_Rows(np.zeros(3), 1.0))
+    assert flat._numba_type_ != one.rows._numba_type_  # type: ignore[attr-defined]
+
+
+def test_arrays_with_gaps_are_refused() -> None:
+    with pytest.raises(ValueError, match="contiguous"):
+        packed(_Rows(np.zeros((4, 4))[:, :2], 1.0))
+
+
+def test_answers_are_worked_out_once_until_there_are_too_many() -> None:
+    asked: list[int] = []
+
+    def square(k: int) -> int:
+        return kept.get(k, lambda: asked.append(k) or k * k)  # type: ignore[func-returns-value]
+
+    kept: KeptAnswers[int] = KeptAnswers(2)
+    assert [square(k) for k in (3, 3, 4, 3, 5, 3)] == [9, 9, 16, 9, 25, 9]
+    assert asked == [3, 4, 5, 3]
