@@ -117,3 +117,18 @@ def _outside(a: Array, u: Array, half: Array, t: float) -> float:
         if over > 0.0:
             total += over * over
     return total
+
+
+@inner_kernel
+def boxes_apart(a: Array, i: int, b: Array, j: int, gap: float) -> bool:
+    """Tell whether two boxes along the axes are further apart than a gap.
+
+    Args:
+        a, i: least and greatest corners of boxes, shape (.., 6) [m], and one of them.
+        b, j: likewise for the other.
+        gap: the gap [m].
+    """
+    for r in range(3):
+        if a[i, r] - b[j, r + 3] > gap or b[j, r] - a[i, r + 3] > gap:
+            return True
+    return False

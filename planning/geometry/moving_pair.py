@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.cell.workcell import Workcell, WorldState
-from planning.geometry.boxes import boxes_apart
+from planning.geometry.distance import boxes_apart
 from planning.geometry.proposals import SKIP
 from planning.geometry.robot_bodies import RobotBodies, held_by, robot_bodies
 from planning.geometry.separation import (

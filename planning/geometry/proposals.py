@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.geometry.boxes import boxes_apart
-from planning.geometry.distance import segment_box
+from planning.geometry.distance import boxes_apart, segment_box
 from planning.geometry.hull_table import HullTable
 from planning.geometry.separation import Scratch
 from planning.geometry.swept_bodies import (

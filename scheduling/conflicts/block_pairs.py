@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from planning.geometry.boxes import boxes_apart
-from planning.geometry.distance import segment_distance
+from planning.geometry.distance import boxes_apart, segment_distance
 from planning.kernels import inner_kernel
 from planning.transforms import Indices
 from scheduling.conflicts.swept_sequence import SweptSequence
