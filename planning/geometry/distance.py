@@ -1,4 +1,4 @@
-"""Distances between segments and boxes, compiled: the cores of capsules against what they meet."""
+"""Distances of segments and boxes, compiled: the cores of capsules against what they meet."""
 
 from __future__ import annotations
 
