@@ -13,8 +13,8 @@ from twin.commands.options import AsJson, Quiet
 from twin.host.guard import guarded
 
 if TYPE_CHECKING:
+    from twin.fit.fitting import Fit
     from twin.fit.selection import Candidate
-    from twin.fit.snippet import Fit
 
 File = Annotated[
     Path,

@@ -1,4 +1,4 @@
-"""Durations without memory."""
+"""Exponential durations and their fit."""
 
 from __future__ import annotations
 

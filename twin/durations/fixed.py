@@ -1,4 +1,4 @@
-"""Durations that never vary."""
+"""Fixed durations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Durations of several exponential steps in a row."""
+"""Gamma durations, those of several exponential steps in a row, and their fit."""
 
 from __future__ import annotations
 

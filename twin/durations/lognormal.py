@@ -1,13 +1,15 @@
-"""Durations whose logarithm is normal."""
+"""Lognormal durations and their fit."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import model_validator
 
+from planning.errors import ScenarioError
 from planning.transforms import Array
 from twin.durations.fittable import (
     LOG_ROOT_2PI,
@@ -39,13 +41,17 @@ class Lognormal(FittableModel):
     cv: Factor | None = None
 
     @model_validator(mode="after")
-    def _exists(self) -> Lognormal:
+    def _one_pair(self) -> Lognormal:
         require_pair(self, ("median_s", "p95_s"), ("mean_s", "cv"))
-        median, p95 = self._quantiles()
-        if p95 < median:
+        if (self.p95_s or 0.0) < (self.median_s or 0.0):
             raise ValueError("p95_s must not be less than median_s")
+        return self
+
+    def located(self, folder: Path) -> Lognormal:
+        """Return the model; ScenarioError when it is wider than numbers go."""
+        median, p95 = self._quantiles()
         if p95 / 1e9 > median:
-            raise ValueError(
+            raise ScenarioError(
                 f"lognormal: p95_s {p95} is more than 1e9 times the median_s {median}"
             )
         return self

@@ -1,4 +1,4 @@
-"""Durations as they were measured, each as likely as any other."""
+"""Empirical distributions of measured durations, and their CSV files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every distribution of durations has: a section in a scenario file, quantiles, moments."""
+"""Base class of distributions of durations: scenario section, quantiles, moments."""
 
 from __future__ import annotations
 
@@ -72,13 +72,16 @@ class DurationModel(Section, ABC):
         return self.model_copy(update={"scale": self.scale * factor})
 
     def located(self, folder: Path) -> DurationModel:
-        """Return the model with its files read and checked, so that it can be drawn from.
+        """Return the model with its files read, once it is clear that it can be drawn from.
+
+        Values are checked one by one when a section is read; whether they make a distribution
+        together, which may depend on files, is checked here.
 
         Args:
             folder: where relative paths start.
 
         Raises:
-            ScenarioError: a file cannot be read, or its durations do not fit the rest.
+            ScenarioError: a file cannot be read, or there is no such distribution.
         """
         return self
 

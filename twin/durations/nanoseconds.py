@@ -1,4 +1,4 @@
-"""Time inside the twin: integer nanoseconds, so that sums do not depend on their order."""
+"""Integer nanoseconds, the unit of time inside the twin: sums do not depend on their order."""
 
 from __future__ import annotations
 

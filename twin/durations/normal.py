@@ -1,12 +1,14 @@
-"""Durations around a mean, cut off where there can be none."""
+"""Normal durations, cut off where there can be none, and their fit."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
+from planning.errors import ScenarioError
 from planning.transforms import Array
 from twin.durations.fittable import LOG_ROOT_2PI, FittableModel
 from twin.durations.model import PositiveSeconds, Seconds
@@ -36,19 +38,19 @@ class TruncatedNormal(FittableModel):
     low_s: Seconds = 0.0
     high_s: PositiveSeconds | None = None
 
-    @model_validator(mode="after")
-    def _exists(self) -> TruncatedNormal:
+    def located(self, folder: Path) -> TruncatedNormal:
+        """Return the model; ScenarioError when hardly anything is between its bounds."""
         if abs(self.mean_s) / 1e9 > self.sd_s:
-            raise ValueError(
+            raise ScenarioError(
                 f"normal: mean_s {self.mean_s} is more than 1e9 times sd_s {self.sd_s}"
             )
         if self.low_s >= self._high_s:
-            raise ValueError(
+            raise ScenarioError(
                 f"normal: need 0 <= low_s < high_s, not {self.low_s} and {self.high_s}"
             )
         below, above = self._cut()
         if above - below < _LEAST_KEPT:
-            raise ValueError(
+            raise ScenarioError(
                 f"normal: less than 1 % of mean {self.mean_s} and sd {self.sd_s} is "
                 f"between {self.low_s} and {self._high_s}"
             )

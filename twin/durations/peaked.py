@@ -1,4 +1,4 @@
-"""Durations between two bounds with a most likely one: triangular and PERT."""
+"""Triangular and PERT durations, between two bounds with a most likely one, and their fit."""
 
 from __future__ import annotations
 

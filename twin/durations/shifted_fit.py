@@ -1,4 +1,4 @@
-"""Fits of shifted distributions: a time that never varies and a part that does."""
+"""Fit of shifted distributions: an offset and a part that varies."""
 
 from __future__ import annotations
 

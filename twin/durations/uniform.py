@@ -1,4 +1,4 @@
-"""Durations between two bounds, equally likely."""
+"""Uniform durations and their fit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Durations until the weakest of many links gives."""
+"""Weibull durations, those until the weakest of many links gives, and their fit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How robots and dispatcher talk: queues ahead, and the time that messages take."""
+"""Messages between robots and dispatcher: queue depth and latencies."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.durations import to_nanoseconds
 
 @dataclass(frozen=True)
 class Messages:
-    """How robots and dispatcher talk.
+    """Queue depth and latencies of messages between robots and dispatcher.
 
     Attributes:
         queue_depth: actions sent to a robot of which completion is not yet reported, at most.

@@ -1,4 +1,4 @@
-"""Tells recorders what happens in a run, as rows and in words (paper terms, exact times)."""
+"""Event rows of a run for recorders, with details in words (paper terms, exact times)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs by the planned clock: every robot follows it, and nobody waits for anybody."""
+"""Open-loop execution: every robot follows the planned clock, and nobody waits for anybody."""
 
 from __future__ import annotations
 

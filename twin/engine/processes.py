@@ -1,4 +1,4 @@
-"""One run of the twin under way: robot processes and the dispatcher process (APEX-MR IV-D)."""
+"""SimPy processes of one run: the robots and the dispatcher (APEX-MR IV-D)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _Steps = Generator[simpy.Event, Any, None]
 
 
 class Execution:
-    """One run under way."""
+    """One run in progress."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Distributions that fit measured durations best.
+"""Fits of distributions to measured durations, ranked and tested.
 
 Imports durations; commands import it.
 """

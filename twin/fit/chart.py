@@ -1,4 +1,4 @@
-"""The picture of a fit: histogram with densities, and quantiles against quantiles."""
+"""Picture of a fit: histogram with densities, and quantiles against quantiles."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from planning.transforms import Array
+from twin.fit.fitting import Fit
 from twin.fit.selection import Candidate
-from twin.fit.snippet import Fit
 from twin.host.pictures import INK, new_picture, save_png, style_axes
 
 _BARS = "#c9d3de"

@@ -2,15 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from planning.errors import OutputError
+from twin.durations.fittable import rounded
 from twin.fit.samples import Sample
-from twin.fit.selection import fit_candidates
-from twin.fit.snippet import Fit
+from twin.fit.selection import Candidate, fit_candidates
 from twin.host.progress import Report, of_stage, report_nothing
 from twin.run.folder import prepare_run_folder
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A sample and the distributions fitted to it.
+
+    Attributes:
+        sample: the durations.
+        candidates: best first; none where all durations are as good as the same.
+    """
+
+    sample: Sample
+    candidates: tuple[Candidate, ...]
+
+    @property
+    def best(self) -> Candidate | None:
+        """The best candidate, None where the test rejects all of them."""
+        if self.candidates and not self.candidates[0].rejected:
+            return self.candidates[0]
+        return None
+
+    @property
+    def csv(self) -> str:
+        """Name of the file of the durations themselves, where nothing fits."""
+        return f"{self.sample.name}.csv"
+
+    @property
+    def section(self) -> Mapping[str, Any]:
+        """What a scenario should say: the best fit, or the measured times themselves."""
+        if not self.candidates:
+            return {
+                "kind": "fixed",
+                "value_s": rounded(np.median(self.sample.values_s)),
+            }
+        if self.best is None:
+            return {"kind": "empirical", "csv": self.csv}
+        return self.best.section
 
 
 def fit_samples(

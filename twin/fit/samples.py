@@ -33,7 +33,7 @@ class Sample:
 
     @property
     def name(self) -> str:
-        """Of the group, fit for a file name."""
+        """Name of the group that can be that of a file."""
         text = "-".join(self.labels.values()) or "durations"
         return "".join(c if c.isalnum() or c in "._-" else "_" for c in text)
 

@@ -1,15 +1,17 @@
-"""Every family fitted to one sample, tested and ranked."""
+"""Candidate distributions of one sample: fitted, tested and ranked."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
+from planning.errors import ScenarioError
 from planning.transforms import Array
 from twin.durations import (
     AnyDuration,
@@ -40,7 +42,7 @@ FAMILIES: tuple[Family, ...] = (
     ShiftedFamily(Gamma),
     ShiftedFamily(Weibull),
 )
-"""What is tried."""
+"""Families that are fitted."""
 
 LEVEL = 0.05
 """A family is rejected where the probability of a fit as bad is less."""
@@ -114,7 +116,7 @@ def fit_candidates(
     found = []
     for k, family in enumerate(suiting):
         progress(k, len(suiting))
-        with suppress(ValidationError):  # no scenario can say it
+        with suppress(ValidationError, ScenarioError):  # no scenario can say it
             found.append(fit_family(family, x, resamples=resamples, seed=seed))
     progress(len(suiting), len(suiting))
     return tuple(sorted(found, key=lambda c: (c.rejected, c.aicc)))
@@ -122,7 +124,7 @@ def fit_candidates(
 
 def section_model(section: Mapping[str, Any]) -> DurationModel:
     """Return the distribution of a section that reads no file."""
-    return _SECTION.validate_python(dict(section))
+    return _SECTION.validate_python(dict(section)).located(Path())
 
 
 def anderson_darling(cdf: Array) -> Array:

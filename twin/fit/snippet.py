@@ -1,56 +1,14 @@
-"""What a fit becomes: the lines of a scenario that draw such durations."""
+"""Lines of a scenario file that draw durations as a fit found them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from twin.durations.fittable import rounded
-from twin.fit.samples import Sample
-from twin.fit.selection import Candidate
+from twin.fit.fitting import Fit
 from twin.host.atomic import write_text
 from twin.scenario.document.text import scenario_text
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A sample and the distributions fitted to it.
-
-    Attributes:
-        sample: the durations.
-        candidates: best first; none where all durations are as good as the same.
-    """
-
-    sample: Sample
-    candidates: tuple[Candidate, ...]
-
-    @property
-    def best(self) -> Candidate | None:
-        """The best candidate, None where the test rejects all of them."""
-        if self.candidates and not self.candidates[0].rejected:
-            return self.candidates[0]
-        return None
-
-    @property
-    def csv(self) -> str:
-        """Name of the file of the durations themselves, where nothing fits."""
-        return f"{self.sample.name}.csv"
-
-    @property
-    def section(self) -> Mapping[str, Any]:
-        """What a scenario should say: the best fit, or the measured times themselves."""
-        if not self.candidates:
-            return {
-                "kind": "fixed",
-                "value_s": rounded(np.median(self.sample.values_s)),
-            }
-        if self.best is None:
-            return {"kind": "empirical", "csv": self.csv}
-        return self.best.section
 
 
 def write_snippet(folder: Path, fits: Sequence[Fit], source: str) -> None:

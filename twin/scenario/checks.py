@@ -112,7 +112,7 @@ def _check_robot_names(scenario: Scenario) -> Found:
 
 
 def _check_durations(value: object, at: KeyPath, folder: Path) -> Found:
-    """Look for durations whose files do not serve in whatever may hold some, innermost first."""
+    """Yield durations that there cannot be, in whatever may hold some, innermost first."""
     wrong = False
     for key, part in _parts(value):
         for problem in _check_durations(part, (*at, key), folder):

@@ -1,4 +1,4 @@
-"""Random draws by name, disturbances, and what they make of every node's time.
+"""Disturbances, named random draws, and the node times they give in a replication.
 
 Imports durations; engine, run and scenario import it.
 """

@@ -1,4 +1,4 @@
-"""Draws of one robot's nodes in many replications at once: motion, standstills, failures.
+"""Random motion times, standstills and failures of one robot in many replications at once.
 
 Everything is named by the robot's tasks, so a task meets the same luck whatever else happens. What
 comes seldom is kept as single entries of (node, replication), not as arrays of zeros.

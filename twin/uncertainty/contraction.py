@@ -1,4 +1,4 @@
-"""Runs of nodes that may be executed as one, because nothing else can tell the difference.
+"""Contraction of chains: nodes that can be executed as one without any effect on the others.
 
 A node that waits for no other robot and that follows a node nobody waits for starts the instant
 its predecessor is complete, whatever the queue depth, as long as messages take no time. So it

@@ -1,4 +1,4 @@
-"""Disturbances of a run: what may go wrong, and how often, as a scenario file says it."""
+"""Disturbances of a run, as sections of a scenario file: what may go wrong, and how often."""
 
 from __future__ import annotations
 

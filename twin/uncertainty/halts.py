@@ -1,4 +1,4 @@
-"""Stops at times of the run's clock: emergency stops, and breakdowns by the clock.
+"""Emergency stops, and breakdowns by the clock: stops at times of the run's clock.
 
 When a robot stops does not depend on what happens in the run, so its stops are known as
 intervals. A robot that is stopped stands wherever it is, also in the middle of a node, and goes
@@ -24,7 +24,7 @@ _CHUNK = 16
 
 @dataclass(frozen=True)
 class Stop:
-    """A robot stops, whatever it does.
+    """An interval for which a robot stands, whatever it does.
 
     Attributes:
         start_ns, end_ns: when [ns]; at the end it goes on.
@@ -82,7 +82,7 @@ class Halts:
             t_ns = self._ends[k]
 
     def expand(self, t_ns: Nanoseconds, busy_ns: Nanoseconds) -> Nanoseconds:
-        """Return advance for several pieces of work at once; all shapes are the same."""
+        """Return the ends of several pieces of work, see advance; all shapes are the same."""
         if len(t_ns) == 0:
             return t_ns
         while True:

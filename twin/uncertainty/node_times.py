@@ -28,7 +28,7 @@ _MOST_VALUES = 4_000_000
 
 @dataclass(frozen=True)
 class Standstill:
-    """A robot has started a node and stands before it moves.
+    """Time for which a robot that has started a node stands before it moves.
 
     Where in a node it stands makes no difference to the others: they wait for whole nodes.
 
@@ -45,7 +45,7 @@ class Standstill:
 
 @dataclass(frozen=True)
 class NodeTimes:
-    """What one replication gives every node, one entry a chain.
+    """Times of every node in one replication, one entry a chain.
 
     Attributes:
         motion: duration of each node without standstills, shape (nodes,) [ns].
@@ -79,7 +79,7 @@ class NodeTimes:
     def cut_failed(
         self, start: Sequence[Nanoseconds], end: Sequence[Nanoseconds]
     ) -> None:
-        """Take back what comes after a task that failed for good, in times of all nodes."""
+        """Set the times of nodes after a task that failed for good to -1."""
         for node, begun, done in zip(self.failed, start, end, strict=True):
             if node >= 0:
                 begun[node + 1 :] = -1
@@ -88,7 +88,7 @@ class NodeTimes:
 
 @dataclass(frozen=True)
 class SegmentTimes:
-    """What replications give the segments of a contracted graph.
+    """Times of the segments of a contracted graph in some replications.
 
     Attributes:
         busy_ns: standstills and durations of each segment together, chain by chain, shape

@@ -1,4 +1,4 @@
-"""The clock of a robot that is stopped now and then: it stands while the robot is stopped."""
+"""Conversion between the time of a run and the time for which a robot was not stopped."""
 
 from __future__ import annotations
 
@@ -32,6 +32,6 @@ class Pace:
         return np.asarray(np.maximum(own, floor), dtype=np.int64)
 
     def real(self, own_ns: Nanoseconds) -> Nanoseconds:
-        """Return when it is some own time of the robot: after the stop where one is then."""
+        """Return the time of the run at own times; where a stop begins then, its end [ns]."""
         passed = np.searchsorted(self.stops_at, own_ns, side="right")
         return np.asarray(own_ns + self._stopped[passed], dtype=np.int64)

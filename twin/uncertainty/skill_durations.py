@@ -1,4 +1,4 @@
-"""Durations of the skills in a TPG: which model each draws from, and the draws of many runs."""
+"""Skill durations: the model of each skill task of a TPG, and draws of many replications."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class SkillOverride(Section):
 
 @dataclass(frozen=True)
 class SkillDurations:
-    """Skills vary, motions take their nominal time.
+    """Duration models of skills; motions take their nominal time.
 
     A duration belongs to the task, not to the run: the same task has the same draw under every
     policy and however its nodes were cut.

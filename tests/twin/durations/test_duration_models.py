@@ -272,8 +272,6 @@ def test_a_quantile_does_not_depend_on_its_neighbours(
         lambda: Pert(low_s=1.0, mode_s=1.5, high_s=math.inf),
         lambda: TruncatedNormal(mean_s=1.0, sd_s=0.0),
         lambda: TruncatedNormal(mean_s=1.0, sd_s=1.0, low_s=-1.0),
-        lambda: TruncatedNormal(mean_s=1.0, sd_s=1.0, low_s=3.0, high_s=2.0),
-        lambda: TruncatedNormal(mean_s=-10.0, sd_s=1.0),
         lambda: TruncatedNormal(mean_s=math.nan, sd_s=1.0),
         lambda: Lognormal(mean_s=0.0, cv=0.3),
         lambda: Lognormal(mean_s=8.0, cv=-0.3),
@@ -293,6 +291,20 @@ def test_a_quantile_does_not_depend_on_its_neighbours(
 def test_impossible_models_are_refused(make: Callable[[], object]) -> None:
     with pytest.raises(ValidationError):
         make()
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        TruncatedNormal(mean_s=1.0, sd_s=1.0, low_s=3.0, high_s=2.0),
+        TruncatedNormal(mean_s=-10.0, sd_s=1.0),
+        TruncatedNormal(mean_s=1.0, sd_s=1e-10),
+        Lognormal(median_s=1e-5, p95_s=1e5),
+    ],
+)
+def test_values_that_make_no_distribution_are_refused(model: DurationModel) -> None:
+    with pytest.raises(ScenarioError):
+        model.located(Path())
 
 
 def test_what_would_make_durations_negative_is_refused_with_its_files(

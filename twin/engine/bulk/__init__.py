@@ -1,4 +1,4 @@
-"""The second engine: many replications side by side, as longest paths.
+"""Bulk engine: many replications side by side, as longest paths.
 
 Imports engine.messages, run and uncertainty; study imports it.
 """

@@ -1,4 +1,4 @@
-"""What decided the makespan of a run, and what everybody waited for, whichever engine ran it."""
+"""Critical paths and causes of waiting, from node times of either engine."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OTHER = 2
 def explain(
     graph: PrecedenceArrays, start_ns: Nanoseconds, end_ns: Nanoseconds
 ) -> tuple[Nanoseconds, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Return what was waited for and what decided the makespan, whichever engine ran it.
+    """Return waiting times by cause, and the critical path of each replication.
 
     Args:
         graph: what must wait for what.

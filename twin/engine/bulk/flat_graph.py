@@ -1,4 +1,4 @@
-"""What every node waits for, as flat arrays for compiled passes over many replications."""
+"""Precedence graph with causes as flat arrays, for compiled passes over many replications."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from twin.durations import Nanoseconds
 
 
 class PrecedenceArrays(NamedTuple):
-    """A flat graph of which it is known why nodes wait.
+    """A flat graph with the causes of its edges and earliest starts.
 
     Attributes:
         first, chain, order, edge_first, source: see FlatGraph.

@@ -23,7 +23,7 @@ _BLOCK = 64
 
 @dataclass(frozen=True)
 class Completions:
-    """What came of replications that were computed side by side.
+    """Node times, waits and critical paths of replications.
 
     Attributes:
         start_ns, end_ns: of every node, shape (nodes, replications) [ns].
@@ -46,7 +46,7 @@ class Completions:
 
 
 def makespans(graph: PrecedenceArrays, busy_ns: Nanoseconds) -> Nanoseconds:
-    """Return the end of the run of every replication, and nothing else.
+    """Return the makespan of every replication.
 
     Args:
         graph: what must wait for what.

@@ -1,4 +1,4 @@
-"""Completion times when messages take time and queues are short: longest paths all the same.
+"""Completion times with latencies and short queues, as longest paths.
 
 A dispatcher that lets a robot have d nodes ahead releases node n once node n - d is reported
 complete and so is everything that n waits for, in order. Releases and reports take time on their
@@ -23,7 +23,7 @@ from twin.engine.messages import Messages
 
 
 class Past(NamedTuple):
-    """What has happened until now, by node; nodes are numbered through, chain by chain.
+    """State of a run in progress, by node; nodes are numbered through, chain by chain.
 
     Attributes:
         now_ns: the time; what has not started starts no earlier [ns].

@@ -1,4 +1,4 @@
-"""What a policy makes of a plan: the graph of everything that a node waits for under it.
+"""Precedence graph of a plan under an execution policy.
 
 Every policy releases nodes by what is complete, never by durations; so each of them is a graph.
 """
