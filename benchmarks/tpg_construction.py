@@ -29,11 +29,9 @@ from benchmarks.machine import date_line, load_line, machine_line
 from planning.motion.motion_plan import MotionPlan
 from planning.transforms import Indices
 from scheduling.build_nodes import build_nodes
-from scheduling.build_tpg import build_tpg
-from scheduling.conflicts.conflict_search import find_motion_edges
+from scheduling.build_tpg import build_tpg, find_motion_edges
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.occupancy import Occupancy, chain_occupancy
-from scheduling.conflicts.swept_sequence import LEAF
 from scheduling.graph.reduction import order_and_reduce
 from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -143,13 +141,10 @@ def _by_tree(
     tpg: TemporalPlanGraph, task_edges: Indices, common: float
 ) -> tuple[Search, Indices]:
     nodes = DerivedTpg(tpg)
-    bodies, made = _clock(lambda: _occupancies(nodes, leaf=LEAF))
-    (order, _), ordered = _clock(lambda: order_and_reduce(nodes.ranks, task_edges))
-    found, searched = _clock(
-        lambda: find_motion_edges(bodies, nodes.ranks, order, nodes.table)
-    )
+    _, made = _clock(lambda: nodes.occupancies)
+    found, searched = _clock(lambda: find_motion_edges(nodes, task_edges))
     edges, reduced = _clock(lambda: _reduced(nodes.ranks, task_edges, found))
-    total = common + made + ordered + searched + reduced
+    total = common + made + searched + reduced
     return Search(made, searched, total, None, len(found), len(edges)), edges
 
 
@@ -157,7 +152,7 @@ def _by_double_loop(
     tpg: TemporalPlanGraph, task_edges: Indices, common: float, *, growing: bool
 ) -> tuple[Search, Indices]:
     nodes = DerivedTpg(tpg)
-    bodies, made = _clock(lambda: _occupancies(nodes, leaf=_ONE_BLOCK))
+    bodies, made = _clock(lambda: _bodies_without_tree(nodes))
     flat, flattened = _clock(lambda: [segment_capsules(item) for item in bodies])
     (order, _), ordered = _clock(lambda: order_and_reduce(nodes.ranks, task_edges))
     (found, pairs), searched = _clock(
@@ -169,9 +164,9 @@ def _by_double_loop(
     return search, edges
 
 
-def _occupancies(nodes: DerivedTpg, leaf: int) -> list[Occupancy]:
+def _bodies_without_tree(nodes: DerivedTpg) -> list[Occupancy]:
     return [
-        chain_occupancy(nodes.tpg.cell, chain, spans, nodes.entities, leaf=leaf)
+        chain_occupancy(nodes.tpg.cell, chain, spans, nodes.entities, leaf=_ONE_BLOCK)
         for chain, spans in zip(nodes.tpg.chains, nodes.spans, strict=True)
     ]
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import count, permutations
 
 import numpy as np
 
 from planning.motion.motion_plan import MotionPlan
+from planning.parallel import side_by_side
+from planning.transforms import Indices
 from scheduling.build_nodes import build_nodes
-from scheduling.conflicts.conflict_search import find_motion_edges
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.reduction import order_and_reduce
 from scheduling.graph.task_edges import dependency_edges
@@ -17,6 +19,7 @@ from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
     TemporalPlanGraph,
 )
+from scheduling.graph.total_order import nodes_before
 from scheduling.invariant import check_invariant
 
 
@@ -50,14 +53,7 @@ def connect_nodes(
             meanwhile.
     """
     task_edges = dependency_edges(nodes.tpg)
-    implied, _ = order_and_reduce(nodes.ranks, task_edges)
-    motion_edges = find_motion_edges(
-        nodes.occupancies,
-        nodes.ranks,
-        implied,
-        nodes.table,
-        progress,
-    )
+    motion_edges = find_motion_edges(nodes, task_edges, progress)
     causes = np.array([TASK_DEPENDENCY, MOTION_CONFLICT], dtype=np.uint8)
     graph = nodes.with_edges(
         np.concatenate([task_edges, motion_edges]),
@@ -65,3 +61,41 @@ def connect_nodes(
     )
     check_invariant(graph, searched=True)
     return graph.tpg
+
+
+def find_motion_edges(
+    nodes: DerivedTpg,
+    task_edges: Indices,
+    progress: Callable[[int, int], None] | None = None,
+) -> Indices:
+    """Return the type-2 edges that motion conflicts ask for, not reduced, shape (e, 4).
+
+    For each ordered pair of robots and each node v of the one, the last node u of the other that
+    is earlier in the total order and conflicts with v must be complete before v starts.
+    Occupancies are swept, from the configuration before a node to its own, so the edge starts at
+    that last conflicting node itself: once it is complete its robot stands at the start of the
+    next node, which is clear of v. With the paper's point occupancies that is its successor rule.
+
+    Args:
+        nodes: a graph whose edges are not looked at.
+        task_edges: what is known to precede; not searched again.
+        progress: called after each ordered pair of robots with pairs done and in all, by the
+            thread that searched it.
+    """
+    implied, _ = order_and_reduce(nodes.ranks, task_edges)
+    occupancies = nodes.occupancies
+    todo = list(permutations(range(len(occupancies)), 2))
+    done = count(1)
+
+    def search(pair: tuple[int, int]) -> list[tuple[int, int, int, int]]:
+        i, k = pair
+        floor = implied.last_before(i, k).copy()
+        limit = nodes_before(nodes.ranks, i, k)
+        found = nodes.conflicts(occupancies[i], occupancies[k], floor, limit)
+        edges = [(k, u, i, v) for v, u in found]
+        if progress is not None:
+            progress(next(done), len(todo))
+        return edges
+
+    edges = {edge for found in side_by_side(search, todo) for edge in found}
+    return np.array(sorted(edges), dtype=np.int64).reshape(-1, 4)

@@ -1,28 +1,17 @@
-"""Conflicts between nodes of different robots: capsules propose, convex hulls decide.
-
-For each ordered pair of robots and each node v of the one, the last node u of the other that is
-earlier in the total order and conflicts with v must be complete before v starts (APEX-MR,
-Algorithm 1). Occupancies are swept, from the configuration before a node to its own, so the edge
-starts at that last conflicting node itself: once it is complete its robot stands at the start of
-the next node, which is clear of v. With the paper's point occupancies that is its successor rule.
-"""
+"""Search for conflicts of two occupancies: capsules propose, convex hulls decide."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from itertools import count
+from collections.abc import Iterator
 
 import numpy as np
 
 from planning.geometry.exact import come_close, distance_at
-from planning.parallel import side_by_side
 from planning.transforms import Indices
 from scheduling.conflicts.allowed_contacts import ContactTable
 from scheduling.conflicts.close_bodies import Descent, start_descent
 from scheduling.conflicts.occupancy import Occupancy
 from scheduling.conflicts.staircase import next_proposal, raise_floor
-from scheduling.graph.reduction import NodeOrder
-from scheduling.graph.total_order import nodes_before
 
 _MOST_HITS = 32768
 
@@ -92,38 +81,3 @@ def search_conflicts(
             v, u = int(a.sequence.node[s]), int(b.sequence.node[t])
             raise_floor(floor, v, u)
             yield v, u
-
-
-def find_motion_edges(
-    occupancies: Sequence[Occupancy],
-    ranks: Sequence[Indices],
-    order: NodeOrder,
-    table: ContactTable,
-    progress: Callable[[int, int], None] | None = None,
-) -> Indices:
-    """Return the type-2 edges that motion conflicts ask for, not reduced, shape (e, 4).
-
-    Args:
-        occupancies: one a chain.
-        ranks: place of every node in the total order.
-        order: what task dependencies imply; not searched again.
-        table: allowed contacts and clearances.
-        progress: called after each ordered pair of robots with pairs done and in all, by the
-            thread that searched it.
-    """
-    robots = range(len(occupancies))
-    todo = [(i, k) for i in robots for k in robots if i != k]
-    done = count()
-
-    def search(pair: tuple[int, int]) -> list[tuple[int, int, int, int]]:
-        i, k = pair
-        floor = np.ascontiguousarray(order.last_before(i, k))
-        limit = nodes_before(ranks, i, k)
-        found = search_conflicts(occupancies[i], occupancies[k], floor, limit, table)
-        edges = [(k, u, i, v) for v, u in found]
-        if progress is not None:
-            progress(next(done) + 1, len(todo))
-        return edges
-
-    edges = {edge for found in side_by_side(search, todo) for edge in found}
-    return np.array(sorted(edges), dtype=np.int64).reshape(-1, 4)
