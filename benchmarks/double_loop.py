@@ -14,7 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from planning.geometry.stretches import Stretch, make_stretch
-from planning.kernels import kernel, packed
+from planning.kernels import kernel
+from planning.packed import packed
 from planning.transforms import Indices
 from scheduling.conflicts.allowed_contacts import ContactTable
 from scheduling.conflicts.block_pairs import close_blocks

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from planning.cell.body import ConvexBody
 from planning.cell.robot_model import KinematicChain, RobotModel
 from planning.cell.workcell import PlacedRobot
-from planning.kernels import packed
+from planning.packed import packed
 from planning.transforms import Array, Indices, Transform
 
 

@@ -12,7 +12,8 @@ from planning.cell.body import ConvexBody
 from planning.cell.compiled_robot import NO_ROBOT, RobotKernel
 from planning.geometry.exact import Solid
 from planning.kept_answers import KeptAnswers
-from planning.kernels import inner_kernel, packed
+from planning.kernels import inner_kernel
+from planning.packed import packed
 from planning.transforms import Array, Indices, Transform
 
 AT_REST = -2

@@ -31,7 +31,8 @@ from planning.geometry.swept_bodies import (
     strays_where_they_meet,
     sweep_bodies,
 )
-from planning.kernels import ZERO, inner_kernel, kernel, packed
+from planning.kernels import ZERO, inner_kernel, kernel
+from planning.packed import packed
 from planning.transforms import Array
 
 _HALVINGS = 5

@@ -14,8 +14,8 @@ from planning.geometry.exact import Solid, carried_solid
 from planning.geometry.hull_table import HullTable, hull_table
 from planning.geometry.proposals import SKIP
 from planning.kept_answers import KeptAnswers
-from planning.kernels import packed
 from planning.kinematics.kinematics import joint_poses_of
+from planning.packed import packed
 from planning.transforms import Array, Indices
 
 Held = tuple[CellObject, Attachment]

@@ -31,8 +31,8 @@ from planning.geometry.robot_bodies import (
 from planning.geometry.separation import room_for
 from planning.geometry.standing import StandingBoxes, stand_boxes, stand_robots
 from planning.geometry.swept_bodies import make_swept
-from planning.kernels import packed
 from planning.kinematics.kinematics import joint_poses_of
+from planning.packed import packed
 from planning.transforms import Array, Indices
 
 __all__ = [

@@ -22,8 +22,8 @@ from planning.geometry.hull_table import AT_REST, HullTable, standing_hulls
 from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.swept_bodies import SweptBodies, stand_still
 from planning.kept_answers import KeptAnswers
-from planning.kernels import packed
 from planning.kinematics.kinematics import joint_poses_of
+from planning.packed import packed
 from planning.transforms import Array, Indices, Transform
 
 _MOST_PLACES = 50_000

@@ -18,8 +18,9 @@ from planning.geometry.hull_table import (
     place_corners,
     stray,
 )
-from planning.kernels import ZERO, inner_kernel, packed
+from planning.kernels import ZERO, inner_kernel
 from planning.kinematics.chain import pose_joints
+from planning.packed import packed
 from planning.transforms import Array, Indices
 
 MIXED = -2

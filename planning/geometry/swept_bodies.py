@@ -9,7 +9,8 @@ import numpy as np
 from planning.geometry.distance import segment_segment
 from planning.geometry.hull_table import HullTable
 from planning.geometry.swept import place_capsules
-from planning.kernels import inner_kernel, packed
+from planning.kernels import inner_kernel
+from planning.packed import packed
 from planning.transforms import Array, Indices
 
 NOWHERE = -1.0

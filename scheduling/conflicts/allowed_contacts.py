@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from planning.cell.workcell import Clearances
 from planning.geometry.robot_bodies import entity
-from planning.kernels import inner_kernel, packed
+from planning.kernels import inner_kernel
+from planning.packed import packed
 from planning.tasks.task_graph import AllowedContact
 from planning.transforms import Array, Indices
 

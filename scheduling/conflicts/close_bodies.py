@@ -28,7 +28,8 @@ from planning.geometry.stretches import (
     pose_stretch,
     stretches_stay_apart,
 )
-from planning.kernels import inner_kernel, packed
+from planning.kernels import inner_kernel
+from planning.packed import packed
 from planning.transforms import Array, Indices
 from scheduling.conflicts.allowed_contacts import ContactTable, may_touch
 from scheduling.conflicts.swept_sequence import LEAF, SweptSequence

@@ -29,7 +29,7 @@ from planning.geometry.hull_table import (
 from planning.geometry.scene_checker import entity as robot_entity
 from planning.geometry.scene_checker import robot_solids
 from planning.geometry.swept import bound_travel
-from planning.kernels import packed
+from planning.packed import packed
 from planning.transforms import Array, Indices, Transform
 from scheduling.conflicts.allowed_contacts import ALWAYS
 from scheduling.conflicts.object_spans import ObjectSpan, Rest

@@ -24,7 +24,8 @@ from planning.geometry.stretches import (
     sweep_all_capsules,
     sweep_capsules,
 )
-from planning.kernels import ZERO, inner_kernel, kernel, packed
+from planning.kernels import ZERO, inner_kernel, kernel
+from planning.packed import packed
 from planning.transforms import Array, Indices
 
 LEAF = 4

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import pickle
+from copy import deepcopy
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from planning.kept_answers import KeptAnswers
-from planning.kernels import inner_kernel, kernel, packed
+from planning.kernels import inner_kernel, kernel
+from planning.packed import packed
 from planning.transforms import Array, Indices
 
 
@@ -60,6 +63,15 @@ def test_tables_of_one_layout_are_of_one_type() -> None:
     assert one._numba_type_ == other._numba_type_  # type: ignore[attr-defined]
     flat = packed(_Rows(np.zeros(3), 1.0))
     assert flat._numba_type_ != one.rows._numba_type_  # type: ignore[attr-defined]
+
+
+def test_packed_tables_are_copied_and_pickled_with_their_arrays() -> None:
+    table = _table(np.arange(12.0).reshape(3, 4))
+    for other in (deepcopy(table), pickle.loads(pickle.dumps(table))):
+        table.rows.values[:] = 0.0
+        _sum_chosen(other)
+        assert other.sums.tolist() == [29.0, 13.0]
+        table = _table(np.arange(12.0).reshape(3, 4))
 
 
 def test_arrays_with_gaps_are_refused() -> None:

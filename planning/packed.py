@@ -1,0 +1,192 @@
+"""Tables of arrays that are handed to kernels by their address.
+
+Compiled code takes an array field by field. A hundred of them handed through a dozen functions cost
+minutes of compilation, and views of arrays that Python owns are counted atomically. Here kernels take
+one address and read a field, by its name, where they need it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar, cast
+from zlib import crc32
+
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.core import cgutils
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    NativeValue,
+    infer_getattr,
+    lower_getattr_generic,
+    models,
+    register_model,
+    unbox,
+)
+from numba.np import arrayobj
+from numba.np.numpy_support import from_dtype
+
+Fields = TypeVar("Fields", bound=tuple[Any, ...])
+
+
+class PackedType(types.Type):
+    """Type of a named tuple of which compiled code knows the address.
+
+    Args:
+        name: of the named tuple.
+        fields: name and type of each field; those of a nested tuple are a PackedType.
+    """
+
+    def __init__(self, name: str, fields: tuple[tuple[str, types.Type], ...]) -> None:
+        self.fields = fields
+        # Functions are named by the types of their arguments: what is long costs time.
+        layout = ", ".join(f"{field}: {kind}" for field, kind in fields)
+        super().__init__(name=f"{name}.{crc32(layout.encode()):08x}")
+
+    def slot(self, field: str) -> tuple[int, types.Type] | None:
+        """Return where a field begins in the header, and its type."""
+        at = 0
+        for name, kind in self.fields:
+            if name == field:
+                return at, kind
+            at += _slots(kind)
+        return None
+
+
+def _slots(kind: types.Type) -> int:
+    return 1 + kind.ndim if isinstance(kind, types.Array) else 1
+
+
+class Packed:
+    """A named tuple of arrays, numbers and packed tuples, handed to kernels by its address.
+
+    Kernels may write to the arrays whether or not Python may. Other attributes, seen from
+    Python, are those of the named tuple.
+    """
+
+    __slots__ = ("_header", "_numba_type_", "address", "fields")
+
+    address: int
+    _numba_type_: PackedType
+
+    def __init__(self, fields: tuple[Any, ...]) -> None:
+        """Write the header: numbers, addresses of packed tuples, addresses and shapes of arrays."""
+        kinds: list[Any] = []
+        header: list[int] = []
+        for value in fields:
+            if isinstance(value, np.ndarray):
+                if not value.flags.c_contiguous:
+                    raise ValueError("kernels take contiguous arrays")
+                kinds.append((value.dtype, value.ndim))
+                header.append(value.__array_interface__["data"][0])
+                header += value.shape
+            elif isinstance(value, Packed):
+                kinds.append(value._numba_type_)
+                header.append(value.address)
+            elif isinstance(value, float):
+                kinds.append(types.float64)
+                header.append(int(np.float64(value).view(np.int64)))
+            else:
+                kinds.append(types.int64)
+                header.append(int(value))
+        self.fields = fields
+        self._header = np.array(header, dtype=np.int64)
+        self.address = int(self._header.__array_interface__["data"][0])
+        self._numba_type_ = _packed_type(type(fields), tuple(kinds))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy and pickle the fields: a header is of no use elsewhere."""
+        return Packed, (self.fields,)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of the named tuple."""
+        return getattr(self.fields, name)
+
+
+def packed(fields: Fields) -> Fields:
+    """Return a named tuple in a form that kernels take by its address."""
+    return cast(Fields, Packed(fields))
+
+
+_TYPES: dict[tuple[type, tuple[Any, ...]], PackedType] = {}
+
+
+def _packed_type(tuple_type: Any, kinds: tuple[Any, ...]) -> PackedType:
+    known = _TYPES.get((tuple_type, kinds))
+    if known is None:
+        known = _TYPES[tuple_type, kinds] = PackedType(
+            tuple_type.__name__,
+            tuple(
+                (name, _field_type(kind))
+                for name, kind in zip(tuple_type._fields, kinds, strict=True)
+            ),
+        )
+    return known
+
+
+def _field_type(kind: Any) -> types.Type:
+    if isinstance(kind, types.Type):
+        return kind
+    dtype, ndim = kind
+    return types.Array(from_dtype(dtype), ndim, "C")
+
+
+@register_model(PackedType)
+class _PackedModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: PackedType) -> None:
+        super().__init__(manager, kind, ir.IntType(64).as_pointer())  # type: ignore[no-untyped-call]
+
+
+@unbox(PackedType)
+def _unbox(kind: PackedType, value: Any, c: Any) -> NativeValue:
+    number = c.pyapi.object_getattr_string(value, "address")
+    address = c.pyapi.long_as_longlong(number)
+    c.pyapi.decref(number)
+    return NativeValue(c.builder.inttoptr(address, ir.IntType(64).as_pointer()))
+
+
+@infer_getattr
+class _PackedFields(AttributeTemplate):
+    key = PackedType
+
+    def generic_resolve(self, kind: PackedType, field: str) -> Any:  # type: ignore[override]
+        found = kind.slot(field)
+        return None if found is None else found[1]
+
+
+@lower_getattr_generic(PackedType)
+def _read_field(
+    context: Any, builder: Any, kind: PackedType, header: Any, field: str
+) -> Any:
+    found = kind.slot(field)
+    assert found is not None
+    at, wanted = found
+
+    def word(k: int) -> Any:
+        slot = builder.gep(header, [ir.Constant(ir.IntType(64), at + k)])
+        value = builder.load(slot)
+        # The header never changes: what is read once need not be read again.
+        value.set_metadata("invariant.load", builder.module.add_metadata([]))
+        return value
+
+    if isinstance(wanted, PackedType):
+        return builder.inttoptr(word(0), ir.IntType(64).as_pointer())
+    if not isinstance(wanted, types.Array):
+        return builder.bitcast(word(0), context.get_value_type(wanted))
+    array = arrayobj.make_array(wanted)(context, builder)
+    item = context.get_abi_sizeof(context.get_data_type(wanted.dtype))
+    shape = [word(1 + k) for k in range(wanted.ndim)]
+    strides = [ir.Constant(ir.IntType(64), item)]
+    for length in reversed(shape[1:]):
+        strides.insert(0, builder.mul(strides[0], length))
+    data = builder.inttoptr(word(0), context.get_data_type(wanted.dtype).as_pointer())
+    # No reference is counted: the tuple outlives the call.
+    arrayobj.populate_array(
+        array,
+        data=data,
+        shape=cgutils.pack_array(builder, shape, ir.IntType(64)),
+        strides=cgutils.pack_array(builder, strides, ir.IntType(64)),
+        itemsize=ir.Constant(ir.IntType(64), item),
+        meminfo=None,
+    )
+    return array._getvalue()
