@@ -280,7 +280,7 @@ def test_actions_of_a_fixed_duration_begin_at_its_multiples() -> None:
 
 @pytest.mark.parametrize("fixed", [False, True])
 def test_a_way_that_loses_too_much_is_of_no_use(fixed: bool) -> None:
-    problem = toy_problem(tower(3), 3)
+    problem = toy_problem(tower(2), 2)
     bounds = ReachBounds(problem)
     args = (problem, bounds, PartContacts(problem), PlannerSettings().subproblem)
     watch = Stopwatch()

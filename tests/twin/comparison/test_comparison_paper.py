@@ -48,18 +48,20 @@ def comparison(rng: np.random.Generator) -> Rows:
     return {seed: {p: measurement(p) for p in COMPARED} for seed in (0, 1)}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def compared() -> dict[str, Rows]:
     rng = np.random.default_rng(4)
     return {name: comparison(rng) for name in (*STRUCTURES, *TABLE_I)}
 
 
-def write(folder: Path, compared: dict[str, Rows]) -> str:
+@pytest.fixture(scope="module")
+def report(compared: dict[str, Rows], tmp_path_factory: pytest.TempPathFactory) -> Path:
     measured = {
         name: Measured(comparison_figures(one), 2, 70, "2026-01-02")
         for name, one in compared.items()
     }
-    return write_report(folder, measured, {}, "a machine", REFERENCE).read_text()
+    folder = tmp_path_factory.mktemp("report")
+    return write_report(folder, measured, {}, "a machine", REFERENCE)
 
 
 def below(rows: Rows, key: str, policy: str, other: str) -> float:
@@ -70,9 +72,9 @@ def below(rows: Rows, key: str, policy: str, other: str) -> float:
 
 
 def test_averages_are_over_the_nine_structures_alone(
-    compared: dict[str, Rows], tmp_path: Path
+    compared: dict[str, Rows], report: Path
 ) -> None:
-    text = write(tmp_path, compared)
+    text = report.read_text()
     for key, paper, policy, other in (
         ("makespan_s", 48, ASYNCHRONOUS_SHORTCUT, SEQUENTIAL),
         ("wait_s", 85, ASYNCHRONOUS_SHORTCUT, SEQUENTIAL),
@@ -86,15 +88,13 @@ def test_averages_are_over_the_nine_structures_alone(
         assert f"| {what} | {cells} |" in text
 
 
-def test_the_report_says_where_its_figures_are_from(
-    compared: dict[str, Rows], tmp_path: Path
-) -> None:
-    text = write(tmp_path, compared)
+def test_the_report_says_where_its_figures_are_from(report: Path) -> None:
+    text = report.read_text()
     for words in ("2026-01-02", "a machine", "Seeds 0, 1", "70 shortcut candidates"):
         assert words in text
     assert "Not the paper's cell" in text
     assert "39.2" in text
-    assert (tmp_path / "apex-mr.png").exists()
+    assert report.with_name("apex-mr.png").exists()
     rows = [line for line in text.splitlines() if line.startswith("|")]
     assert all(len(re.findall(r"(?<!\\)\|", row)) >= 4 for row in rows)
     for name in (*STRUCTURES, *TABLE_I):
@@ -102,10 +102,9 @@ def test_the_report_says_where_its_figures_are_from(
 
 
 def test_the_json_file_holds_structures_and_policies_and_nothing_else(
-    compared: dict[str, Rows], tmp_path: Path
+    compared: dict[str, Rows], report: Path
 ) -> None:
-    write(tmp_path, compared)
-    content = json.loads((tmp_path / "apex-mr.json").read_text())
+    content = json.loads(report.with_name("apex-mr.json").read_text())
     assert tuple(content) == STRUCTURES
     for name, policies in content.items():
         assert tuple(policies) == COMPARED

@@ -51,12 +51,6 @@ def _table(folder: Path, experiment: Experiment = TWO) -> bytes:
     return path.read_bytes()
 
 
-def test_a_pool_gives_what_one_process_gives(tmp_path: Path) -> None:
-    run_replications(TWO, _loads(), tmp_path / "one", _in_process)
-    run_replications(TWO, _loads(), tmp_path / "pool", lambda: open_executor(workers=2))
-    assert _table(tmp_path / "one") == _table(tmp_path / "pool")
-
-
 class _Dying(InProcess):
     """Gives up after some blocks, as a machine does that is switched off."""
 
@@ -106,7 +100,10 @@ class _Murderous(Executor):
         return self.pool.submit(_die_once, self.marker, *args, **kw)
 
 
-def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
+def test_pools_give_what_one_process_gives_though_a_worker_is_killed(
+    tmp_path: Path,
+) -> None:
+    """The first pool breaks in its first block; a second one does what is left."""
     run_replications(TWO, _loads(), tmp_path / "whole", _in_process)
 
     @contextmanager
