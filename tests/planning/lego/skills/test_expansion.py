@@ -24,7 +24,7 @@ from planning.tasks.task_graph import (
 from planning.tasks.work import StepExpansions
 from planning.tasks.world_progress import apply_handlings, move_robot
 from planning.transforms import Transform
-from tests.planning.lego.overhang import overhang
+from tests.planning.lego.skills.overhang import overhang
 from tests.planning.tasks.task_order import task_order
 
 

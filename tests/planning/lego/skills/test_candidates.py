@@ -19,12 +19,12 @@ from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.lego.skills.options import SkillOption, StandingSupport
 from planning.skills.joint_paths import Obstruction, SkillPath
 from planning.tasks.highs_solver import HighsAssignmentSolver
-from tests.planning.lego.overhang import STEPS, STOCK, overhang
+from tests.planning.lego.skills.overhang import STEPS, STOCK, overhang
 from tests.planning.tasks.assignment_oracle import plan_violations
 
 DATA = Path(
     os.environ.get("ASSEMBLY_TWIN_APEX_DATA")
-    or Path(__file__).parents[3] / "../shared/data/apex-mr"
+    or Path(__file__).parents[4] / "../shared/data/apex-mr"
 )
 
 

@@ -111,7 +111,7 @@ class _Killing(Executor):
 def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path: Path) -> None:
     port = _free_port()
     address = f"tcp://127.0.0.1:{port}"
-    root = Path(__file__).parents[3]
+    root = Path(__file__).parents[4]
     scheduler = (
         *("distributed.cli.dask_scheduler", "--host", "127.0.0.1"),
         *("--port", str(port), "--no-dashboard", "--no-show"),

@@ -41,7 +41,7 @@ from tests.planning.lego.whole_stability import stability
 _DATA = Path(
     os.environ.get(
         "ASSEMBLY_TWIN_APEX_DATA",
-        Path(__file__).parents[3] / "../shared/data/apex-mr",
+        Path(__file__).parents[4] / "../shared/data/apex-mr",
     )
 )
 
