@@ -7,45 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import model_validator
 
 from planning.transforms import Array, Indices
 from scheduling.graph.rollout import durations_ns
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import (
-    AnyDuration,
     DurationModel,
     Nanoseconds,
-    Skill,
     to_nanoseconds,
 )
-from twin.scenario.document.section import Name, Section
 from twin.uncertainty.draws import uniforms
-
-
-class SkillOverride(Section):
-    """An exception: a skill done by one robot, to one type of object, or both.
-
-    The exception that names robot and object is the strongest, then the one that names the
-    robot, then the one that names the object.
-
-    Attributes:
-        skill: which skill.
-        robot: who does it; everyone when not given.
-        object: type of what it is done to, such as ``2x4``; anything when not given.
-        duration: how long it then takes.
-    """
-
-    skill: Skill
-    robot: Name | None = None
-    object: str | None = None
-    duration: AnyDuration
-
-    @model_validator(mode="after")
-    def _names_something(self) -> SkillOverride:
-        if self.robot is None and self.object is None:
-            raise ValueError("name a robot, an object or both; else use 'skills'")
-        return self
+from twin.uncertainty.skill_override import SkillOverride
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,8 @@ from twin.scenario.duration_models import (
 )
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
-from twin.uncertainty.skill_durations import SkillDurations, SkillOverride
+from twin.uncertainty.skill_durations import SkillDurations
+from twin.uncertainty.skill_override import SkillOverride
 
 SECTION: TypeAdapter[DurationModel] = TypeAdapter(AnyDuration)
 

@@ -9,7 +9,7 @@ from pydantic import Field, field_validator
 from twin.durations import Distribution, Packaged, Skill
 from twin.scenario.document.section import Section
 from twin.uncertainty.disturbances import Disturbances
-from twin.uncertainty.skill_durations import SkillOverride
+from twin.uncertainty.skill_override import SkillOverride
 
 Latency = Annotated[float, Field(ge=0, le=3600)]
 
