@@ -131,6 +131,13 @@ def test_links_between_pages_lead_somewhere() -> None:
                 assert (page.parent / target).exists(), f"{page}: {target}"
 
 
+def test_files_that_pages_name_are_there() -> None:
+    named = re.compile(r"`((?:planning|scheduling|twin|tests|benchmarks)/[\w./-]+)`")
+    for page in PAGES:
+        for name in named.findall(page.read_text(encoding="utf-8")):
+            assert (ROOT / name).exists(), f"{page}: {name}"
+
+
 def test_every_key_of_a_scenario_is_in_the_reference() -> None:
     from twin.scenario.file import scenario_schema
 
