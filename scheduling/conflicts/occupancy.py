@@ -170,7 +170,7 @@ def chain_occupancy(
         chain: the nodes.
         spans: the objects of this chain, see ``trace_objects``.
         entities: numbers of the entities.
-        leaf: most segments in a leaf of the tree; 1 where capsules alone shall decide.
+        leaf: most segments in a leaf of the tree.
     """
     robot = cell.robot(chain.robot)
     bodies = {
