@@ -8,8 +8,8 @@ transits that would collide are planned as one robot, in lock step.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -21,9 +21,9 @@ from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.sequential import MARGIN, MotionSettings
 from planning.motion.speed import path_duration
 from planning.motion.transit import RrtConnect
-from planning.tasks.task_graph import TRANSIT, Task
+from planning.tasks.task_graph import TRANSIT
 from planning.tasks.world_progress import apply_handlings, move_robot
-from planning.transforms import Array, Indices
+from planning.transforms import Indices
 
 _SHORTEST = 1e-3
 """A slot in which nobody moves takes this long, so that slots do not start at once [s]."""
@@ -133,67 +133,54 @@ class _Planner:
         self.queue: dict[str, list[int]] = {r.name: [] for r in plan.cell.robots}
         for task in reversed(plan.tasks):
             self.queue[task.robot].append(task.index)
-        self.done: set[int] = set()
+        self.out: dict[int, TaskMotion] = {}
+        self.slot_of: dict[int, int] = {}
         self.last: dict[str, int] = {}
         self.state: WorldState = start_state(plan.cell)
         self.handles = {t.index for t in plan.tasks if t.handlings}
 
     def plan(self, progress: Callable[[int, int], None]) -> SynchronousPlan:
-        out: dict[int, TaskMotion] = {}
-        slot_of: dict[int, int] = {}
         groups: list[tuple[int, ...]] = []
         clock, number = 0.0, 0
-        while len(out) < len(self.tasks):
-            self._finish_still(out, slot_of, clock, number)
+        while len(self.out) < len(self.tasks):
+            self._finish_still(clock, number)
             slot = self._fill()
             if not slot.motions:
                 break
             for index, motion in slot.motions.items():
-                out[index] = TaskMotion(motion.path, clock + motion.time)
-                slot_of[index] = number
-                self._finish(self.tasks[index], motion.path[-1])
+                timed = TaskMotion(motion.path, clock + motion.time)
+                self._finish(index, timed, number)
             if slot.joint:
                 groups.append(slot.joint)
             clock += max(slot.seconds, _SHORTEST)
             number += 1
-            progress(len(out), len(self.tasks))
+            progress(len(self.out), len(self.tasks))
         order = [task.index for task in self.sequential.tasks]
-        plan = MotionPlan(
-            self.sequential.cell,
-            self.sequential.tasks,
-            tuple(out[index] for index in order),
-            self.sequential.dependencies,
-            self.sequential.allowed,
+        plan = replace(
+            self.sequential, motions=tuple(self.out[index] for index in order)
         )
-        slots = np.array([slot_of[index] for index in order], dtype=np.int64)
+        slots = np.array([self.slot_of[index] for index in order], dtype=np.int64)
         return SynchronousPlan(plan, slots, tuple(groups))
 
-    def _finish(self, task: Task, q: Array) -> None:
+    def _finish(self, index: int, motion: TaskMotion, slot: int) -> None:
+        task = self.tasks[index]
+        self.out[index], self.slot_of[index] = motion, slot
         self.queue[task.robot].pop()
-        self.done.add(task.index)
-        self.last[task.robot] = task.index
+        self.last[task.robot] = index
         self.state = apply_handlings(
-            move_robot(self.state, task.robot, q), task.handlings
+            move_robot(self.state, task.robot, motion.path[-1]), task.handlings
         )
 
-    def _finish_still(
-        self,
-        out: dict[int, TaskMotion],
-        slot_of: dict[int, int],
-        clock: float,
-        number: int,
-    ) -> None:
+    def _finish_still(self, clock: float, slot: int) -> None:
         """Let everyone be done with tasks in which nothing moves and nothing changes hands."""
         again = True
         while again:
             again = False
             for queue in self.queue.values():
                 while queue and self._is_still(queue[-1]) and self._ready(queue[-1]):
-                    task = self.tasks[queue[-1]]
-                    path = self.motions[task.index].path
-                    out[task.index] = TaskMotion(path, np.full(len(path), clock))
-                    slot_of[task.index] = number
-                    self._finish(task, path[-1])
+                    path = self.motions[queue[-1]].path
+                    still = TaskMotion(path, np.full(len(path), clock))
+                    self._finish(queue[-1], still, slot)
                     again = True
 
     def _is_still(self, index: int) -> bool:
@@ -204,7 +191,7 @@ class _Planner:
         )
 
     def _ready(self, index: int) -> bool:
-        return self.before[index] <= self.done
+        return self.before[index] <= self.out.keys()
 
     def _fill(self) -> _Slot:
         """Return the next slot, empty when everything is done."""
@@ -323,15 +310,9 @@ def _prerequisites(plan: MotionPlan) -> dict[int, set[int]]:
     before: dict[int, set[int]] = {task.index: set() for task in plan.tasks}
     for a, b in np.asarray(plan.dependencies).reshape(-1, 2).tolist():
         before[b].add(a)
-    last_of: dict[str, int] = {}
-    last_with: dict[str, int] = {}
+    last: dict[tuple[str, str], int] = {}
     for task in plan.tasks:
-        _note(before[task.index], [last_of.get(task.robot)])
-        last_of[task.robot] = task.index
-        _note(before[task.index], [last_with.get(h.object) for h in task.handlings])
-        last_with.update((h.object, task.index) for h in task.handlings)
+        keys = [("robot", task.robot), *(("object", h.object) for h in task.handlings)]
+        before[task.index].update(last[key] for key in keys if key in last)
+        last.update(dict.fromkeys(keys, task.index))
     return before
-
-
-def _note(into: set[int], tasks: Iterable[int | None]) -> None:
-    into.update(task for task in tasks if task is not None)
