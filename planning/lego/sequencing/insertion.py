@@ -6,7 +6,7 @@ and the tools must have room.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -20,7 +20,7 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.contacts import PlacedBrick
+from planning.lego.bricks.contacts import PlacedBrick, filled_places
 from planning.lego.bricks.grid import footprint, occupied_studs
 from planning.lego.bricks.grips import press_cell, presses
 from planning.lego.sequencing.tool_room import (
@@ -75,86 +75,86 @@ class InsertionRules:
     Args:
         structures: the partial structures of the design.
         force: insertion force [N].
+
+    Attributes:
+        structures: as given.
+        force: as given.
+        boxes: least and greatest corner of each brick in the plate's frame, shape (2, 3) [m].
+        filled: the brick in each place of the grid.
     """
 
     def __init__(
-        self,
-        structures: PartialStructures,
-        *,
-        force: float = INSERTION_FORCE,
+        self, structures: PartialStructures, *, force: float = INSERTION_FORCE
     ) -> None:
         self.structures = structures
-        self._force = force
-        self._boxes = {n: brick_box(item) for n, item in structures.bricks.items()}
+        self.force = force
+        self.boxes = {n: brick_box(item) for n, item in structures.bricks.items()}
+        self.filled = filled_places(structures.bricks)
 
-    def insertions(self, names: Names, brick: str, way: str) -> Iterator[Insertion]:
-        """Yield the ways of one kind to insert a brick, the preferred ones first.
+    def at(self, names: Names, brick: str, *, up: bool) -> InsertionSite:
+        """Return where a brick is put into a partial structure.
 
         Args:
             names: the partial structure with the brick in place.
             brick: the brick.
-            way: one of ``WAYS``.
+            up: True for a place-up.
         """
-        if self.obstacle(names, brick, way) is None:
-            for press in self.roomy_presses(names, brick, up=way == FROM_BELOW):
-                yield from self.supported(names, brick, way, press)
+        return InsertionSite(self, names, self.structures.bricks[brick], up)
 
-    def supported(
-        self, names: Names, brick: str, way: str, press: Press
-    ) -> Iterator[Insertion]:
-        """Yield the ways to insert a brick with one press: one for each support that does."""
-        up = way == FROM_BELOW
-        loads = self._loads(brick, press, up=up)
-        if way == PLAIN:
-            report = self.structures.pressed(names, brick, loads)
-            if report.stable:
-                yield Insertion(way, press, None, report.score)
-            return
-        for support, holds in self._roomy_supports(names, brick, press, up=up):
-            report = self.structures.pressed(names, brick, loads, holds)
+
+@dataclass(frozen=True)
+class InsertionSite:
+    """A brick that is put into a partial structure, from above or from below.
+
+    Attributes:
+        rules: of the design.
+        names: the partial structure with the brick in place.
+        item: the brick.
+        up: True for a place-up.
+    """
+
+    rules: InsertionRules
+    names: Names
+    item: PlacedBrick
+    up: bool
+
+    def insertions(self, way: str) -> Iterator[Insertion]:
+        """Yield the ways of one kind to insert the brick, the preferred ones first."""
+        for press in self.roomy_presses:
+            yield from self.supported(way, press)
+
+    def supported(self, way: str, press: Press) -> Iterator[Insertion]:
+        """Yield the ways to insert the brick with one press: one for each support that does."""
+        supports: Iterable[tuple[Support | None, tuple[Hold, ...]]] = [(None, ())]
+        if way != PLAIN:
+            supports = self._roomy_supports(press)
+        for support, holds in supports:
+            report = self._pressed(press, holds)
             if report.stable:
                 yield Insertion(way, press, support, report.score)
 
-    def bears(
-        self,
-        names: Names,
-        brick: str,
-        press: Press,
-        support: Support | None = None,
-        *,
-        up: bool = False,
-    ) -> StabilityReport:
-        """Return whether a structure bears a press, room for the tools set aside.
+    def bears(self, press: Press, support: Support | None = None) -> StabilityReport:
+        """Return whether the structure bears a press, room for the tools set aside.
 
         Args:
-            names: the partial structure with the brick in place.
-            brick: the brick that is pressed.
             press: the grip.
             support: the supporting tool; one that touches no brick is as good as none.
-            up: True for a place-up.
         """
-        holds = () if support is None else self._holds(names, support, top=up)
-        loads = self._loads(brick, press, up=up)
-        return self.structures.pressed(names, brick, loads, holds)
+        return self._pressed(press, () if support is None else self._holds(support))
 
-    def presses_with(
-        self, names: Names, brick: str, insertion: Insertion
-    ) -> tuple[Press, ...]:
+    def presses_with(self, insertion: Insertion) -> tuple[Press, ...]:
         """Return the presses that do with the same support, the given one first."""
-        up = insertion.way == FROM_BELOW
         others = [
             press
-            for press in self.roomy_presses(names, brick, up=up)
-            if press != insertion.press
-            and self.bears(names, brick, press, insertion.support, up=up).stable
+            for press in self.roomy_presses
+            if press != insertion.press and self.bears(press, insertion.support).stable
         ]
         return (insertion.press, *others)
 
-    def obstacle(self, names: Names, brick: str, way: str) -> str | None:
-        """Return why a brick can in no case be inserted this way, None if it may be."""
-        above = self.structures.above(names, brick)
-        below = self.structures.below(names, brick)
-        if way == FROM_BELOW:
+    def obstacle(self) -> str | None:
+        """Return why the brick can in no case be inserted this way, None if it may be."""
+        above, below = self._above, self._below
+        if self.up:
             if below:
                 return f"{_name(below[0])} is in the way below it"
             return None if above else "there is nothing above it to press it onto"
@@ -162,27 +162,58 @@ class InsertionRules:
             return f"{_name(above[0])} is in the way above it"
         return None if below else "there is nothing below it to press it onto"
 
-    def roomy_presses(self, names: Names, brick: str, *, up: bool) -> tuple[Press, ...]:
-        """Return the presses of a brick that leave the tool room, the central ones first."""
-        item = self.structures.bricks[brick]
-        others = self._boxes_of(names - {brick})
-        blocked = place_up_blocked if up else place_down_blocked
-        return tuple(
-            press
-            for press in self._ordered_presses(names, item, up=up)
-            if blocked(item, press, others) is None
-        )
+    @cached_property
+    def roomy_presses(self) -> tuple[Press, ...]:
+        """The presses of the brick that leave the tool room, the central ones first."""
+        return tuple(p for p in self._ordered_presses() if self._blocked(p) is None)
 
-    def blocker(self, names: Names, brick: str, *, up: bool) -> str:
-        """Return what leaves no room for the first press of a brick."""
-        item = self.structures.bricks[brick]
-        others = self._boxes_of(names - {brick})
-        blocked = place_up_blocked if up else place_down_blocked
-        found = (blocked(item, p, others) for p in presses(item.brick))
+    def blocker(self) -> str:
+        """Return what leaves no room for the first press of the brick."""
+        found = map(self._blocked, presses(self.item.brick))
         return next((name for name in found if name is not None), "nothing")
 
+    def step(self, insertion: Insertion) -> LegoStep:
+        """Return an insertion as a step of an assembly."""
+        item, press, up = self.item, insertion.press, self.up
+        contact = press_cell(item.cell, item.brick, press, up=True) if up else None
+        return LegoStep(
+            brick=item.brick.name,
+            cell=item.cell,
+            up=up,
+            press=press,
+            press_cell=contact,
+            support=insertion.support,
+            attack=attack_side(item, press, self._others, up=up),
+        )
+
+    @property
+    def _above(self) -> tuple[str, ...]:
+        return self.rules.structures.above(self.names, self.item.name)
+
+    @property
+    def _below(self) -> tuple[str | None, ...]:
+        return self.rules.structures.below(self.names, self.item.name)
+
+    @cached_property
+    def _others(self) -> BrickBoxes:
+        return self._boxes_of(self.names - {self.item.name})
+
+    def _boxes_of(self, names: Names) -> BrickBoxes:
+        some = tuple(sorted(names))
+        corners = [self.rules.boxes[name] for name in some]
+        return BrickBoxes(some, np.array(corners).reshape(-1, 2, 3))
+
+    def _blocked(self, press: Press) -> str | None:
+        blocked = place_up_blocked if self.up else place_down_blocked
+        return blocked(self.item, press, self._others)
+
+    def _pressed(self, press: Press, holds: Sequence[Hold]) -> StabilityReport:
+        return self.rules.structures.pressed(
+            self.names, self.item.name, self._loads(press), holds
+        )
+
     def _roomy_supports(
-        self, names: Names, brick: str, press: Press, *, up: bool
+        self, press: Press
     ) -> Iterator[tuple[Support, tuple[Hold, ...]]]:
         """Yield the supports that touch a brick and have room.
 
@@ -193,19 +224,18 @@ class InsertionRules:
         support-top. One that touches the inserted brick itself would only keep it from going
         in.
         """
-        item = self.structures.bricks[brick]
-        contact = press_cell(item.cell, item.brick, press, up=up)
-        x, y = self._press_point(item, press, up=up)
-        boxes = self._boxes_of(names)
-        layers = _ABOVE if up else _BELOW
+        contact = press_cell(self.item.cell, self.item.brick, press, up=self.up)
+        x, y = self._press_point(press)
+        boxes = self._boxes_of(self.names)
+        layers = _ABOVE if self.up else _BELOW
         found: list[tuple[bool, int, float, Support, tuple[Hold, ...]]] = []
         for dz, dx, dy, turn in product(layers, _SHIFTS, _SHIFTS, ORIENTATIONS):
             support = Support(contact.x + dx, contact.y + dy, contact.z + dz, turn)
-            holds = self._holds(names, support, top=up)
+            holds = self._holds(support)
             touched = {hold.brick for hold in holds}
-            if support.z < 1 or not touched or brick in touched:
+            if support.z < 1 or not touched or self.item.name in touched:
                 continue
-            room = support_boxes(support, top=up)
+            room = support_boxes(support, top=self.up)
             if blocking(room, boxes) is not None:
                 continue
             tight = blocking(room, boxes.without(touched), clearance=_CLEARANCE)
@@ -215,46 +245,12 @@ class InsertionRules:
         for *_, support, holds in sorted(found, key=lambda f: f[:3]):
             yield support, holds
 
-    def step(self, names: Names, brick: str, insertion: Insertion) -> LegoStep:
-        """Return an insertion as a step of an assembly."""
-        item = self.structures.bricks[brick]
-        up = insertion.way == FROM_BELOW
-        return LegoStep(
-            brick=item.brick.name,
-            cell=item.cell,
-            up=up,
-            press=insertion.press,
-            press_cell=(
-                press_cell(item.cell, item.brick, insertion.press, up=True)
-                if up
-                else None
-            ),
-            support=insertion.support,
-            attack=attack_side(
-                item,
-                insertion.press,
-                self._boxes_of(names - {brick}),
-                up=up,
-            ),
-        )
-
-    def _boxes_of(self, names: Names) -> BrickBoxes:
-        some = tuple(sorted(names))
-        corners = [self._boxes[name] for name in some]
-        return BrickBoxes(some, np.array(corners).reshape(-1, 2, 3))
-
-    def _ordered_presses(
-        self, names: Names, item: PlacedBrick, *, up: bool
-    ) -> list[Press]:
+    def _ordered_presses(self) -> list[Press]:
         """Return all presses, those near the middle of what they press onto first."""
-        onto = (
-            self.structures.above(names, item.name)
-            if up
-            else self.structures.below(names, item.name)
-        )
-        studs = {(x, y) for x, y, _ in occupied_studs(item.cell, item.brick)}
+        onto: tuple[str | None, ...] = self._above if self.up else self._below
+        studs = {(x, y) for x, y, _ in occupied_studs(self.item.cell, self.item.brick)}
         if None not in onto:
-            bricks = [self.structures.bricks[name] for name in onto if name]
+            bricks = [self.rules.structures.bricks[name] for name in onto if name]
             studs &= {
                 (x, y)
                 for other in bricks
@@ -264,21 +260,19 @@ class InsertionRules:
         my = sum(y + 0.5 for _, y in studs) / len(studs) * STUD_PITCH
 
         def off(press: Press) -> float:
-            x, y = self._press_point(item, press, up=up)
+            x, y = self._press_point(press)
             return round(abs(x - mx) + abs(y - my), 9)
 
-        return sorted(presses(item.brick), key=off)
+        return sorted(presses(self.item.brick), key=off)
 
-    def _press_point(
-        self, item: PlacedBrick, press: Press, *, up: bool
-    ) -> tuple[float, float]:
-        loads = self._loads(item.name, press, up=up)
+    def _press_point(self, press: Press) -> tuple[float, float]:
+        loads = self._loads(press)
         n = len(loads)
         return sum(v.point[0] for v in loads) / n, sum(v.point[1] for v in loads) / n
 
-    def _loads(self, brick: str, press: Press, *, up: bool) -> tuple[Load, ...]:
+    def _loads(self, press: Press) -> tuple[Load, ...]:
         """Return the insertion force, shared by the pressed studs of the brick itself."""
-        item = self.structures.bricks[brick]
+        item, up, force = self.item, self.up, self.rules.force
         contact = press_cell(item.cell, item.brick, press, up=up)
         dx, dy = (1, 0) if contact.turned else (0, 1)
         nx, ny = footprint(item.cell, item.brick)
@@ -287,28 +281,29 @@ class InsertionRules:
             for x, y in ((contact.x, contact.y), (contact.x + dx, contact.y + dy))
             if 0 <= x - item.cell.x < nx and 0 <= y - item.cell.y < ny
         ]
-        each = (self._force if up else -self._force) / len(pressed)
+        each = (force if up else -force) / len(pressed)
         height = (item.cell.z - up) * LAYER_HEIGHT
         return tuple(
             Load(
-                brick,
+                item.name,
                 (0.0, 0.0, each),
                 ((x + 0.5) * STUD_PITCH, (y + 0.5) * STUD_PITCH, height),
             )
             for x, y in pressed
         )
 
-    def _holds(self, names: Names, support: Support, *, top: bool) -> tuple[Hold, ...]:
+    def _holds(self, support: Support) -> tuple[Hold, ...]:
         """Return where a supporting tool touches bricks: the corners of what they share."""
+        top = self.up
         low, high = support_face(support, top=top)
         layer = support.z - 1 if top else support.z + 1
         height = (support.z - 1 if top else support.z) * LAYER_HEIGHT
         xs = range(int(low[0] // STUD_PITCH), int(high[0] // STUD_PITCH) + 1)
         ys = range(int(low[1] // STUD_PITCH), int(high[1] // STUD_PITCH) + 1)
-        touched = {self._filled.get((x, y, layer)) for x, y in product(xs, ys)}
+        touched = {self.rules.filled.get((x, y, layer)) for x, y in product(xs, ys)}
         out = []
-        for name in sorted(n for n in touched if n is not None and n in names):
-            box = self._boxes[name]
+        for name in sorted(n for n in touched if n is not None and n in self.names):
+            box = self.rules.boxes[name]
             x0, y0 = (max(float(low[k]), float(box[0, k])) for k in (0, 1))
             x1, y1 = (min(float(high[k]), float(box[1, k])) for k in (0, 1))
             if x1 - x0 > _LEAST_TOUCH and y1 - y0 > _LEAST_TOUCH:
@@ -317,14 +312,6 @@ class InsertionRules:
                     for x, y in product((x0, x1), (y0, y1))
                 ]
         return tuple(out)
-
-    @cached_property
-    def _filled(self) -> dict[tuple[int, int, int], str]:
-        return {
-            place: name
-            for name, item in self.structures.bricks.items()
-            for place in occupied_studs(item.cell, item.brick)
-        }
 
 
 def _name(brick: str | None) -> str:

@@ -213,20 +213,22 @@ class _Sequencer:
         names = parts | self.fixed
         for bricks in groups:
             for way, brick in product(self._ways, bricks):
-                if self._insertion.obstacle(names, brick, way) is not None:
+                site = self._insertion.at(names, brick, up=way == FROM_BELOW)
+                if site.obstacle() is not None:
                     continue
                 if not self._structures.standing(names - {brick}).stable:
                     continue
-                insertion = next(self._insertion.insertions(names, brick, way), None)
+                insertion = next(site.insertions(way), None)
                 if insertion is not None:
                     yield Removal(brick, insertion)
 
     def describe(self, names: Names, brick: str, chosen: Insertion) -> SequencedStep:
         """Return a step of the sequence with all its alternatives."""
-        with_press = self._insertion.supported(names, brick, chosen.way, chosen.press)
+        site = self._insertion.at(names, brick, up=chosen.way == FROM_BELOW)
+        with_press = site.supported(chosen.way, chosen.press)
         step = replace(
-            self._insertion.step(names, brick, chosen),
-            presses=self._insertion.presses_with(names, brick, chosen),
+            site.step(chosen),
+            presses=site.presses_with(chosen),
             supports=tuple(i.support for i in with_press if i.support is not None),
         )
         return SequencedStep(
@@ -283,17 +285,17 @@ class _Sequencer:
         return False, self._why_not_inserted(names, brick)
 
     def _why_not_inserted(self, names: Names, brick: str) -> str:
-        from_above = self._insertion.obstacle(names, brick, PLAIN)
-        from_below = self._insertion.obstacle(names, brick, FROM_BELOW)
+        from_above, from_below = (
+            self._insertion.at(names, brick, up=up).obstacle() for up in (False, True)
+        )
         if from_above and from_below:
             return f"{from_above} and {from_below}"
         up = from_above is not None
         if up and not self._rules.place_up:
             return f"{from_above}, and placing from below is not allowed"
-        presses = self._insertion.roomy_presses(names, brick, up=up)
-        if not presses:
-            blocker = self._insertion.blocker(names, brick, up=up)
-            return f"the tool has no room: {blocker!r} is in its way"
+        site = self._insertion.at(names, brick, up=up)
+        if not site.roomy_presses:
+            return f"the tool has no room: {site.blocker()!r} is in its way"
         if up:
             return "no supporting tool above has room and keeps the structure standing"
         if not self._rules.support:

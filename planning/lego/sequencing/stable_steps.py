@@ -12,12 +12,16 @@ from itertools import islice, product
 
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, Press, Support
-from planning.lego.bricks.contacts import PlacedBrick
 from planning.lego.bricks.grips import presses
 from planning.lego.sequencing.finished_structure import finished_structure, scaffold
-from planning.lego.sequencing.insertion import FROM_BELOW, SUPPORTED, InsertionRules
+from planning.lego.sequencing.insertion import (
+    FROM_BELOW,
+    SUPPORTED,
+    InsertionRules,
+    InsertionSite,
+)
 from planning.lego.sequencing.sequencing import SequencingRules
-from planning.lego.stability.partial_structures import Names, PartialStructures
+from planning.lego.stability.partial_structures import PartialStructures
 from planning.lego.stability.stability import StabilityReport
 
 _HINTS = 3
@@ -61,7 +65,8 @@ def stable_steps(
             why = _weakness(standing, structures)
             faults.append(f"{at}: the structure does not stand after it: {why}")
             continue
-        choice = _StepChoices(names, brick, step, insertion, rules)
+        site = insertion.at(names, brick.name, up=step.up)
+        choice = _StepChoices(step, site, rules)
         stable = choice.stable()
         if stable is None:
             faults.append(f"{at}: {choice.why_not()}")
@@ -79,23 +84,19 @@ class _StepChoices:
     """Grips and supports of one step, judged by what the structure bears.
 
     Attributes:
-        names: the partial structure with the brick in place.
-        brick: the brick.
-        step: the step that places it.
-        insertion: judges presses.
+        step: the step.
+        site: judges its presses.
         rules: force, and whether supports may be proposed.
     """
 
-    names: Names
-    brick: PlacedBrick
     step: LegoStep
-    insertion: InsertionRules
+    site: InsertionSite
     rules: SequencingRules
 
     @property
     def grips(self) -> tuple[Press, ...]:
         if self.step.press is None:
-            return presses(self.brick.brick)
+            return presses(self.site.item.brick)
         return self.step.presses or (self.step.press,)
 
     @property
@@ -124,12 +125,12 @@ class _StepChoices:
 
     def why_not(self) -> str:
         """Return why no grip and support will do, and what would."""
-        report = self._report(self.grips[0], self.supports[0])
+        report = self.site.bears(self.grips[0], self.supports[0])
         held = "" if self.supports[0] is None else " in spite of its support"
         side = "below" if self.step.up else "above"
         text = (
             f"the structure gives way under the press of {self.rules.force:g} N from {side}"
-            f"{held}: {_weakness(report, self.insertion.structures)}"
+            f"{held}: {_weakness(report, self.site.rules.structures)}"
         )
         other = self._better_grips()
         if other:
@@ -141,17 +142,13 @@ class _StepChoices:
             return f"{text}; a support is not allowed"
         return text if other else f"{text}; no support that has room would help"
 
-    def _report(self, press: Press, support: Support | None) -> StabilityReport:
-        up = self.step.up
-        return self.insertion.bears(self.names, self.brick.name, press, support, up=up)
-
     def _bears(self, press: Press, support: Support | None) -> bool:
-        return self._report(press, support).stable
+        return self.site.bears(press, support).stable
 
     def _better_grips(self) -> list[str]:
         found = (
             f"{{side: {press.side}, offset: {press.offset}}}"
-            for press in presses(self.brick.brick)
+            for press in presses(self.site.item.brick)
             if press not in self.grips and self._bears(press, self.supports[0])
         )
         return list(islice(found, _HINTS))
@@ -163,9 +160,7 @@ class _StepChoices:
         found = (
             f"{{at: [{s.x}, {s.y}, {s.z}], orientation: {s.orientation}}}"
             for press in self.grips
-            for insertion in self.insertion.supported(
-                self.names, self.brick.name, way, press
-            )
+            for insertion in self.site.supported(way, press)
             if (s := insertion.support) is not None
         )
         return list(islice(dict.fromkeys(found), _HINTS))

@@ -320,14 +320,14 @@ def test_published_sequences_have_support_exactly_where_it_is_needed(task, force
         names |= {item.name}
         step = steps[item.name]
         press = Press(**step["press"])
-        up = step.get("place") == "up"
-        assert press in rules.roomy_presses(names, item.name, up=up)
-        alone = rules.bears(names, item.name, press, up=up).stable
+        site = rules.at(names, item.name, up=step.get("place") == "up")
+        assert press in site.roomy_presses
+        alone = site.bears(press).stable
         assert alone == ("support" not in step), item
         if "support" in step:
             entry = step["support"]
             support = Support(*entry["at"], entry["orientation"])
-            assert rules.bears(names, item.name, press, support, up=up).stable
+            assert site.bears(press, support).stable
 
 
 def test_an_assembly_is_planned_anew_from_its_goal():
