@@ -1,4 +1,4 @@
-"""Skills in joint space: subgoals, paths through them, and what stands around meanwhile.
+"""Skills in joint space: subgoals, paths through them, allowed contacts and surroundings.
 
 Imports motion and what that imports; the kinds of assemblies import it.
 """
