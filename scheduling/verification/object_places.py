@@ -105,9 +105,7 @@ def object_histories(
         for event in [*events, None]:
             taken = None if event is None else (event.robot, event.node, event.waypoint)
             if holder is None:
-                # What comes up later is nowhere before its first handling.
-                if put is not None or not item.later:
-                    resting.append(Resting(name, pose, item.size, put, taken))
+                resting.append(Resting(name, pose, item.size, put, taken))
             else:
                 assert put is not None
                 chain = index[holder]
