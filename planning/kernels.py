@@ -4,24 +4,45 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pickle import UnpicklingError
 from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import njit
 from numba.core import event
+from numba.core.caching import FunctionCache
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
+class _Cache(FunctionCache):
+    """What was compiled before; what cannot be read any more is compiled anew.
+
+    Cached files name types and functions by their modules: some may be gone in another version.
+    """
+
+    def _load_overload(self, *signature: Any) -> Any:
+        try:
+            return super()._load_overload(*signature)  # type: ignore[no-untyped-call]
+        except (AttributeError, ImportError, EOFError, UnpicklingError):
+            self.flush()  # type: ignore[no-untyped-call]
+            return None
+
+
 def kernel(function: Function) -> Function:
     """Compile a function that is called from Python."""
-    return cast(Function, njit(cache=True, nogil=True)(function))
+    return _compiled(function)
 
 
 def inner_kernel(function: Function) -> Function:
     """Compile a function that only kernels call: a quarter less to compile."""
-    options: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    return cast(Function, njit(cache=True, nogil=True, **options)(function))
+    return _compiled(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
+
+def _compiled(function: Function, **options: Any) -> Function:
+    dispatcher: Any = njit(nogil=True, **options)(function)
+    dispatcher._cache = _Cache(function)  # type: ignore[no-untyped-call]
+    return cast(Function, dispatcher)
 
 
 class _CompilationListener(event.Listener):

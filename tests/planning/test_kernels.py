@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import pickle
+import subprocess
+import sys
 from copy import deepcopy
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +17,8 @@ from planning.kept_answers import KeptAnswers
 from planning.kernels import inner_kernel, kernel
 from planning.packed import packed
 from planning.transforms import Array, Indices
+
+ROOT = Path(__file__).parents[2]
 
 
 class _Rows(NamedTuple):
@@ -88,3 +94,24 @@ def test_answers_are_worked_out_once_until_there_are_too_many() -> None:
     kept: KeptAnswers[int] = KeptAnswers(2)
     assert [square(k) for k in (3, 3, 4, 3, 5, 3)] == [9, 9, 16, 9, 25, 9]
     assert asked == [3, 4, 5, 3]
+
+
+def test_a_cache_that_cannot_be_read_is_written_anew(tmp_path: Path) -> None:
+    (tmp_path / "there.py").write_text(
+        "from planning.kernels import kernel\n\n"
+        "@kernel\ndef double(x):\n    return 2 * x\n"
+    )
+    program = "from there import double; print(double(3), len(double.stats.cache_hits))"
+
+    def run() -> str:
+        paths = {"PYTHONPATH": f"{tmp_path}:{ROOT}", "NUMBA_CACHE_DIR": str(tmp_path)}
+        command = [sys.executable, "-c", program]
+        done = subprocess.run(
+            command, env={**os.environ, **paths}, capture_output=True, text=True
+        )
+        return done.stdout + done.stderr
+
+    assert [run(), run()] == ["6 0\n", "6 1\n"]
+    index = next(tmp_path.rglob("*.nbi"))
+    index.write_bytes(b"cnumba\ngone\n.")
+    assert [run(), run()] == ["6 0\n", "6 1\n"]
