@@ -1,4 +1,4 @@
-"""YAML documents with a place for every value, and problems as people read them.
+"""YAML documents with a place for every value, problems as people read them, the base of sections.
 
 Imports planning.errors only.
 """
