@@ -18,6 +18,7 @@ from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     NativeValue,
     infer_getattr,
+    intrinsic,
     lower_getattr_generic,
     models,
     register_model,
@@ -190,3 +191,17 @@ def _read_field(
         meminfo=None,
     )
     return array._getvalue()
+
+
+@intrinsic
+def _packed_at(typing: Any, addresses: Any, k: Any, like: Any) -> Any:
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        row = arrayobj.make_array(signature.args[0])(context, builder, args[0])
+        address = builder.load(builder.gep(row.data, [args[1]]))
+        return builder.inttoptr(address, ir.IntType(64).as_pointer())
+
+    return like(addresses, types.int64, like), code
+
+
+packed_at: Any = _packed_at
+"""Return the packed tuple whose address is the k-th of a row, of the type of another one."""

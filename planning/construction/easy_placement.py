@@ -7,49 +7,43 @@ another robot may be better.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
 
-from planning.construction.attempt import Attempt
-from planning.construction.placements import Candidates
+from planning.construction.candidates import Candidates
 from planning.construction.problem.problem import ConstructionProblem, Part
-from planning.construction.settings import SearchSettings
+from planning.construction.problem.settings import SearchSettings
 from planning.construction.skeletons import Skeleton
-from planning.construction.subproblem import Solution
+from planning.construction.subproblem import Attempt, Solution
 from planning.construction.world.building import Building
 
 Solve = Callable[[Building, Attempt], Solution | None]
 
 
+@dataclass(frozen=True)
 class EasyPlacement:
-    """Places a part by ways that are easy to find.
+    """Places a part by paths that are easy to find.
 
-    Args:
+    Attributes:
         problem: what is built by whom.
         candidates: who may place what.
         solve: solves a sub-problem.
         settings: how many are asked.
     """
 
-    def __init__(
-        self,
-        problem: ConstructionProblem,
-        candidates: Candidates,
-        solve: Solve,
-        settings: SearchSettings,
-    ) -> None:
-        self.problem = problem
-        self.candidates = candidates
-        self.solve = solve
-        self.settings = settings
+    problem: ConstructionProblem
+    candidates: Candidates
+    solve: Solve
+    settings: SearchSettings
 
     def place(
         self,
         building: Building,
         parts: Sequence[Part],
         seed: Sequence[int],
-        most: float = np.inf,
+        most_loss: float = np.inf,
     ) -> Solution | None:
         """Return the best of a few ways to place a part, None for none.
 
@@ -62,26 +56,27 @@ class EasyPlacement:
             building: the state before.
             parts: that may be placed next, the best first.
             seed: of all random numbers.
-            most: a way with which as much time is lost is of no use [s].
+            most_loss: a way with which as much time is lost is of no use [s].
         """
         team = self.problem.team
         if len(team) == 1 or len(parts) <= len(team) // 2:
-            return self._soonest(building, parts[0], seed, most)
+            return self._soonest(building, parts[0], seed, most_loss)
         best: Solution | None = None
         for part in parts[: self.settings.parts]:
             first = next(self.candidates.alone(building, part), None)
             if first is None:
                 break
-            found = self._easily(building, part, *first, seed, lost=most)
+            attempt = self._attempt(part, first, seed, np.inf, most_loss)
+            found = self.solve(building, attempt)
             if found is None:
                 continue
-            best, most = found, found.lost
-            if found.lost <= self.settings.late:
+            best, most_loss = found, found.lost
+            if found.lost <= self.settings.late_s:
                 break
         return best
 
     def _soonest(
-        self, building: Building, part: Part, seed: Sequence[int], most: float
+        self, building: Building, part: Part, seed: Sequence[int], most_loss: float
     ) -> Solution | None:
         """Return the way by which a part is in its place soonest, None for none.
 
@@ -92,32 +87,27 @@ class EasyPlacement:
         best: Solution | None = None
         latest = np.inf
         alone = self.candidates.alone(building, part)
-        for robot, skeleton in islice(alone, self.settings.asked):
-            free = building.world.free_from(robot)
+        for skeleton in islice(alone, self.settings.asked):
+            free = building.world.free_from(skeleton[0].robot)
             if free + seconds.pick + seconds.place > latest:
                 break
-            found = self._easily(building, part, robot, skeleton, seed, latest, most)
+            attempt = self._attempt(part, skeleton, seed, latest, most_loss)
+            found = self.solve(building, attempt)
             if found is None:
                 continue
             if found.building.placed[part.name] < latest:
                 best, latest = found, found.building.placed[part.name]
-            if found.late <= self.settings.late:
+            if found.late <= self.settings.late_s:
                 break
         return best
 
-    def _easily(
+    def _attempt(
         self,
-        building: Building,
         part: Part,
-        robot: str,
         skeleton: Skeleton,
         seed: Sequence[int],
-        latest: float = np.inf,
-        lost: float = np.inf,
-    ) -> Solution | None:
-        """Return how a robot can place a part by ways that are easy to find, None for none."""
-        own = [*seed, self.problem.team.index(robot)]
-        return self.solve(
-            building,
-            Attempt(part, skeleton, own, hasty=True, latest=latest, lost=lost),
-        )
+        latest: float,
+        lost: float,
+    ) -> Attempt:
+        own = [*seed, self.problem.team.index(skeleton[0].robot)]
+        return Attempt(part, skeleton, own, hasty=True, latest=latest, lost=lost)

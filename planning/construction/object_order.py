@@ -1,4 +1,4 @@
-"""Which part is placed next (Hartmann et al. IV-D1, V-A1, eq. 6)."""
+"""The order of parts: which is placed next (Hartmann et al. IV-D1, V-A1, eq. 6)."""
 
 from __future__ import annotations
 

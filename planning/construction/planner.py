@@ -3,30 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from planning.construction.effort import SubproblemSettings
+from planning.construction.problem.contacts import PartContacts
 from planning.construction.problem.problem import ConstructionProblem
-from planning.construction.problem.reach_bounds import ReachBounds
-from planning.construction.problem.touching import PartContacts
+from planning.construction.problem.reach_bounds import reach_bounds
+from planning.construction.problem.settings import PlannerSettings, SearchSettings
 from planning.construction.search import ConstructionSearch, Failure
-from planning.construction.settings import SearchSettings
-from planning.construction.stopwatch import Stopwatch
 from planning.construction.subproblem import SubproblemSolver
 from planning.construction.world.building import Building
-
-
-@dataclass(frozen=True)
-class PlannerSettings:
-    """How hard a construction is planned.
-
-    Attributes:
-        search: over objects, robots and actions.
-        subproblem: each part.
-    """
-
-    search: SearchSettings = field(default_factory=SearchSettings)
-    subproblem: SubproblemSettings = field(default_factory=SubproblemSettings)
 
 
 @dataclass(frozen=True)
@@ -75,21 +60,19 @@ def plan_construction(
         ConstructionError: no plan was found.
     """
     settings = settings or PlannerSettings()
-    bounds = ReachBounds(problem)
-    solver = SubproblemSolver(
-        problem, bounds, PartContacts(problem), settings.subproblem, Stopwatch()
-    )
-    return plan_with(solver, bounds, settings.search, progress)
+    contacts = PartContacts(problem)
+    bounds = reach_bounds(problem)
+    solver = SubproblemSolver(problem, bounds, contacts, settings.subproblem)
+    return plan_with(solver, settings.search, progress)
 
 
 def plan_with(
     solver: SubproblemSolver,
-    bounds: ReachBounds,
     settings: SearchSettings,
     progress: Callable[[int, int], None],
 ) -> ConstructionPlan:
     """Search with some solver of sub-problems; see plan_construction."""
-    search = ConstructionSearch(solver.problem, bounds, solver, settings, progress)
+    search = ConstructionSearch(solver, settings, progress)
     building = search.run()
     return ConstructionPlan(
         solver.problem,

@@ -1,4 +1,4 @@
-"""Plans a few placements at a time, and once more where robots lose much time with them.
+"""Rounds: a few placements at a time, planned once more where robots lose much time with them.
 
 One robot is planned after another, so who comes first may stand in the way of all others: more
 with the first parts, when all robots set out together, and with the last ones, when some have
@@ -7,18 +7,19 @@ nothing left to do. Other random numbers often lose half as much.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from planning.construction.problem.problem import ConstructionProblem, Part
-from planning.construction.settings import SearchSettings
+from planning.construction.problem.settings import SearchSettings
 from planning.construction.subproblem import Solution
 from planning.construction.world.building import Building
 
 
 class Placer(Protocol):
-    """Plans one placement.
+    """Plans one placement; see ``ConstructionSearch``.
 
     Attributes:
         spent: how much has been tried so far, in attempts to place a part.
@@ -30,16 +31,9 @@ class Placer(Protocol):
         """Return the parts that may be placed next, the best first."""
 
     def place_next(
-        self, building: Building, parts: list[Part], turn: int, most: float
+        self, building: Building, parts: list[Part], turn: int, most_loss: float
     ) -> Solution | None:
-        """Return how one of the parts is placed, None where that failed.
-
-        Args:
-            building: the state before.
-            parts: the best first.
-            turn: how often this has been planned before; only the first time all is tried.
-            most: a way with which as much time is lost is of no use [s].
-        """
+        """Return how one of the parts is placed, None where that failed."""
 
 
 class Round(NamedTuple):
@@ -57,22 +51,24 @@ class Round(NamedTuple):
     stuck: Part | None = None
 
 
+@dataclass
 class Rounds:
     """Plans round after round.
 
-    Args:
+    Attributes:
         problem: what is built by whom.
         placer: plans a placement.
         settings: how often a round is planned.
     """
 
-    def __init__(
-        self, problem: ConstructionProblem, placer: Placer, settings: SearchSettings
-    ) -> None:
-        self.problem = problem
-        self.placer = placer
-        self.settings = settings
-        self._spare = settings.again * len(problem.parts) / len(problem.team)
+    problem: ConstructionProblem
+    placer: Placer
+    settings: SearchSettings
+
+    def __post_init__(self) -> None:
+        """Set how many attempts may go into planning again."""
+        parts, robots = len(self.problem.parts), len(self.problem.team)
+        self._spare = self.settings.again * parts / robots
 
     def next(self, start: Building) -> Round:
         """Return the next placements, as good as a few tries make them.
@@ -88,7 +84,7 @@ class Rounds:
         for turn in range(1, self.settings.tries):
             if (
                 best.stuck is not None
-                or best.lost <= self.settings.bearable * size
+                or best.lost <= self.settings.acceptable_loss_s * size
                 or self._spare <= 0.0
             ):
                 break
@@ -99,13 +95,13 @@ class Rounds:
                 best = found
         return best
 
-    def _plan(self, start: Building, size: int, turn: int, most: float) -> Round:
-        """Return a round, broken off when as much time as ``most`` is lost."""
+    def _plan(self, start: Building, size: int, turn: int, most_loss: float) -> Round:
+        """Return a round, broken off when so much time is lost."""
         states: list[Building] = []
         now, lost = start, 0.0
         for _ in range(size):
             parts = self.placer.next_parts(now)
-            found = self.placer.place_next(now, parts, turn, most - lost)
+            found = self.placer.place_next(now, parts, turn, most_loss - lost)
             if found is None:
                 return Round(states, lost, parts[0])
             now, lost = found.building, lost + found.lost

@@ -1,4 +1,4 @@
-"""Searches over objects, robots and action sequences, depth first with backtracking (IV-D)."""
+"""Search over parts, robots and skeletons, depth first with backtracking (Hartmann et al. IV-D)."""
 
 from __future__ import annotations
 
@@ -8,16 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.construction.attempt import Attempt
+from planning.construction.candidates import Candidates
 from planning.construction.easy_placement import EasyPlacement
 from planning.construction.object_order import rank_parts
-from planning.construction.placements import Candidates
-from planning.construction.problem.problem import ConstructionProblem, Part
-from planning.construction.problem.reach_bounds import ReachBounds
+from planning.construction.problem.problem import Part
+from planning.construction.problem.settings import SearchSettings
 from planning.construction.rounds import Rounds
-from planning.construction.settings import SearchSettings
 from planning.construction.skeletons import Skeleton, robots_of
-from planning.construction.subproblem import Solution, SubproblemSolver
+from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.building import Building, nothing_built
 from planning.errors import ConstructionError
 from planning.kinematics.kinematics import frame_pose
@@ -25,19 +23,15 @@ from planning.kinematics.kinematics import frame_pose
 
 @dataclass(frozen=True)
 class Failure:
-    """What did not work, for the list that is gone through again when nothing else is left.
+    """A skeleton that did not work, to be gone through again when nothing else is left.
 
     Attributes:
         part: its name.
         skeleton: the sequence of actions.
-        placed: parts that were in place.
-        effort: how hard it was tried, from 0.
     """
 
     part: str
     skeleton: Skeleton
-    placed: frozenset[str]
-    effort: int
 
 
 class ConstructionSearch:
@@ -48,8 +42,6 @@ class ConstructionSearch:
     together again before it as long as others can. For no part is that done without end.
 
     Args:
-        problem: what is built by whom.
-        bounds: who reaches what.
         solver: of sub-problems.
         settings: how hard is tried.
         progress: told how many parts are planned, of how many.
@@ -62,14 +54,12 @@ class ConstructionSearch:
 
     def __init__(
         self,
-        problem: ConstructionProblem,
-        bounds: ReachBounds,
         solver: SubproblemSolver,
         settings: SearchSettings,
         progress: Callable[[int, int], None],
     ) -> None:
-        self.problem = problem
-        self.candidates = Candidates(problem, bounds)
+        self.problem = problem = solver.problem
+        self.candidates = Candidates(problem, solver.bounds)
         self.easy = EasyPlacement(problem, self.candidates, self._solve, settings)
         self.rounds = Rounds(problem, self, settings)
         self.solver = solver
@@ -162,7 +152,7 @@ class ConstructionSearch:
         return problem.graph.placeable(building.placed, carried=problem.carried)
 
     def place_next(
-        self, building: Building, parts: list[Part], turn: int, most: float
+        self, building: Building, parts: list[Part], turn: int, most_loss: float
     ) -> Solution | None:
         """Return how a part is placed: the first one, or another one where that is easier.
 
@@ -171,10 +161,10 @@ class ConstructionSearch:
             parts: that may be placed next, the best first.
             turn: how often this has been planned before. The first time all is tried, later
                 only what is easy and one hard attempt.
-            most: a way with which as much time is lost is of no use [s].
+            most_loss: a way with which so much time is lost is of no use [s].
         """
         own = [building.step, self.rewound, turn]
-        easy = self.easy.place(building, parts, [self.problem.seed, 3, *own], most)
+        easy = self.easy.place(building, parts, [self.problem.seed, 3, *own], most_loss)
         if easy is not None:
             return easy
         if turn == 0:
@@ -183,7 +173,7 @@ class ConstructionSearch:
         if skeleton is None:
             return None
         seed = [self.problem.seed, 4, *own]
-        return self._solve(building, Attempt(parts[0], skeleton, seed, lost=most))
+        return self._solve(building, Attempt(parts[0], skeleton, seed, lost=most_loss))
 
     def _place(
         self, building: Building, part: Part, effort: int = 0
@@ -202,8 +192,7 @@ class ConstructionSearch:
                 after = self._solve(building, Attempt(part, skeleton, seed, effort))
                 if after is not None:
                     return after
-            placed = frozenset(building.placed)
-            self.failures.append(Failure(part.name, skeleton, placed, effort))
+            self.failures.append(Failure(part.name, skeleton))
         return None
 
     def _solve(self, building: Building, attempt: Attempt) -> Solution | None:

@@ -1,10 +1,10 @@
-"""Sequences of actions that bring a part to its place (Hartmann et al. IV-D3, V-A3)."""
+"""Skeletons: sequences of actions that bring a part to its place (Hartmann et al. IV-D3, V-A3)."""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise, permutations
 
 PICK, HANDOVER, PLACE, RETRACT = "pick", "handover", "place", "retract"
 """The actions: place is always followed by retract."""
@@ -24,55 +24,22 @@ class Action:
     robot: str
     to: str | None = None
 
-    def __str__(self) -> str:
-        """Return it in words."""
-        return f"{self.robot} {self.kind}" + (f" to {self.to}" if self.to else "")
-
 
 Skeleton = tuple[Action, ...]
 
 
-def skeletons(robots: Sequence[str], most: int = 8) -> Iterator[Skeleton]:
+def skeletons(robots: Sequence[str]) -> Iterator[Skeleton]:
     """Yield the sequences in which every robot of a group has a part in hand once.
 
-    Breadth first, so the shortest come first; a part is picked and placed once (monotone).
-
-    Args:
-        robots: the group.
-        most: longest sequence.
+    A part is picked and placed once (monotone).
     """
-    front: deque[tuple[Skeleton, tuple[str, ...], str]] = deque([((), (), "supply")])
-    while front:
-        done, had, where = front.popleft()
-        if where == "in place":
-            yield done
-            continue
-        if len(done) >= most:
-            continue
-        for action, robot, then in _possible(robots, had, where):
-            front.append(((*done, action), (*had, *robot), then))
-
-
-def _possible(
-    robots: Sequence[str], had: tuple[str, ...], where: str
-) -> Iterator[tuple[Action, tuple[str, ...], str]]:
-    """Yield what may come next: an action, who has the part then for the first time, where it is."""
-    if where == "supply":
-        for robot in robots:
-            yield Action(PICK, robot), (robot,), "held"
-    elif where == "held":
-        if len(had) == len(robots):
-            yield Action(PLACE, had[-1]), (), "placed"
-        for taker in robots:
-            if taker not in had:
-                yield Action(HANDOVER, had[-1], taker), (taker,), "held"
-    elif where == "placed":
-        yield Action(RETRACT, had[-1]), (), "in place"
-
-
-def in_words(skeleton: Skeleton) -> str:
-    """Return a sequence in words."""
-    return ", ".join(map(str, skeleton))
+    for order in permutations(robots):
+        yield (
+            Action(PICK, order[0]),
+            *(Action(HANDOVER, giver, taker) for giver, taker in pairwise(order)),
+            Action(PLACE, order[-1]),
+            Action(RETRACT, order[-1]),
+        )
 
 
 def robots_of(skeleton: Skeleton) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""How long which part of planning takes."""
+"""Times that parts of planning take, added up by name."""
 
 from __future__ import annotations
 

@@ -1,48 +1,56 @@
-"""One object and a few robots among fixed timelines: keyframes, then paths leg by leg (IV-A to IV-C)."""
+"""Sub-problems: one part and a few robots among fixed timelines; keyframes, then paths (IV-A to IV-C)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from planning.construction.attempt import Attempt
-from planning.construction.checks.checker import Pairs, SpaceTimeChecker
-from planning.construction.effort import SubproblemSettings
+from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.keyframes.keyframes import Keyframe, Keyframes
-from planning.construction.keyframes.known_ways import way_in, way_out
 from planning.construction.keyframes.solver import KeyframeSolver, Soonest
 from planning.construction.keyframes.step_scenes import StepScenes
+from planning.construction.legs import LegPlanner
 from planning.construction.object_order import ready_at
-from planning.construction.paths.rrt import space_time_rrt
+from planning.construction.paths.hints import retreat_hints
+from planning.construction.problem.contacts import PartContacts, held_by
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.problem.reach_bounds import ReachBounds
-from planning.construction.problem.touching import PartContacts, held_by
+from planning.construction.problem.settings import SubproblemSettings
+from planning.construction.skeletons import Skeleton, robots_of
 from planning.construction.stopwatch import Stopwatch
 from planning.construction.world.building import Building
-from planning.construction.world.fixed_world import drop_tail
 from planning.construction.world.skill_motion import SkillMotion
 from planning.transforms import Array
 
 
-class Leg(NamedTuple):
-    """A path to the beginning of a skill.
+@dataclass(frozen=True)
+class Attempt:
+    """One attempt to bring a part to its place.
 
     Attributes:
-        building: the state then.
-        keyframe: which skill.
-        start: when it begins [s].
-        soonest: how soon speeds and the world at the goals would have let it begin [s].
-        lost: how much later it begins than speeds alone would allow [s].
+        part: what is placed; it is placeable.
+        skeleton: who does what.
+        seed: of all random numbers.
+        effort: how much harder than usual is tried, from 0.
+        hasty: only paths that are easy to find are looked for.
+        latest: the part must be in its place by then [s].
+        lost: a way with which robots lose as much time as that is of no use [s].
     """
 
-    building: Building
-    keyframe: Keyframe
-    start: float
-    soonest: float
-    lost: float
+    part: Part
+    skeleton: Skeleton
+    seed: Sequence[int]
+    effort: int = 0
+    hasty: bool = False
+    latest: float = np.inf
+    lost: float = np.inf
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Who acts, in order of first appearance."""
+        return robots_of(self.skeleton)
 
 
 @dataclass(frozen=True)
@@ -62,10 +70,11 @@ class Solution:
     lost: float
 
 
+@dataclass
 class SubproblemSolver:
     """Plans one part for one skeleton after another.
 
-    Args:
+    Attributes:
         problem: parts and team.
         bounds: who reaches what.
         contacts: of all parts.
@@ -73,43 +82,42 @@ class SubproblemSolver:
         watch: what takes how long.
     """
 
-    def __init__(
-        self,
-        problem: ConstructionProblem,
-        bounds: ReachBounds,
-        contacts: PartContacts,
-        settings: SubproblemSettings,
-        watch: Stopwatch,
-    ) -> None:
-        self.problem = problem
-        self.bounds = bounds
-        self.contacts = contacts
-        self.settings = settings
-        self.watch = watch
+    problem: ConstructionProblem
+    bounds: ReachBounds
+    contacts: PartContacts
+    settings: SubproblemSettings
+    watch: Stopwatch = field(default_factory=Stopwatch)
 
     def solve(self, building: Building, attempt: Attempt) -> Solution | None:
         """Return how a part can be brought to its place, None where that failed."""
-        settings = self.settings.of(attempt)
+        settings = self.attempt_settings(attempt)
         part, team = attempt.part, attempt.robots
         rng = np.random.default_rng(attempt.seed)
         world = building.world
-        hints = way_out(world, team[0])
+        hints = retreat_hints(world, team[0])
         for robot in team:
-            world = drop_tail(world, robot)
+            world = world.without_way_out(robot)
         building = Building(world, building.work, building.placed)
         scenes = StepScenes(self.problem, self.contacts, world, part, team)
         soonest = self.soonest(building, part)
         solver = KeyframeSolver(scenes, self.bounds, soonest, settings.keyframes, rng)
         options = solver.alone(*team) if len(team) == 1 else solver.handed_over(*team)
+        legs = LegPlanner(settings.rrt, rng, self.watch)
         for _ in range(settings.holds):
             with self.watch.time("keyframes"):
                 found = next(options, None)
             if found is None:
                 return None
-            done = self._go(building, attempt, found, rng, settings, hints)
+            done = self._bring(building, attempt, found, legs, hints)
             if done is not None:
                 return done
         return None
+
+    def attempt_settings(self, attempt: Attempt) -> SubproblemSettings:
+        """Return the effort for an attempt."""
+        if attempt.hasty:
+            return self.settings.hasty()
+        return self.settings.harder(attempt.effort)
 
     def soonest(self, building: Building, part: Part) -> Soonest:
         """Return when a part may be picked and placed.
@@ -125,13 +133,12 @@ class SubproblemSolver:
         ready = ready_at(self.problem, part.name, building.placed)
         return Soonest(max(lifted, default=0.0), max([ready, *there]))
 
-    def _go(
+    def _bring(
         self,
         building: Building,
         attempt: Attempt,
         keyframes: Keyframes,
-        rng: np.random.Generator,
-        settings: SubproblemSettings,
+        legs: LegPlanner,
         hints: Array,
     ) -> Solution | None:
         """Return the state after all actions with given keyframes, leg by leg.
@@ -140,22 +147,19 @@ class SubproblemSolver:
             building: the state before.
             attempt: what is placed by whom.
             keyframes: of the skills.
-            rng: what is drawn from.
-            settings: how hard is tried.
+            legs: plans the paths.
             hints: places on a way out for the first robot, shape (h, n).
         """
         problem, part, team = self.problem, attempt.part, attempt.robots
         robot, hold = team[0], keyframes.holds[0]
         latest = attempt.latest - problem.seconds.place
-        leg = self._leg(
+        leg = legs.unhurried(self._spare(robot, keyframes)).leg(
             building,
             robot,
             keyframes.picks,
-            rng,
-            settings.unhurried(self._spare(robot, keyframes)),
             hints=hints,
             latest=latest - problem.seconds.pick,
-            most=attempt.lost,
+            most_loss=attempt.lost,
         )
         if leg is None or leg.lost >= attempt.lost:
             return None
@@ -166,20 +170,18 @@ class SubproblemSolver:
             pick.motion, "pick", part.name, start, robot, pose, hold.grip
         )
         if len(team) > 1:
-            met = self._hand_over(building, part, team, keyframes, rng, settings)
+            met = self._hand_over(building, part, team, keyframes, legs)
             if met is None:
                 return None
             building, robot, hold = met, team[-1], keyframes.holds[-1]
-        leg = self._leg(
+        leg = legs.leg(
             building,
             robot,
             keyframes.places,
-            rng,
-            settings,
             allowed=held_by(robot, part),
             linger=True,
             latest=latest,
-            most=attempt.lost - lost,
+            most_loss=attempt.lost - lost,
         )
         if leg is None or lost + leg.lost >= attempt.lost:
             return None
@@ -189,7 +191,7 @@ class SubproblemSolver:
         building = building.worked(
             place.motion, "place-down", part.name, start, None, part.goal, hold.grip
         )
-        done = self._retract(building, robot, rng, settings)
+        done = legs.retreat(building, robot)
         return None if done is None else Solution(done, late, lost + more)
 
     def _spare(self, robot: str, keyframes: Keyframes) -> float:
@@ -211,8 +213,7 @@ class SubproblemSolver:
         part: Part,
         team: tuple[str, ...],
         keyframes: Keyframes,
-        rng: np.random.Generator,
-        settings: SubproblemSettings,
+        legs: LegPlanner,
     ) -> Building | None:
         """Return the state in which the second robot has the part and the first is out of its way.
 
@@ -222,14 +223,14 @@ class SubproblemSolver:
         giver, taker = team
         allowed = held_by(giver, part)
         meetings = [meeting.giver for meeting in keyframes.meetings]
-        leg = self._leg(building, giver, meetings, rng, settings, allowed=allowed)
+        leg = legs.leg(building, giver, meetings, allowed=allowed)
         if leg is None:
             return None
         building, chosen, waits, _, _ = leg
         meeting = next(m for m in keyframes.meetings if m.giver is chosen)
         motion = chosen.motion
         goal = Keyframe(_standing(taker, meeting.taker), _from(chosen.windows, waits))
-        leg = self._leg(building, taker, [goal], rng, settings)
+        leg = legs.leg(building, taker, [goal])
         if leg is None:
             return None
         building, _, start, _, _ = leg
@@ -245,69 +246,7 @@ class SubproblemSolver:
         )
         stand = np.array([start, start + motion.seconds])
         building = building.moved(taker, stand, np.tile(meeting.taker, (2, 1)))
-        return self._retract(building, giver, rng, settings)
-
-    def _leg(
-        self,
-        building: Building,
-        robot: str,
-        goals: Sequence[Keyframe],
-        rng: np.random.Generator,
-        settings: SubproblemSettings,
-        *,
-        allowed: Pairs = frozenset(),
-        hints: Array | None = None,
-        linger: bool = False,
-        latest: float = np.inf,
-        most: float = np.inf,
-    ) -> Leg | None:
-        """Return a path to the beginning of a skill, None where none was found."""
-        with self.watch.time("path"):
-            checker = SpaceTimeChecker(building.world, (robot,), allowed=allowed)
-            here = checker.start_configuration()
-            far = max(checker.least_duration(here, goal.start) for goal in goals)
-            # Whoever is later than this at the farthest goal has lost too much.
-            latest = min(latest, checker.start + far + most)
-            found = space_time_rrt(
-                checker,
-                np.array([goal.start for goal in goals]),
-                windows=[goal.windows for goal in goals],
-                hints=hints,
-                linger=linger,
-                latest=latest,
-                settings=settings.rrt,
-                seed=_seed(rng),
-            )
-        if found is None:
-            return None
-        goal = goals[found.goal]
-        travel = checker.least_duration(checker.start_configuration(), goal.start)
-        lost = found.arrival - checker.start - travel
-        building = building.moved(robot, found.time, found.path)
-        return Leg(building, goal, found.arrival, found.earliest, lost)
-
-    def _retract(
-        self,
-        building: Building,
-        robot: str,
-        rng: np.random.Generator,
-        settings: SubproblemSettings,
-    ) -> Building | None:
-        """Return the state in which a robot has gone out of the others' way."""
-        home = self.problem.cell.robot(robot).home
-        with self.watch.time("path"):
-            checker = SpaceTimeChecker(building.world, (robot,))
-            found = space_time_rrt(
-                checker,
-                home[None],
-                stay=np.inf,
-                hints=way_in(building.world, robot),
-                settings=settings.rrt,
-                seed=_seed(rng),
-            )
-        if found is None:
-            return None
-        return building.moved(robot, found.time, found.path, work=False)
+        return legs.retreat(building, giver)
 
 
 def _standing(robot: str, q: Array) -> SkillMotion:
@@ -320,7 +259,3 @@ def _from(windows: Array, t: float) -> Array:
     left = windows[windows[:, 1] >= t].copy()
     left[:, 0] = np.maximum(left[:, 0], t)
     return left
-
-
-def _seed(rng: np.random.Generator) -> int:
-    return int(rng.integers(2**31))

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import construction
-from benchmarks.construction_case import case_scenario
-from benchmarks.construction_paper import DURATIONS
-from benchmarks.construction_report import write_report
-from benchmarks.construction_rows import best_baseline
-from benchmarks.construction_schedule import CARRY, DRIVE, HOME, schedule
-from benchmarks.construction_store import RowStore
-from benchmarks.construction_summary import summary
+from benchmarks.construction import experiments as construction
+from benchmarks.construction.case import case_scenario
+from benchmarks.construction.paper import DURATIONS
+from benchmarks.construction.report import write_report
+from benchmarks.construction.rows import best_baseline
+from benchmarks.construction.schedule import CARRY, DRIVE, HOME, schedule
+from benchmarks.construction.store import RowStore
+from benchmarks.construction.summary import summary
 from planning.construction.planner import ConstructionPlan
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.world.building import Building, Work

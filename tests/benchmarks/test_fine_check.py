@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.fine_check.check import FineCheck, check_construction
-from benchmarks.fine_check.motion import Motion
-from benchmarks.fine_check.walk import Group, Measurer
-from benchmarks.fixed_time import plan_fixed_time
+from benchmarks.construction.fine_check.check import FineCheck, check_construction
+from benchmarks.construction.fine_check.motion import Motion
+from benchmarks.construction.fine_check.walk import Group, Measurer
+from benchmarks.construction.fixed_time import plan_fixed_time
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.construction.planner import ConstructionPlan, plan_construction
 from planning.construction.problem.models import tower

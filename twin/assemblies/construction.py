@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -146,14 +146,17 @@ class ConstructionKind(AssemblyKind):
         problem = build_problem(
             cell,
             self.parts,
-            frame=self.section.grips.frame,
             offsets=self.section.grips.offsets_m,
             insertions=insertions,
+            approach=self.section.approach_m,
+            touch=self.section.touch_m,
+        )
+        problem = replace(
+            problem,
+            frame=self.section.grips.frame,
             seconds=SkillSeconds(
                 seconds["pick"], seconds["place-down"], seconds["handover"]
             ),
-            approach=self.section.approach_m,
-            touch=self.section.touch_m,
             carried=self.section.carried,
             seed=settings.seed,
         )

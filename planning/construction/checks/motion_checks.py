@@ -1,25 +1,23 @@
-"""Continuous checks of motions in space-time, compiled: against all that moves and all that does not."""
+"""Continuous collision checks of motions in space-time, compiled."""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from planning.construction.checks.arena import Arena, column
 from planning.construction.checks.movers import own_at, sweep_between
 from planning.construction.checks.moving_checks import (
     clear_of_tracks,
     moving_clear_until,
     worth_probing,
 )
-from planning.construction.checks.obstacles import BEGIN, HALVINGS, SETTINGS, STEP
-from planning.construction.checks.own_checks import movers_clear
-from planning.construction.checks.still_checks import still_clear_until
+from planning.construction.checks.scene import Scene
+from planning.construction.checks.still_checks import movers_clear, still_clear_until
+from planning.kernels import inner_kernel, kernel
 from planning.transforms import Array
 
 
-@njit(cache=True, nogil=True)
-def clear_throughout(scene: Arena, q0: Array, q1: Array, lo: float, hi: float) -> bool:
+@kernel
+def clear_throughout(scene: Scene, q0: Array, q1: Array, lo: float, hi: float) -> bool:
     """Tell whether a straight motion is clear of everything, wherever it is in a span.
 
     Args:
@@ -30,31 +28,30 @@ def clear_throughout(scene: Arena, q0: Array, q1: Array, lo: float, hi: float) -
     clear, _ = still_clear_until(scene, q0, lo, q1, hi, hi - lo)
     if not clear:
         return False
-    settings = column(scene, SETTINGS)
-    size = settings[STEP] / (1 << int(settings[HALVINGS]))
+    size = scene.step / (1 << scene.halvings)
     begin = np.floor(lo / size + 1e-6) * size
     finish = np.ceil(hi / size - 1e-6) * size
     sweep_between(scene, q0, q1, lo, hi)
     return clear_of_tracks(scene, begin, finish) and (
-        len(column(scene, BEGIN)) == 1 or movers_clear(scene, hi >= lo)
+        len(scene.begin) == 1 or movers_clear(scene, hi >= lo)
     )
 
 
-@njit(cache=True, nogil=True)
-def configuration_clear(scene: Arena, q: Array, t: float) -> bool:
+@kernel
+def configuration_clear(scene: Scene, q: Array, t: float) -> bool:
     """Tell whether the movers may be at ``q``, shape (n,), at one instant."""
     clear, _ = still_clear_until(scene, q, t, q, t, 0.0)
     # The movers have been swept, if such it may be called, and not cut up.
     return (
         clear
         and clear_of_tracks(scene, t, t)
-        and (len(column(scene, BEGIN)) == 1 or movers_clear(scene, clear))
+        and (len(scene.begin) == 1 or movers_clear(scene, clear))
     )
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def clear_until(
-    scene: Arena, q0: Array, t0: float, q1: Array, t1: float
+    scene: Scene, q0: Array, t0: float, q1: Array, t1: float
 ) -> tuple[bool, float]:
     """Tell whether a whole motion is clear, and until when it is.
 
@@ -65,7 +62,7 @@ def clear_until(
         q0, t0: where it begins, and when, shape (n,).
         q1, t1: where it ends, and when.
     """
-    begins = column(scene, BEGIN)
+    begins = scene.begin
     a, b = np.empty_like(q0), np.empty_like(q1)
     a[:] = q0
     begin = t0
@@ -91,8 +88,8 @@ def clear_until(
     return True, t1
 
 
-@njit(cache=True, nogil=True)
-def motion_clear(scene: Arena, q0: Array, t0: float, q1: Array, t1: float) -> bool:
+@kernel
+def motion_clear(scene: Scene, q0: Array, t0: float, q1: Array, t1: float) -> bool:
     """Tell whether a whole motion is clear: its end and its middle first."""
     if not configuration_clear(scene, q1, t1):
         return False
@@ -102,4 +99,4 @@ def motion_clear(scene: Arena, q0: Array, t0: float, q1: Array, t1: float) -> bo
         if not configuration_clear(scene, q, middle):
             return False
     clear, _ = clear_until(scene, q0, t0, q1, t1)
-    return clear
+    return bool(clear)

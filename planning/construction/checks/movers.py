@@ -1,40 +1,22 @@
-"""Where the movers of a scene are, and what they sweep, compiled."""
+"""The movers of a scene: where they are, and what they sweep, compiled."""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from planning.construction.checks.arena import Arena, column, row, table
-from planning.construction.checks.obstacles import (
-    AROUND,
-    BEGIN,
-    BODY_FIRST,
-    CAPSULE_FIRST,
-    JOINT_FIRST,
-    MIDDLE,
-    OWN_A,
-    OWN_B,
-    OWN_BOX,
-    OWN_MOVED,
-    OWN_QA,
-    OWN_QB,
-    OWN_RADIUS,
-    POSES,
-    RADIUS,
-    kernel_of,
-)
-from planning.construction.world.swept_track import bound_capsules
-from planning.geometry.swept import place_capsules
+from planning.construction.checks.scene import Scene
+from planning.construction.world.fleet import bodies_of
+from planning.construction.world.swept_track import sweep_carrier
+from planning.kernels import inner_kernel
 from planning.transforms import Array
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def own_at(
-    scene: Arena, q0: Array, t0: float, q1: Array, t1: float, t: float, out: Array
+    scene: Scene, q0: Array, t0: float, q1: Array, t1: float, t: float, out: Array
 ) -> None:
     """Write where the movers are at a time: each goes straight once it is free to move."""
-    begins, joints = column(scene, BEGIN), row(scene, JOINT_FIRST)
+    begins, joints = scene.begin, scene.joint_first
     for m in range(len(begins)):
         begin = max(t0, begins[m])
         if t <= begin and t < t1:
@@ -47,55 +29,47 @@ def own_at(
             out[j] = q1[j] if share == 1.0 else q0[j] + share * (q1[j] - q0[j])
 
 
-@njit(cache=True, nogil=True)
-def sweep_own(scene: Arena, lo: float, hi: float) -> None:
-    """Sweep the movers from OWN_QA to OWN_QB in the span from ``lo`` to ``hi``.
+@inner_kernel
+def sweep_stretch(
+    scene: Scene, q0: Array, t0: float, q1: Array, t1: float, lo: float, hi: float
+) -> None:
+    """Sweep the movers on the part from ``lo`` to ``hi`` of a motion; see ``own_at``."""
+    own_at(scene, q0, t0, q1, t1, lo, scene.q_a)
+    own_at(scene, q0, t0, q1, t1, hi, scene.q_b)
+    _sweep(scene, lo, hi)
 
-    Movers that are not free to move by then are nowhere.
-    """
-    joints, bodies = row(scene, JOINT_FIRST), row(scene, BODY_FIRST)
-    capsules = row(scene, CAPSULE_FIRST)
-    q_a, q_b = column(scene, OWN_QA), column(scene, OWN_QB)
-    start, end = table(scene, OWN_A), table(scene, OWN_B)
-    moved = table(scene, OWN_MOVED)
-    radius, bare = column(scene, OWN_RADIUS), column(scene, RADIUS)
-    box, around = table(scene, OWN_BOX), column(scene, AROUND)
-    begin = column(scene, BEGIN)
-    poses = table(scene, POSES)
+
+@inner_kernel
+def sweep_between(scene: Scene, q0: Array, q1: Array, lo: float, hi: float) -> None:
+    """Sweep the movers from one configuration to another, both of shape (n,), in a span."""
+    scene.q_a[:] = q0
+    scene.q_b[:] = q1
+    _sweep(scene, lo, hi)
+
+
+@inner_kernel
+def _sweep(scene: Scene, lo: float, hi: float) -> None:
+    """Sweep the movers; those that are not free to move by then are nowhere."""
+    joints, bodies = scene.joint_first, scene.fleet.body_first
+    capsules, begin = scene.capsule_first, scene.begin
+    own, box, around = scene.own, scene.own.body_box, scene.own.box
     for r in range(3):
-        around[r] = np.inf
-        around[r + 3] = -np.inf
+        around[0, r] = np.inf
+        around[0, r + 3] = -np.inf
     for m in range(len(begin)):
+        b0, b1 = bodies[m], bodies[m + 1]
         if begin[m] > lo + 1e-9 and begin[m] >= hi - 1e-9:
-            for o in range(bodies[m], bodies[m + 1]):
+            for o in range(b0, b1):
                 for r in range(3):
                     box[o, r] = np.inf
                     box[o, r + 3] = -np.inf
             continue
-        j0, j1 = joints[m], joints[m + 1]
-        c0, c1 = capsules[bodies[m]], capsules[bodies[m + 1]]
-        place_capsules(
-            kernel_of(scene, m),
-            q_a[j0:j1],
-            q_b[j0:j1],
-            poses.reshape(poses.shape[0] // 4, 4, 4),
-            column(scene, MIDDLE)[: j1 - j0],
-            start[c0:c1],
-            end[c0:c1],
-            moved[c0:c1],
-        )
-        for c in range(c0, c1):
-            radius[c] = bare[c] + moved[c, 0]
-        for o in range(bodies[m], bodies[m + 1]):
-            bound_capsules(start, end, radius, capsules[o], capsules[o + 1], box[o])
+        j0, j1, c0 = joints[m], joints[m + 1], capsules[b0]
+        q_a, q_b = scene.q_a[j0:j1], scene.q_b[j0:j1]
+        moved = scene.moved[c0 : capsules[b1]]
+        hulls = bodies_of(scene.fleet, m)
+        sweep_carrier(hulls, q_a, q_b, (b0, c0), own, moved, scene.room)
+        for o in range(b0, b1):
             for r in range(3):
-                around[r] = min(around[r], box[o, r])
-                around[r + 3] = max(around[r + 3], box[o, r + 3])
-
-
-@njit(cache=True, nogil=True)
-def sweep_between(scene: Arena, q0: Array, q1: Array, lo: float, hi: float) -> None:
-    """Sweep the movers from one configuration to another, both of shape (n,); see ``sweep_own``."""
-    column(scene, OWN_QA)[:] = q0
-    column(scene, OWN_QB)[:] = q1
-    sweep_own(scene, lo, hi)
+                around[0, r] = min(around[0, r], box[o, r])
+                around[0, r + 3] = max(around[0, r + 3], box[o, r + 3])

@@ -1,35 +1,35 @@
-"""Whether a motion is clear of all that lies still, and of itself, compiled.
+"""Collision checks against all that lies still, and of robots with themselves, compiled.
 
 It is halved until capsules swept over the stretch are clear or hulls decide.
 """
 
 from __future__ import annotations
 
-from numba import njit
-
-from planning.construction.checks.arena import Arena, column, row, table
-from planning.construction.checks.box_checks import BLOCKED, CLEAR, meet_boxes
-from planning.construction.checks.movers import own_at, sweep_own
-from planning.construction.checks.obstacles import (
-    AROUND,
-    BOX_BOUNDS,
-    BOX_FROM,
-    BOX_UNTIL,
-    NEAR,
-    OWN_QA,
-    OWN_QB,
-    SETTINGS,
-    STACK,
-    WIDEST,
-    apart,
+from planning.construction.checks.body_pairs import (
+    capsules_meet,
+    pairs_apart,
+    proved_apart,
 )
-from planning.construction.checks.own_checks import meet_self
+from planning.construction.checks.movers import sweep_stretch
+from planning.construction.checks.scene import Scene
+from planning.construction.world.fleet import bodies_of, set_motion
+from planning.geometry.distance import boxes_apart, segment_box, segment_segment
+from planning.kernels import ZERO, inner_kernel
 from planning.transforms import Array
 
+_CLEAR, _SPLIT, _BLOCKED = 0, 1, 2
+"""Answers: a shorter stretch must be looked at where it is _SPLIT."""
 
-@njit(cache=True, nogil=True)
+_RESOLUTION = 0.06
+"""Stretches that move no capsule further than this go to the hulls [m]."""
+
+_FINEST = 1e-3
+"""Own bodies that are not proved apart when they stray less than this touch [m]."""
+
+
+@inner_kernel
 def still_clear_until(
-    scene: Arena, q0: Array, t0: float, q1: Array, t1: float, leeway: float
+    scene: Scene, q0: Array, t0: float, q1: Array, t1: float, leeway: float
 ) -> tuple[bool, float]:
     """Tell whether a motion is clear of all that lies still and of itself, and until when it is.
 
@@ -39,37 +39,31 @@ def still_clear_until(
         q1, t1: where it ends, and when.
         leeway: what lies there so long before or after a bit of it counts, too [s].
     """
-    q_a, q_b = column(scene, OWN_QA), column(scene, OWN_QB)
-    own_at(scene, q0, t0, q1, t1, t0, q_a)
-    own_at(scene, q0, t0, q1, t1, t1, q_b)
-    sweep_own(scene, t0, t1)
-    around, bounds = column(scene, AROUND), table(scene, BOX_BOUNDS)
-    start, end = column(scene, BOX_FROM), column(scene, BOX_UNTIL)
-    widest, near = column(scene, SETTINGS)[WIDEST], row(scene, NEAR)
+    sweep_stretch(scene, q0, t0, q1, t1, t0, t1)
+    around, bounds, near = scene.own.box, scene.boxes.bounds, scene.near
+    start, end, widest = scene.boxes.start, scene.boxes.end, scene.widest
     # Counted from a variable: numba compiles a function anew for every constant it is given.
     boxes = len(bounds) * 0
     for b in range(len(bounds)):
         if (start[b] >= t1 and t1 > t0) or start[b] > t1 or end[b] <= t0:
             continue
-        if not apart(around, bounds[b], widest):
+        if not boxes_apart(around, ZERO, bounds, b, widest):
             near[boxes] = b
             boxes += 1
-    stack = table(scene, STACK)
+    stack = scene.stack
     stack[0, 0], stack[0, 1] = t0, t1
     depth = 1
     while depth > 0:
         depth -= 1
         lo, hi = stack[depth, 0], stack[depth, 1]
         if lo > t0 or hi < t1:
-            own_at(scene, q0, t0, q1, t1, lo, q_a)
-            own_at(scene, q0, t0, q1, t1, hi, q_b)
-            sweep_own(scene, lo, hi)
-        found = meet_boxes(scene, boxes, max(lo - leeway, t0), min(hi + leeway, t1))
-        if found == CLEAR:
-            found = meet_self(scene)
-        if found == CLEAR:
+            sweep_stretch(scene, q0, t0, q1, t1, lo, hi)
+        found = _meet_boxes(scene, boxes, max(lo - leeway, t0), min(hi + leeway, t1))
+        if found == _CLEAR:
+            found = _meet_self(scene)
+        if found == _CLEAR:
             continue
-        if found == BLOCKED or depth + 2 > len(stack) or hi - lo < 1e-9:
+        if found == _BLOCKED or depth + 2 > len(stack) or hi - lo < 1e-9:
             return False, lo
         middle = 0.5 * (lo + hi)
         stack[depth, 0], stack[depth, 1] = middle, hi
@@ -78,8 +72,8 @@ def still_clear_until(
     return True, t1
 
 
-@njit(cache=True, nogil=True)
-def lies_throughout(scene: Arena, t0: float, t1: float) -> bool:
+@inner_kernel
+def lies_throughout(scene: Scene, t0: float, t1: float) -> bool:
     """Tell whether all near the stretch that was last swept lies there throughout a span.
 
     After ``still_clear_until`` has found a motion blocked that is where it is.
@@ -88,11 +82,118 @@ def lies_throughout(scene: Arena, t0: float, t1: float) -> bool:
         scene: the scene.
         t0, t1: the span [s].
     """
-    around, bounds = column(scene, AROUND), table(scene, BOX_BOUNDS)
-    start, end = column(scene, BOX_FROM), column(scene, BOX_UNTIL)
-    widest = column(scene, SETTINGS)[WIDEST]
+    bounds, start, end = scene.boxes.bounds, scene.boxes.start, scene.boxes.end
+    around, widest = scene.own.box, scene.widest
     for b in range(len(bounds)):
         changes = t0 < start[b] <= t1 or t0 < end[b] <= t1
-        if changes and not apart(around, bounds[b], widest):
+        if changes and not boxes_apart(around, ZERO, bounds, b, widest):
             return False
+    return True
+
+
+@inner_kernel
+def _meet_boxes(scene: Scene, boxes: int, lo: float, hi: float) -> int:
+    """Check the swept movers against the first boxes of ``near`` that are there in a span."""
+    near, pairs, capsules = scene.near, scene.pairs, scene.capsule_first
+    own, moved, limits = scene.own, scene.moved, scene.limits.boxes
+    around, own_box, widest = own.box, own.body_box, scene.widest
+    a, b, radius = own.capsule_a, own.capsule_b, own.radius
+    still = scene.boxes
+    bounds, start, end = still.bounds, still.start, still.end
+    pose, half = still.pose, still.half
+    count = boxes * 0
+    for k in range(boxes):
+        x = near[k]
+        if (start[x] >= hi and hi > lo) or start[x] > hi or end[x] <= lo:
+            continue
+        if boxes_apart(around, ZERO, bounds, x, widest):
+            continue
+        for o in range(len(own_box)):
+            limit = limits[o, x]
+            if limit < 0.0 or boxes_apart(own_box, o, bounds, x, limit):
+                continue
+            for c in range(capsules[o], capsules[o + 1]):
+                reach = radius[c] + limit
+                gap = segment_box(a[c], b[c], pose[x], half[x])
+                if gap <= reach * reach:
+                    if moved[c, 0] > _RESOLUTION:
+                        return _SPLIT
+                    pairs[count] = o * len(bounds) + x
+                    count += 1
+                    break
+    if count == 0 or pairs_apart(scene, count, limits, still.hulls, still.number):
+        return _CLEAR
+    return _BLOCKED
+
+
+@inner_kernel
+def _meet_self(scene: Scene) -> int:
+    """Check the swept bodies of each mover against each other."""
+    joints, bodies, mover = scene.joint_first, scene.fleet.body_first, scene.mover
+    capsules, joint, limits = scene.capsule_first, scene.joint, scene.limits.own
+    own, moved = scene.own, scene.moved
+    box, a, b = own.body_box, own.capsule_a, own.capsule_b
+    for o in range(len(box)):
+        m = mover[o]
+        first = bodies[m]
+        for p in range(first, o):
+            limit = limits[p, o]
+            if limit < 0.0 or boxes_apart(box, o, box, p, limit):
+                continue
+            # Seen from the joint that carries the lower body, only the joints above it move.
+            root = min(joint[p], joint[o]) + 1
+            hulls = bodies_of(scene.fleet, m)
+            bare, c0 = hulls.radius, capsules[first]
+            strayed = -1.0
+            for c in range(capsules[o], capsules[o + 1]):
+                for d in range(capsules[p], capsules[p + 1]):
+                    both = moved[c, root] + moved[d, root]
+                    reach = bare[c - c0] + bare[d - c0] + both + limit
+                    if segment_segment(a[c], b[c], a[d], b[d]) <= reach * reach:
+                        strayed = max(strayed, both)
+            if strayed < 0.0:
+                continue
+            if strayed > _RESOLUTION:
+                return _SPLIT
+            set_motion(hulls, scene.q_a[joints[m] :], scene.q_b[joints[m] :])
+            q_a, q_b = hulls.q_a, hulls.q_b
+            for j in range(root):
+                q_a[0, j] = q_b[0, j] = 0.5 * (q_a[0, j] + q_b[0, j])
+            if not proved_apart(
+                scene.scratch, hulls, o - first, hulls, p - first, limit
+            ):
+                return _BLOCKED if strayed < _FINEST else _SPLIT
+    return _CLEAR
+
+
+@inner_kernel
+def movers_clear(scene: Scene, decide: bool) -> bool:
+    """Check the swept movers against each other; without a decision what is near is not clear."""
+    joints, bodies, mover = scene.joint_first, scene.fleet.body_first, scene.mover
+    capsules, limits, own = scene.capsule_first, scene.limits.own, scene.own
+    box, q_a, q_b = own.body_box, scene.q_a, scene.q_b
+    for o in range(len(box)):
+        m = mover[o]
+        for p in range(bodies[m]):
+            limit = limits[p, o]
+            if limit < 0.0 or boxes_apart(box, o, box, p, limit):
+                continue
+            c0, c1, d0, d1 = (
+                capsules[o],
+                capsules[o + 1],
+                capsules[p],
+                capsules[p + 1],
+            )
+            if not capsules_meet(own, c0, c1, own, d0, d1, limit):
+                continue
+            if not decide:
+                return False
+            k = mover[p]
+            a, b = bodies_of(scene.fleet, m), bodies_of(scene.fleet, k)
+            set_motion(a, q_a[joints[m] :], q_b[joints[m] :])
+            set_motion(b, q_a[joints[k] :], q_b[joints[k] :])
+            if not proved_apart(
+                scene.scratch, a, o - bodies[m], b, p - bodies[k], limit
+            ):
+                return False
     return True

@@ -1,4 +1,4 @@
-"""A finished space-time plan as the motion plan that everything after it takes.
+"""Export of a space-time plan as the motion plan that everything after it takes.
 
 Robots move at the same time in such a plan. Its motions are cut at the cells of time, and finer
 where robots are close, until no two pieces that share time come too close, each anywhere on its
@@ -12,25 +12,23 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.construction.checks.checker import HALVINGS, STEP, no_boxes
-from planning.construction.checks.obstacles import Limits, lay_out
+from planning.construction.checks.scene import HALVINGS
 from planning.construction.export.piece_conflicts import (
     conflicting_pieces,
-    contact_keys,
+    contact_rules,
 )
 from planning.construction.export.planned_task import PlannedTask, world_of
-from planning.construction.world.entities import entity_numbers
-from planning.construction.world.fleet import Carrier, build_fleet
+from planning.construction.world.fleet import entity_numbers
 from planning.construction.world.hands import hand_changes
-from planning.construction.world.motion_pieces import Pieces, cut_timeline
-from planning.construction.world.swept_track import SweptTrack, carriers_of, sweep_track
+from planning.construction.world.motion_pieces import STEP, Pieces, cut_timeline
+from planning.construction.world.swept_track import sweep_track
 from planning.construction.world.timeline import SAME
 from planning.construction.world.tracks import build_tracks
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.tasks.task_graph import TRANSIT, AllowedContact, Task
-from planning.transforms import Array, Indices
+from planning.transforms import Indices
 
 _FINER = 3
 """How much more often than in planning a cell may be halved."""
@@ -45,7 +43,6 @@ def export_motion_plan(
     *,
     rests_on: Mapping[str, Iterable[str]] | None = None,
     covers: Mapping[str, Iterable[str]] | None = None,
-    step: float = STEP,
 ) -> MotionPlan:
     """Return the motion plan of a space-time plan.
 
@@ -54,14 +51,13 @@ def export_motion_plan(
         planned: all tasks; those of one robot follow each other in time, from HOME on.
         rests_on: for an object those that must be in place before it is put down.
         covers: for an object those that must be taken before it is.
-        step: length of the cells of time with which it was planned [s].
 
     Raises:
         PlanInvariantError: tasks do not follow each other, or two robots come too close at the
             same time; names both.
     """
     tasks = [planned[k] for k in _in_order(cell, planned)]
-    pieces = _cut(cell, tasks, step)
+    pieces = _cut(cell, tasks)
     motions = _motions(cell, tasks, pieces)
     edges = _object_order(tasks) | _support_order(tasks, rests_on or {})
     edges |= _stack_order(tasks, covers or {})
@@ -108,19 +104,21 @@ class _Cut:
         self.tasks: dict[str, Indices] = {}
 
 
-def _cut(cell: Workcell, tasks: Sequence[PlannedTask], step: float) -> _Cut:
+def _cut(cell: Workcell, tasks: Sequence[PlannedTask]) -> _Cut:
     """Cut all motions until those at the same time stay apart."""
     world = world_of(cell, tasks)
     cuts: dict[str, set[float]] = {robot.name: set() for robot in cell.robots}
-    numbers = entity_numbers(cell)
-    keys = contact_keys([task.touching for task in tasks], numbers)
-    clearances = cell.clearances
-    limits = clearances.robot_robot + _MARGIN, clearances.robot_object + _MARGIN
+    numbers, near = entity_numbers(cell), cell.clearances
+    rules = contact_rules(
+        numbers,
+        list(numbers)[: 2 * len(cell.robots)],
+        near.robot_robot + _MARGIN,
+        near.robot_object + _MARGIN,
+        [task.touching for task in tasks],
+    )
     while True:
         cut = _Cut()
-        carriers: list[Carrier] = [(cell.robots[0], ())]
-        swept: list[SweptTrack] = []
-        which: list[Indices] = []
+        swept = []
         for robot in cell.robots:
             own = [k for k, task in enumerate(tasks) if task.robot == robot.name]
             changes = hand_changes(world.objects, robot.name)
@@ -129,41 +127,25 @@ def _cut(cell: Workcell, tasks: Sequence[PlannedTask], step: float) -> _Cut:
                 world.robots[robot.name],
                 0.0,
                 np.inf,
-                step,
+                STEP,
                 sorted({t for t, _ in changes[1:]} | set(bounds)),
                 sorted(cuts[robot.name]),
             )
-            track = sweep_track(robot, pieces, changes, cell.object)
-            swept.append(track)
-            which.append(len(carriers) + track.hand)
-            carriers += carriers_of(robot, track.hands, cell.object)
+            swept.append(sweep_track(robot, pieces, changes, cell.object))
             cut.pieces[robot.name] = pieces
             cut.tasks[robot.name] = _tasks_of(pieces, tasks, own)
-        fleet = build_fleet(carriers, numbers.__getitem__)
-        tracks = build_tracks(swept, which)
-        memory = lay_out(
-            fleet,
-            tracks,
-            no_boxes(cell),
-            Limits(np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0))),
-            np.zeros(1),
-            step,
-            HALVINGS,
-        )
+        tracks = build_tracks(swept, 0)
         found = conflicting_pieces(
-            memory.arena,
+            [carrier for track in swept for carrier in track.carriers],
+            numbers,
+            tracks,
             np.concatenate(list(cut.tasks.values())),
-            keys,
-            len(numbers),
-            2 * len(cell.robots),
-            limits,
+            rules,
         )
-        again = False
-        for i, j in found:
-            again = True
-            _halve(cut, tracks.first, i, j, step, cuts, tasks)
-        if not again:
+        if not found:
             return cut
+        for i, j in found:
+            _halve(cut, tracks.first, i, j, cuts, tasks)
 
 
 def _halve(
@@ -171,7 +153,6 @@ def _halve(
     first: Indices,
     i: int,
     j: int,
-    step: float,
     cuts: dict[str, set[float]],
     tasks: Sequence[PlannedTask],
 ) -> None:
@@ -189,7 +170,7 @@ def _halve(
         if pieces.whole[k] or not np.any(pieces.q_a[k] != pieces.q_b[k]):
             continue
         for halvings in range(1, HALVINGS + _FINER + 1):
-            size = step / (1 << halvings)
+            size = STEP / (1 << halvings)
             middle = float(np.ceil(start / size + 1e-6) * size)
             if middle < end - SAME:
                 found.append((halvings, middle, names[r]))
@@ -326,9 +307,3 @@ def _allowed(tasks: Sequence[PlannedTask]) -> tuple[AllowedContact, ...]:
         AllowedContact(a, b, frozenset(which))
         for (a, b), which in sorted(pairs.items())
     )
-
-
-def planned_makespan(plan: MotionPlan) -> float:
-    """Return when the last task of a plan ends [s]."""
-    ends: Array = np.array([motion.time[-1] for motion in plan.motions])
-    return float(ends.max(initial=0.0))

@@ -1,4 +1,4 @@
-"""From a planned construction to tasks with timed paths: where both planning routes meet."""
+"""Tasks with timed paths of a planned construction: where both planning routes meet."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from planning.construction.export.motion_plan_export import export_motion_plan
 from planning.construction.export.planned_task import PlannedTask
+from planning.construction.problem.contacts import Pairs, PartContacts, held_by
 from planning.construction.problem.problem import ConstructionProblem
-from planning.construction.problem.touching import Pairs, PartContacts, held_by
 from planning.construction.world.building import Building, Work
 from planning.construction.world.timeline import SAME, RobotTimeline
 from planning.motion.motion_plan import MotionPlan
@@ -104,7 +104,6 @@ def _transit(
         label,
         carried,
         touching=touching,
-        way_out=label == "HOME",
     )
 
 

@@ -1,4 +1,4 @@
-"""Finds keyframes: configurations at all remaining mode switches, jointly (Hartmann et al. IV-B).
+"""The keyframe solver: configurations at all remaining mode switches, jointly (Hartmann et al. IV-B).
 
 Configurations are drawn at random and made exact by damped least squares; each is tried against
 the world as it is at a drawn time. Of those that pass, all times at which the whole skill is
@@ -9,16 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
-from planning.construction.checks.arrival_windows import arrival_windows
 from planning.construction.checks.checker import SpaceTimeChecker
+from planning.construction.checks.time_windows import arrival_windows
 from planning.construction.keyframes.keyframes import Keyframe, Keyframes, Meeting
 from planning.construction.keyframes.step_scenes import Hold, StepScenes
 from planning.construction.problem.problem import Part
 from planning.construction.problem.reach_bounds import APART, ReachBounds
+from planning.construction.problem.settings import KeyframeSettings
 from planning.construction.world.skill_motion import SkillMotion, skill_motion
 from planning.kinematics.kinematics import frame_pose
 from planning.transforms import Array, Transform
@@ -26,29 +28,6 @@ from planning.transforms import Array, Transform
 _TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
 Phase = tuple[SpaceTimeChecker, SpaceTimeChecker]
 """The checks before and after a touch."""
-
-
-@dataclass(frozen=True)
-class KeyframeSettings:
-    """How hard keyframes are looked for.
-
-    Attributes:
-        picks, places: how many ways are wanted.
-        starts: configurations drawn at once.
-        draws: how often, for each way to hold the part.
-        spread: times are drawn up to so long after the earliest [s].
-        meetings: places of a handover drawn.
-        ahead: later arrivals than so long after the earliest are not looked at, as long as
-            others still move [s].
-    """
-
-    picks: int = 3
-    places: int = 4
-    starts: int = 12
-    draws: int = 4
-    spread: float = 10.0
-    ahead: float = 30.0
-    meetings: int = 60
 
 
 class Soonest(NamedTuple):
@@ -63,10 +42,11 @@ class Soonest(NamedTuple):
     place: float
 
 
+@dataclass
 class KeyframeSolver:
     """Finds keyframes of one sub-problem for one robot that picks and places by itself.
 
-    Args:
+    Attributes:
         scenes: checks of the sub-problem.
         bounds: who reaches what.
         soonest: when the part may be picked and placed.
@@ -74,19 +54,11 @@ class KeyframeSolver:
         rng: what is drawn from.
     """
 
-    def __init__(
-        self,
-        scenes: StepScenes,
-        bounds: ReachBounds,
-        soonest: Soonest,
-        settings: KeyframeSettings,
-        rng: np.random.Generator,
-    ) -> None:
-        self.scenes = scenes
-        self.bounds = bounds
-        self.soonest = soonest
-        self.settings = settings
-        self.rng = rng
+    scenes: StepScenes
+    bounds: ReachBounds
+    soonest: Soonest
+    settings: KeyframeSettings
+    rng: np.random.Generator
 
     def alone(self, robot: str) -> Iterator[Keyframes]:
         """Yield keyframes of one robot that picks and places, for one hold after another.
@@ -141,7 +113,14 @@ class KeyframeSolver:
     def meetings(
         self, giver: str, taker: str, holds: tuple[Hold, Hold], pick: Keyframe
     ) -> tuple[Meeting, ...]:
-        """Return ways to hand the part over, the soonest first.
+        """Return ways to hand the part over, the soonest first."""
+        found = islice(self._meetings(giver, taker, holds, pick), self.settings.places)
+        return tuple(sorted(found, key=lambda m: m.giver.earliest))
+
+    def _meetings(
+        self, giver: str, taker: str, holds: tuple[Hold, Hold], pick: Keyframe
+    ) -> Iterator[Meeting]:
+        """Yield ways to hand the part over.
 
         The robot that cannot drive is drawn first, and the other comes to it. The giver moves
         the part against the taker's pad, and then its own pad away.
@@ -149,7 +128,6 @@ class KeyframeSolver:
         scenes, problem = self.scenes, self.scenes.problem
         before = scenes.handing(giver, taker, giver, holds[0])
         after = scenes.handing(giver, taker, taker, holds[1])
-        out: list[Meeting] = []
         for _ in range(self.settings.meetings):
             drawn = self._draw_meeting(giver, taker, holds)
             if drawn is None:
@@ -183,13 +161,10 @@ class KeyframeSolver:
                 ],
                 motion.seconds,
                 soon,
-                soon + self.settings.ahead,
+                soon + self.settings.ahead_s,
             )
             if len(windows):
-                out.append(Meeting(Keyframe(motion, windows), q_taker))
-            if len(out) >= self.settings.places:
-                break
-        return tuple(sorted(out, key=lambda m: m.giver.earliest))
+                yield Meeting(Keyframe(motion, windows), q_taker)
 
     def _standing(self, robot: str) -> Array:
         return np.asarray(self.scenes.world.robots[robot].path[-1])
@@ -221,23 +196,30 @@ class KeyframeSolver:
         """Return ways to pick the part, the soonest first."""
         scenes, problem = self.scenes, self.scenes.problem
         start = problem.object(scenes.part).start
-        phase = (scenes.empty_at_start(robot), scenes.held_at_start(robot, hold))
-        return self._ways(
+        phase = (
+            scenes.empty(robot, at_goal=False),
+            scenes.held(robot, hold, at_goal=False),
+        )
+        found = self._ways(
             robot,
             problem.tool_pose(scenes.part, start, *hold),
             None,
             phase,
             max(self.soonest.pick, begin),
             problem.seconds.pick,
-            self.settings.picks,
         )
+        picks = islice(found, self.settings.picks)
+        return tuple(sorted(picks, key=lambda k: k.earliest))
 
     def places(
         self, robot: str, hold: Hold, begin: float, free: Array
     ) -> tuple[Keyframe, ...]:
         """Return ways to place the part, the soonest first."""
         scenes, problem = self.scenes, self.scenes.problem
-        phase = (scenes.held_at_goal(robot, hold), scenes.empty_at_goal(robot))
+        phase = (
+            scenes.held(robot, hold, at_goal=True),
+            scenes.empty(robot, at_goal=True),
+        )
         found = self._ways(
             robot,
             problem.tool_pose(scenes.part, scenes.part.goal, *hold),
@@ -245,9 +227,12 @@ class KeyframeSolver:
             phase,
             max(self.soonest.place, begin),
             problem.seconds.place,
-            self.settings.places,
         )
-        cut = (Keyframe(k.motion, common(k.windows, free)) for k in found)
+        places = islice(found, self.settings.places)
+        cut = [
+            Keyframe(k.motion, common(k.windows, free))
+            for k in sorted(places, key=lambda k: k.earliest)
+        ]
         return tuple(k for k in cut if len(k.windows))
 
     def free_place(self) -> Array:
@@ -265,9 +250,8 @@ class KeyframeSolver:
         phase: Phase,
         begin: float,
         seconds: float,
-        wanted: int,
-    ) -> tuple[Keyframe, ...]:
-        """Return ways to touch at a tool pose; without ``insertion`` straight along the tool."""
+    ) -> Iterator[Keyframe]:
+        """Yield ways to touch at a tool pose; without ``insertion`` straight along the tool."""
         problem = self.scenes.problem
         placed = problem.cell.robot(robot)
         into = tool[:3, 2] if insertion is None else insertion
@@ -275,7 +259,6 @@ class KeyframeSolver:
         checker, velocity = phase[0], np.asarray(problem.speeds[robot])
         q_start = checker.start_configuration()
         sampler = self.bounds.sampler(robot)
-        out: list[Keyframe] = []
         for _ in range(self.settings.draws):
             drawn = sampler.sample(tool, self.rng, self.settings.starts)
             drawn.sort(key=lambda q: checker.least_duration(q_start, q))
@@ -289,20 +272,15 @@ class KeyframeSolver:
                     continue
                 windows = self._windows(motion, phase, soon)
                 if len(windows):
-                    out.append(Keyframe(motion, windows))
-                if len(out) >= wanted:
-                    break
-            if len(out) >= wanted:
-                break
-        return tuple(sorted(out, key=lambda k: k.earliest))
+                    yield Keyframe(motion, windows)
 
     def _drawn_time(self, soon: float) -> float:
         """Draw the time for which a configuration is tried first."""
-        return soon + float(self.rng.uniform(0.0, self.settings.spread))
+        return soon + float(self.rng.uniform(0.0, self.settings.spread_s))
 
     def _windows(self, motion: SkillMotion, phase: Phase, earliest: float) -> Array:
         parts = [(phase[0], motion.before), (phase[1], motion.after)]
-        latest = earliest + self.settings.ahead
+        latest = earliest + self.settings.ahead_s
         return arrival_windows(parts, motion.seconds, earliest, latest)
 
 

@@ -1,8 +1,8 @@
-"""The checks of one sub-problem: who holds what, and may touch what, in which phase."""
+"""Collision checkers of one sub-problem: who holds what, and may touch what, in which phase."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -13,8 +13,8 @@ from planning.cell.body import ConvexBody
 from planning.cell.robot_model import KinematicChain, LinkPart, RobotModel
 from planning.cell.workcell import Attachment, PlacedRobot
 from planning.construction.checks.checker import SpaceTimeChecker
+from planning.construction.problem.contacts import Pairs, PartContacts, held_by
 from planning.construction.problem.problem import ConstructionProblem, Part
-from planning.construction.problem.touching import PartContacts, held_by
 from planning.construction.world.building import lying_at
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import RobotTimeline
@@ -36,10 +36,11 @@ class Hold(NamedTuple):
     turn: float
 
 
+@dataclass(eq=False)
 class StepScenes:
     """Checkers for one part among fixed timelines, made when they are first asked for.
 
-    Args:
+    Attributes:
         problem: parts and team.
         contacts: of all parts.
         world: everything that is fixed; who works on the part stands at the end of its
@@ -48,38 +49,29 @@ class StepScenes:
         team: who works on it.
     """
 
-    def __init__(
-        self,
-        problem: ConstructionProblem,
-        contacts: PartContacts,
-        world: FixedWorld,
-        part: Part,
-        team: tuple[str, ...],
-    ) -> None:
-        self.problem = problem
-        self.world = world
-        self.part = part
-        self.team = team
-        self._contacts = contacts
-        self._empty: dict[tuple[str, bool], SpaceTimeChecker] = {}
-        self._held: dict[tuple[str, bool, Hold], SpaceTimeChecker] = {}
-        self._handing: dict[tuple[str, str, str, Hold], SpaceTimeChecker] = {}
+    problem: ConstructionProblem
+    contacts: PartContacts
+    world: FixedWorld
+    part: Part
+    team: tuple[str, ...]
+    _made: dict[tuple[object, ...], SpaceTimeChecker] = field(default_factory=dict)
 
-    def empty_at_start(self, robot: str) -> SpaceTimeChecker:
-        """Return the check of a pad that comes to the part in the supply."""
-        return self._with_empty_hand(robot, False)
+    def empty(self, robot: str, *, at_goal: bool) -> SpaceTimeChecker:
+        """Return the check of a pad at the part: in the supply, or as it leaves it in its place."""
+        world = self.world
+        if at_goal:
+            world = lying_at(world, self.part.name, self.part.goal)
+        allowed = held_by(robot, self.part)
+        return self._checker((robot, at_goal), world, (robot,), {}, allowed)
 
-    def empty_at_goal(self, robot: str) -> SpaceTimeChecker:
-        """Return the check of a pad that leaves the part in its place."""
-        return self._with_empty_hand(robot, True)
-
-    def held_at_start(self, robot: str, hold: Hold) -> SpaceTimeChecker:
-        """Return the check of the part as it is lifted from the supply."""
-        return self._with_part(robot, hold, False)
-
-    def held_at_goal(self, robot: str, hold: Hold) -> SpaceTimeChecker:
-        """Return the check of the part as it is put down."""
-        return self._with_part(robot, hold, True)
+    def held(self, robot: str, hold: Hold, *, at_goal: bool) -> SpaceTimeChecker:
+        """Return the check of the part as it is lifted from the supply, or put down."""
+        contacts = self.contacts
+        touched = contacts.at_goal if at_goal else contacts.at_start
+        allowed = held_by(robot, self.part) | touched(self.part)
+        held = self._attached(robot, hold)
+        key = (robot, at_goal, hold)
+        return self._checker(key, self.world, (robot,), held, allowed)
 
     def handing(
         self, giver: str, taker: str, holder: str, hold: Hold
@@ -91,16 +83,28 @@ class StepScenes:
             holder: one of them.
             hold: how that one holds it.
         """
+        robots = giver, taker
+        allowed = held_by(giver, self.part) | held_by(taker, self.part)
+        held = self._attached(holder, hold)
         key = (giver, taker, holder, hold)
-        if key not in self._handing:
-            pose = self.problem.held_in_flange(holder, self.part, *hold)
-            self._handing[key] = SpaceTimeChecker(
-                self.world,
-                (giver, taker),
-                held={self.part.name: Attachment(holder, pose)},
-                allowed=held_by(giver, self.part) | held_by(taker, self.part),
-            )
-        return self._handing[key]
+        return self._checker(key, self.world, robots, held, allowed)
+
+    def _attached(self, robot: str, hold: Hold) -> dict[str, Attachment]:
+        pose = self.problem.held_in_flange(robot, self.part, *hold)
+        return {self.part.name: Attachment(robot, pose)}
+
+    def _checker(
+        self,
+        key: tuple[object, ...],
+        world: FixedWorld,
+        robots: tuple[str, ...],
+        held: dict[str, Attachment],
+        allowed: Pairs,
+    ) -> SpaceTimeChecker:
+        if key not in self._made:
+            checker = SpaceTimeChecker(world, robots, held=held, allowed=allowed)
+            self._made[key] = checker
+        return self._made[key]
 
     @cached_property
     def lying(self) -> tuple[SpaceTimeChecker, np.ndarray]:
@@ -119,7 +123,7 @@ class StepScenes:
         own = self.part.name
         touched = {
             frozenset((f"{_GHOST}/arm", *(pair - {own})))
-            for pair in self._contacts.at_goal(self.part)
+            for pair in self.contacts.at_goal(self.part)
         }
         spared = [own] + [entity(r, g) for r in self.team for g in ("arm", "tool")]
         touched |= {frozenset((f"{_GHOST}/arm", name)) for name in spared}
@@ -127,34 +131,6 @@ class StepScenes:
             alone, (_GHOST,), held={}, allowed=frozenset(touched)
         )
         return checker, np.zeros((1, 1))
-
-    def _with_empty_hand(self, robot: str, at_goal: bool) -> SpaceTimeChecker:
-        key = (robot, at_goal)
-        if key not in self._empty:
-            world = self.world
-            if at_goal:
-                world = lying_at(world, self.part.name, self.part.goal)
-            self._empty[key] = SpaceTimeChecker(
-                world, (robot,), held={}, allowed=held_by(robot, self.part)
-            )
-        return self._empty[key]
-
-    def _with_part(self, robot: str, hold: Hold, at_goal: bool) -> SpaceTimeChecker:
-        key = (robot, at_goal, hold)
-        if key not in self._held:
-            pose = self.problem.held_in_flange(robot, self.part, *hold)
-            touched = (
-                self._contacts.at_goal(self.part)
-                if at_goal
-                else self._contacts.at_start(self.part)
-            )
-            self._held[key] = SpaceTimeChecker(
-                self.world,
-                (robot,),
-                held={self.part.name: Attachment(robot, pose)},
-                allowed=held_by(robot, self.part) | touched,
-            )
-        return self._held[key]
 
 
 def _ghost(body: ConvexBody, part: Part) -> PlacedRobot:

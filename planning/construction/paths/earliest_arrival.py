@@ -1,4 +1,4 @@
-"""The earliest arrival over a roadmap, compiled: which way, and when to wait where.
+"""Safe-interval path planning over a roadmap, compiled: which way, and when to wait where.
 
 Vertices are configurations, each with the spans of time in which one may stand there. The
 search goes from span to span in order of earliest arrival (safe-interval path planning), and
@@ -10,12 +10,10 @@ space-time has to be lucky to find: any wait at any vertex.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from planning.construction.checks.arena import Arena, column
 from planning.construction.checks.motion_checks import motion_clear
 from planning.construction.checks.moving_checks import left_by_robots, met_by_robots
-from planning.construction.checks.obstacles import BEGIN
+from planning.construction.checks.scene import Scene
 from planning.construction.checks.still_checks import (
     lies_throughout,
     still_clear_until,
@@ -28,6 +26,8 @@ from planning.construction.paths.roadmap import (
     draw_roadmap,
     find_stands,
 )
+from planning.construction.problem.settings import RrtSettings
+from planning.kernels import inner_kernel, kernel
 from planning.transforms import Array
 
 _TINY = 1e-9
@@ -50,46 +50,41 @@ _GREED = 1.0
 """Weight of the time that is left against the time that has passed."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def search_roadmap(
-    scene: Arena,
+    scene: Scene,
     query: Query,
+    settings: RrtSettings,
     extra: Array,
-    vertices: int,
-    neighbours: int,
-    checks: int,
-    step: float,
     depart: float,
     bound: float,
     wide: float,
     seed: int,
-) -> tuple[Array, Array, int, int]:
+) -> tuple[Array, Array, int]:
     """Return a path with an early arrival over a random roadmap.
 
     Args:
         scene: what must be kept clear of.
         query: what is asked for.
+        settings: effort.
         extra: configurations that become vertices, such as those of a path, shape (e, n).
-        vertices: in all, at least start, goals and extra ones.
-        neighbours: nearest vertices that motions from one lead to.
-        checks: motions checked at most.
-        step: length of the cells of time [s].
         depart: the movers stand until then, or as long as they may [s].
         bound: only an arrival before this is of use [s].
         wide: configurations are drawn from which a goal can be reached by then [s].
         seed: of the random configurations.
 
     Returns:
-        Times and configurations, shapes (w,) and (w, n), empty where there is no path; its
-        goal; and motions checked.
+        Times and configurations, shapes (w,) and (w, n), empty where there is no path; and its
+        goal.
     """
     n, goals = len(query.start), len(query.goals)
-    start = np.min(query.begin)
+    start, step = np.min(query.begin), scene.step
+    vertices = max(settings.vertices, 1 + goals + len(extra))
     first = int(np.floor(start / step + 1e-6))
     cells = max(int(np.ceil(bound / step)) - first, 1)
     road = draw_roadmap(scene, query, extra, vertices, cells, wide, seed)
     # It begins where it stands, even where it has to leave at once.
-    find_stands(scene, road, 0, first, step)
+    find_stands(scene, road, 0, first)
     if road.number[0] == 0 or road.spans[0, 0, 0] > start + _TINY:
         road.spans[0, 0] = start
         road.number[0] = 1
@@ -116,7 +111,7 @@ def search_roadmap(
         order[v] = np.inf
         # The goals first, and from ways given to ways given, then the nearest vertices.
         given = goals if 0 < v <= goals or v > known else known
-        for turn in range(given + neighbours):
+        for turn in range(given + settings.neighbours):
             u = turn + 1
             if turn >= given:
                 u = int(np.argmin(order))
@@ -133,7 +128,11 @@ def search_roadmap(
                     query, road, heap, state, u * SPANS + j, road.come[v, i], 0, best
                 )
         state = -1
-        while heap.size[0] > 0 and checked < checks and heap.key[0] < best - _TINY:
+        while (
+            heap.size[0] > 0
+            and checked < settings.checks
+            and heap.key[0] < best - _TINY
+        ):
             depart, source, target, tries = (
                 heap.depart[0],
                 heap.edge[0, 0],
@@ -146,7 +145,7 @@ def search_roadmap(
                 continue
             if tries == _UNKNOWN:
                 if road.number[u] < 0:
-                    find_stands(scene, road, u, first, step)
+                    find_stands(scene, road, u, first)
                 for k in range(road.number[u]):
                     _offer(query, road, heap, source, u * SPANS + k, depart, 0, best)
                 continue
@@ -174,15 +173,15 @@ def search_roadmap(
         if state < 0:
             break
     if last < 0:
-        return np.empty(0), np.empty((0, n)), -1, checked
+        return np.empty(0), np.empty((0, n)), -1
     times, path = _trace(road, last, best)
     times[0] = start
-    return times, path, last // SPANS - 1, checked
+    return times, path, last // SPANS - 1
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _look(
-    scene: Arena, road: Roadmap, v: int, depart: float, u: int, arrival: float
+    scene: Scene, road: Roadmap, v: int, depart: float, u: int, arrival: float
 ) -> tuple[int, float]:
     """Tell whether a motion is clear, and else whether what lies still is in its way.
 
@@ -190,7 +189,7 @@ def _look(
         The answer, and when a robot is met, infinity where that is not known [s].
     """
     a, b = road.q[v], road.q[u]
-    if len(column(scene, BEGIN)) > 1:
+    if len(scene.begin) > 1:
         if motion_clear(scene, a, depart, b, arrival):
             return _CLEAR, np.inf
         still, _ = still_clear_until(scene, a, depart, b, arrival, 0.0)
@@ -211,7 +210,7 @@ def _look(
     return (_CLEAR if met == np.inf else _NOT_NOW), met
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _offer(
     query: Query,
     road: Roadmap,
@@ -241,7 +240,7 @@ def _offer(
     push(heap, arrival + _GREED * road.rest[u], depart, source, target, tries)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _offer_unknown(
     query: Query,
     road: Roadmap,
@@ -258,7 +257,7 @@ def _offer_unknown(
         push(heap, key, depart, source, u * SPANS, _UNKNOWN)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _trace(road: Roadmap, last: int, best: float) -> tuple[Array, Array]:
     """Return the path that leads to a span of a vertex."""
     count = 1

@@ -10,11 +10,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from planning.construction.checks.arena import Arena
 from planning.construction.checks.motion_checks import motion_clear
+from planning.construction.checks.movers import own_at
+from planning.construction.checks.scene import Scene
 from planning.construction.paths.query import Query
+from planning.kernels import inner_kernel
 from planning.transforms import Array, Indices
 
 _TINY = 1e-9
@@ -24,6 +25,8 @@ class Forest(NamedTuple):
     """Nodes in space-time.
 
     Attributes:
+        forward: whether motions lead from parents to their children.
+        size: how many nodes there are, shape (1,).
         q: shape (most, n).
         t: shape (most,) [s].
         parent: towards the root, -1 for a root, shape (most,).
@@ -31,6 +34,8 @@ class Forest(NamedTuple):
         goal: goal of a root, shape (most,).
     """
 
+    forward: bool
+    size: Indices
     q: Array
     t: Array
     parent: Indices
@@ -38,10 +43,12 @@ class Forest(NamedTuple):
     goal: Indices
 
 
-@njit(cache=True, nogil=True)
-def new_forest(most: int, n: int) -> Forest:
+@inner_kernel
+def new_forest(forward: bool, most: int, n: int) -> Forest:
     """Return a forest with room for so many nodes of ``n`` joints."""
     return Forest(
+        forward,
+        np.zeros(1, dtype=np.int64),
         np.empty((most, n)),
         np.empty(most),
         np.empty(most, dtype=np.int64),
@@ -50,20 +57,20 @@ def new_forest(most: int, n: int) -> Forest:
     )
 
 
-@njit(cache=True, nogil=True)
-def add_node(
-    forest: Forest, count: int, q: Array, t: float, parent: int, goal: int
-) -> int:
-    """Add a node; return the new count."""
-    forest.q[count] = q
-    forest.t[count] = t
-    forest.parent[count] = parent
-    forest.root[count] = forest.root[parent] if parent >= 0 else count
-    forest.goal[count] = goal
-    return count + 1
+@inner_kernel
+def add_node(forest: Forest, q: Array, t: float, parent: int, goal: int) -> int:
+    """Add a node; return its number."""
+    k: int = forest.size[0]
+    forest.size[0] += 1
+    forest.q[k] = q
+    forest.t[k] = t
+    forest.parent[k] = parent
+    forest.root[k] = forest.root[parent] if parent >= 0 else k
+    forest.goal[k] = goal
+    return k
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _distance(
     query: Query, a: Array, ta: float, b: Array, tb: float, weight: float
 ) -> float:
@@ -79,24 +86,17 @@ def _distance(
     return weight * far + (1.0 - weight) * (tb - ta)
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def nearest_node(
-    query: Query,
-    forest: Forest,
-    count: int,
-    q: Array,
-    t: float,
-    forward: bool,
-    weight: float,
-    bound: float,
+    query: Query, forest: Forest, q: Array, t: float, weight: float, bound: float
 ) -> int:
-    """Return the node from which (forward) or to which (q, t) is nearest, -1 for none.
+    """Return the node from which, or backwards to which, (q, t) is nearest, -1 for none.
 
     Nodes of goals that are too late are left out.
     """
     best, at = np.inf, -1
-    for k in range(count):
-        if forward:
+    for k in range(forest.size[0]):
+        if forest.forward:
             if forest.t[k] >= t:
                 continue
             d = _distance(query, forest.q[k], forest.t[k], q, t, weight)
@@ -109,31 +109,13 @@ def nearest_node(
     return at
 
 
-@njit(cache=True, nogil=True)
-def _point(
-    query: Query, a: Array, ta: float, b: Array, tb: float, t: float, out: Array
-) -> None:
-    """Write where the motion from (a, ta) to (b, tb) is at a time."""
-    for j in range(len(a)):
-        begin = max(ta, query.begin[j])
-        share = 0.0
-        if t >= tb:
-            share = 1.0
-        elif t > begin:
-            share = (t - begin) / (tb - begin)
-        out[j] = b[j] if share == 1.0 else a[j] + share * (b[j] - a[j])
-
-
-@njit(cache=True, nogil=True)
+@inner_kernel
 def extend(
-    scene: Arena,
-    query: Query,
+    scene: Scene,
     forest: Forest,
-    count: int,
     near: int,
     q: Array,
     t: float,
-    forward: bool,
     reach: float,
     out: Array,
 ) -> tuple[bool, float]:
@@ -146,14 +128,14 @@ def extend(
     tn = forest.t[near]
     span = min(abs(t - tn), reach)
     for _ in range(3):
-        if forward:
+        if forest.forward:
             end = t if span >= t - tn - _TINY else tn + span
-            _point(query, forest.q[near], tn, q, t, end, out)
+            own_at(scene, forest.q[near], tn, q, t, end, out)
             if motion_clear(scene, forest.q[near], tn, out, end):
                 return True, end
         else:
             end = t if span >= tn - t - _TINY else tn - span
-            _point(query, q, t, forest.q[near], tn, end, out)
+            own_at(scene, q, t, forest.q[near], tn, end, out)
             if motion_clear(scene, out, end, forest.q[near], tn):
                 return True, end
         span *= 0.4
@@ -162,7 +144,7 @@ def extend(
     return False, tn
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def join(ahead: Forest, a: int, back: Forest, b: int) -> tuple[Array, Array, int]:
     """Return times and configurations from the start through two nodes to a goal."""
     count = 0

@@ -1,12 +1,12 @@
-"""Motions that wait to be looked at, in order of what they promise, compiled: a heap."""
+"""A heap of motions over a roadmap by their least arrival at a goal, compiled."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from planning.kernels import inner_kernel
 from planning.transforms import Array, Indices
 
 MOST = 40_000
@@ -30,7 +30,7 @@ class Motions(NamedTuple):
     edge: Indices
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def no_motions() -> Motions:
     """Return an empty heap."""
     return Motions(
@@ -41,7 +41,7 @@ def no_motions() -> Motions:
     )
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def push(
     heap: Motions, key: float, depart: float, source: int, target: int, tries: int
 ) -> None:
@@ -59,7 +59,7 @@ def push(
     heap.edge[k, 0], heap.edge[k, 1], heap.edge[k, 2] = source, target, tries
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def pop(heap: Motions) -> None:
     """Take the motion with the least key away, which is the first one."""
     heap.size[0] -= 1

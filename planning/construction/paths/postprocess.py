@@ -1,4 +1,4 @@
-"""Shorter, earlier, smoother: paths through space-time after they have been found (Hartmann et al. IV-C).
+"""Post-processing of paths through space-time: shorter, earlier, smoother (Hartmann et al. IV-C).
 
 Only the movers' own motion changes; everything fixed stays, and is checked against again. No
 step makes the arrival later.
@@ -101,9 +101,7 @@ def retimed(
     places = dense(_corners(way.path), query.velocity, _SPACING)
     if len(places) < 2:
         return None
-    come, leave = earliest_along(
-        checker.scene, query, places, way.goal, checker.step, latest
-    )
+    come, leave = earliest_along(checker.scene, query, places, way.goal, latest)
     if len(come) == 0:
         return None
     return _timed(way, places, come, leave)
@@ -122,9 +120,7 @@ def delayed(
     places = dense(_corners(found.path), query.velocity, _SPACING)
     if len(places) < 2:
         return found
-    come, leave = latest_along(
-        checker.scene, query, places, checker.step, found.arrival
-    )
+    come, leave = latest_along(checker.scene, query, places, found.arrival)
     return found if len(come) == 0 else _timed(found, places, come, leave)
 
 

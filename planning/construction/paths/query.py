@@ -1,4 +1,4 @@
-"""What a search in space-time is asked for, and the bounds that speeds and windows set, compiled."""
+"""Queries in space-time, and the bounds that speeds and time windows set, compiled."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from planning.kernels import inner_kernel, kernel
 from planning.transforms import Array, Indices
 
 _TINY = 1e-9
 
 
 class Query(NamedTuple):
-    """What is asked for.
+    """A query: from a start to one of several goals within their time windows.
 
     Attributes:
         start: where the movers are, shape (n,).
@@ -40,7 +40,7 @@ class Query(NamedTuple):
     leans: npt.NDArray[np.bool_]
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def arrive(query: Query, a: Array, t: float, b: Array) -> float:
     """Return when one can be at ``b`` who leaves ``a`` at time ``t`` [s]."""
     out = t
@@ -51,18 +51,13 @@ def arrive(query: Query, a: Array, t: float, b: Array) -> float:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def least_time(query: Query, q: Array, t: float, goal: int) -> float:
     """Return how soon the goal can be reached from (q, t), obstacles aside [s]."""
-    out = t
-    for j in range(len(q)):
-        travel = abs(query.goals[goal, j] - q[j])
-        if travel > 0.0:
-            out = max(out, max(t, query.begin[j]) + travel / query.velocity[j])
-    return out
+    return float(arrive(query, q, t, query.goals[goal]))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def next_arrival(query: Query, goal: int, t: float) -> float:
     """Return the first time from ``t`` on at which one may arrive at a goal, inf for none."""
     for w in range(query.window_first[goal], query.window_first[goal + 1]):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from planning.construction.paths.query import Query
+from planning.kernels import inner_kernel
 from planning.transforms import Array
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def random_share(state: npt.NDArray[np.uint64]) -> float:
     """Return the next random number in [0, 1): splitmix64, so that a seed means one sequence."""
     state[0] += np.uint64(0x9E3779B97F4A7C15)
@@ -22,7 +22,7 @@ def random_share(state: npt.NDArray[np.uint64]) -> float:
     return share
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def random_normal(state: npt.NDArray[np.uint64]) -> float:
     """Return a random number that is nearly normal: the sum of a few uniform ones."""
     total = -3.0
@@ -31,7 +31,7 @@ def random_normal(state: npt.NDArray[np.uint64]) -> float:
     return 1.4142 * total
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def sample_between(
     query: Query,
     goal: int,
@@ -60,4 +60,4 @@ def sample_between(
             out[j] = min(max(query.rest[j], low), high)
         if ahead == 0.0:
             out[j] = query.start[j]
-    return t
+    return float(t)

@@ -1,4 +1,4 @@
-"""The earliest arrival along a given path, compiled: when to wait where, at full speed otherwise.
+"""Retiming of a given path, compiled: when to wait where, at full speed otherwise.
 
 Places on the path are fixed; only time is searched, over the spans of time in which one may
 stand at each place. What comes out is the earliest arrival for departures on a fine grid.
@@ -7,12 +7,12 @@ stand at each place. What comes out is the earliest arrival for departures on a 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from planning.construction.checks.arena import Arena
-from planning.construction.checks.free_cells import spans_of, strike_out
 from planning.construction.checks.motion_checks import motion_clear
+from planning.construction.checks.scene import Scene
+from planning.construction.checks.time_windows import spans_of, strike_out
 from planning.construction.paths.query import Query, arrive, next_arrival
+from planning.kernels import inner_kernel, kernel
 from planning.transforms import Array, Indices
 
 _TINY = 1e-9
@@ -20,9 +20,9 @@ _SPANS = 16
 """Spans kept at one place."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def earliest_along(
-    scene: Arena, query: Query, path: Array, goal: int, step: float, latest: float
+    scene: Scene, query: Query, path: Array, goal: int, latest: float
 ) -> tuple[Array, Array]:
     """Return when to come to and to leave each place of a path to arrive as early as possible.
 
@@ -31,15 +31,14 @@ def earliest_along(
         query: speeds, when joints are free to move, and when one may arrive.
         path: places, the first where the movers are, the last a goal, shape (w, n).
         goal: which goal that is.
-        step: departures are tried at this distance [s].
         latest: only an arrival before this is of use [s].
 
     Returns:
         Times of coming, and of leaving, shape (w,); empty where there is no such arrival.
     """
     places = len(path)
-    start = np.min(query.begin)
-    spans, counts = _stands_along(scene, path, start, step, latest)
+    start, step = np.min(query.begin), scene.step
+    spans, counts = _stands_along(scene, path, start, latest)
     # For each span of each place: when one comes, when one left the place before, and from
     # which span of it.
     come = np.full((places, _SPANS), np.inf)
@@ -82,9 +81,9 @@ def earliest_along(
     return come_at, depart_at
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def latest_along(
-    scene: Arena, query: Query, path: Array, step: float, arrival: float
+    scene: Scene, query: Query, path: Array, arrival: float
 ) -> tuple[Array, Array]:
     """Return when to come to and to leave each place of a path to leave as late as possible.
 
@@ -92,15 +91,14 @@ def latest_along(
         scene: what must be kept clear of.
         query: speeds, and when the one mover is free to move.
         path: places, the first where the mover is, the last a goal, shape (w, n).
-        step: departures are tried at this distance [s].
         arrival: when it arrives [s].
 
     Returns:
         Times of coming, and of leaving, shape (w,); empty where there is no way to be there then.
     """
     places = len(path)
-    start = np.min(query.begin)
-    spans, counts = _stands_along(scene, path, start, step, arrival)
+    start, step = np.min(query.begin), scene.step
+    spans, counts = _stands_along(scene, path, start, arrival)
     # For each span of each place: until when one may stay there and still be in time, and in
     # which span of the next place one is then.
     leave = np.full((places, _SPANS), -np.inf)
@@ -139,9 +137,9 @@ def latest_along(
     return come_at, leave_at
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _stands_along(
-    scene: Arena, path: Array, start: float, step: float, end: float
+    scene: Scene, path: Array, start: float, end: float
 ) -> tuple[Array, Indices]:
     """Return when one may stand at each place of a path, who is at the first from ``start`` on.
 
@@ -149,11 +147,11 @@ def _stands_along(
         scene: what must be kept clear of.
         path: places, shape (w, n).
         start, end: what is before or after is not looked at [s].
-        step: length of the cells of time [s].
 
     Returns:
         Spans of time, shape (w, _SPANS, 2) [s], and how many each place has, shape (w,).
     """
+    step = scene.step
     first = int(np.floor(start / step + 1e-6))
     cells = max(int(np.ceil(end / step)) + 1 - first, 1)
     free = np.empty(cells, dtype=np.bool_)
@@ -161,7 +159,7 @@ def _stands_along(
     counts = np.zeros(len(path), dtype=np.int64)
     for k in range(len(path)):
         free[:] = True
-        strike_out(scene, path[k], path[k], first, step, free)
+        strike_out(scene, path[k], path[k], first, free)
         counts[k] = spans_of(free, first, step, spans[k])
     if counts[0] == 0 or spans[0, 0, 0] > start + _TINY:
         # It cannot stay where it is, and has to leave at once.
@@ -170,7 +168,7 @@ def _stands_along(
     return spans, counts
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def _span_at(spans: Array, count: int, t: float) -> int:
     """Return the span that contains a time, -1 for none."""
     for m in range(count):
@@ -179,7 +177,7 @@ def _span_at(spans: Array, count: int, t: float) -> int:
     return -1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def dense(path: Array, velocity: Array, spacing: float) -> Array:
     """Return a polyline with places in between, none further apart than a travel time [s]."""
     pieces = np.ones(len(path), dtype=np.int64)

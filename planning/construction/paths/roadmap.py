@@ -1,4 +1,4 @@
-"""Random roadmaps, compiled: configurations, and the spans of time in which one may stand at each."""
+"""Random roadmaps, compiled: configurations, and the safe intervals of each."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
-from planning.construction.checks.arena import Arena
-from planning.construction.checks.free_cells import spans_of, strike_out
+from planning.construction.checks.scene import Scene
 from planning.construction.checks.still_checks import still_clear_until
+from planning.construction.checks.time_windows import spans_of, strike_out
 from planning.construction.paths.query import Query, least_time
 from planning.construction.paths.random_numbers import (
     random_normal,
     random_share,
     sample_between,
 )
+from planning.kernels import inner_kernel
 from planning.transforms import Array, Indices
 
 SPANS = 12
@@ -52,9 +52,9 @@ class Roadmap(NamedTuple):
     free: npt.NDArray[np.bool_]
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def draw_roadmap(
-    scene: Arena,
+    scene: Scene,
     query: Query,
     extra: Array,
     vertices: int,
@@ -129,9 +129,9 @@ def draw_roadmap(
     )
 
 
-@njit(cache=True, nogil=True)
-def find_stands(scene: Arena, road: Roadmap, v: int, first: int, step: float) -> None:
+@inner_kernel
+def find_stands(scene: Scene, road: Roadmap, v: int, first: int) -> None:
     """Work out when one may stand at a vertex."""
     road.free[:] = True
-    strike_out(scene, road.q[v], road.q[v], first, step, road.free)
-    road.number[v] = spans_of(road.free, first, step, road.spans[v])
+    strike_out(scene, road.q[v], road.q[v], first, road.free)
+    road.number[v] = spans_of(road.free, first, scene.step, road.spans[v])

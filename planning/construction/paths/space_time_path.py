@@ -17,14 +17,12 @@ class SpaceTimePath:
             yet free to move at a waypoint stands until it is.
         goal: which goal it leads to.
         earliest: no path to any goal arrives before [s].
-        samples: drawn by the search, 0 where a straight line was free.
     """
 
     time: Array
     path: Array
     goal: int
     earliest: float
-    samples: int = 0
 
     @property
     def arrival(self) -> float:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from planning.cell.workcell import start_state
+from planning.construction.problem.contacts import NEAR
 from planning.construction.problem.precedence import MOST_OVERLAP
 from planning.construction.problem.problem import ConstructionProblem
-from planning.construction.problem.reach_bounds import ReachBounds, require_reach
-from planning.construction.problem.touching import NEAR
+from planning.construction.problem.reach_bounds import (
+    ReachBounds,
+    reach_bounds,
+    require_reach,
+)
 from planning.errors import ConstructionError, listed
 from planning.geometry.scene_checker import SceneChecker
 from planning.parts.contact_graph import Lying, near_to, standing
@@ -31,7 +35,7 @@ def require_buildable(problem: ConstructionProblem) -> ReachBounds:
     require_order(problem)
     require_room(problem)
     require_free_supply(problem)
-    bounds = ReachBounds(problem)
+    bounds = reach_bounds(problem)
     require_reach(bounds)
     require_way_in(problem)
     return bounds

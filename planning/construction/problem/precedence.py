@@ -1,10 +1,11 @@
-"""Which parts touch each other in their places, and which may be placed when (V-A1, eq. 6)."""
+"""The part graph: contacts in place, and which part may be placed when (V-A1, eq. 6)."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
 
 from planning.errors import ConstructionError
 from planning.parts.contact_graph import Lying, lowest, near_to
@@ -80,66 +81,28 @@ class PartGraph:
             placed.update(new)
         return tuple(part for part in self.neighbours if part not in placed)
 
-    def longest_chain(self, *, carried: bool = True) -> tuple[str, ...]:
-        """Return parts that can only be placed one after another: the critical path.
-
-        However many robots build, their placements follow each other. With ``carried`` it is
-        the longest chain of parts each of which rests on the one before; or the longest of the
-        shortest ways from the ground, whichever has more parts.
-        """
-        best = self._shortest_way_up()
-        if carried:
-            best = max(best, self._longest_pile(), key=len)
-        return best
-
-    def _shortest_way_up(self) -> tuple[str, ...]:
-        chain: dict[str, tuple[str, ...]] = {
-            part: (part,) for part in self.neighbours if part in self.ground
-        }
-        front = list(chain)
-        last: tuple[str, ...] = ()
-        for part in front:  # grows while it is gone through: breadth first
-            last = chain[part]
-            for near in sorted(self.neighbours[part]):
-                if near not in chain:
-                    chain[near] = (*chain[part], near)
-                    front.append(near)
-        return last
-
-    def _longest_pile(self) -> tuple[str, ...]:
-        known: dict[str, tuple[str, ...]] = {}
-        for part in self._bottom_up():
-            below = (known[other] for other in sorted(self.carriers[part]))
-            known[part] = (*max(below, key=len, default=()), part)
-        return max(known.values(), key=len, default=())
-
     @cached_property
     def piled_on(self) -> Mapping[str, int]:
         """Part to how many others must follow it, one resting on the other."""
         out = dict.fromkeys(self.carriers, 0)
-        for part in reversed(self._bottom_up()):
+        for part in reversed(self.bottom_up()):
             for below in self.carriers[part]:
                 out[below] = max(out[below], out[part] + 1)
         return out
 
-    def _bottom_up(self) -> list[str]:
+    def bottom_up(self) -> list[str]:
         """Return the parts, each after all that it rests on.
 
         Raises:
             ConstructionError: some rest on each other in a circle.
         """
-        order: list[str] = []
-        left = dict(self.carriers)
-        while left:
-            ready = [p for p, below in left.items() if below.isdisjoint(left)]
-            if not ready:
-                raise ConstructionError(
-                    f"{', '.join(sorted(left))} rest on each other in a circle"
-                )
-            for part in ready:
-                del left[part]
-            order += ready
-        return order
+        try:
+            return list(TopologicalSorter(self.carriers).static_order())
+        except CycleError as error:
+            circle = ", ".join(sorted(set(error.args[1])))
+            raise ConstructionError(
+                f"{circle} rest on each other in a circle"
+            ) from None
 
 
 def build_part_graph(

@@ -74,7 +74,7 @@ class SkillSeconds:
     handover: float = 4.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ConstructionProblem:
     """What is built of what, by whom.
 

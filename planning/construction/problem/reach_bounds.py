@@ -1,4 +1,4 @@
-"""What can be seen before anything is planned: who reaches what, at all (lower bounds, IV-D).
+"""Lower bounds of the search: which robots can reach which parts at all (IV-D).
 
 A part that nobody could pick or place even if nothing but the fixtures stood around will not be
 built, whatever the search tries: other parts and robots are not looked at here. Reach is found by
@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
 
 from planning.cell.workcell import Attachment, PlacedRobot, WorldState
-from planning.construction.problem.postures import ReachSampler
 from planning.construction.problem.problem import ConstructionProblem, Part
+from planning.construction.problem.reach_sampler import ReachSampler
 from planning.errors import ConstructionError, listed
 from planning.geometry.scene_checker import SceneChecker, entity
 from planning.kinematics.kinematics import frame_pose
@@ -229,6 +230,12 @@ def _firsts(named: Iterable[tuple[str, object]]) -> dict[str, int]:
         name: first.setdefault(kind, number)
         for number, (name, kind) in enumerate(named)
     }
+
+
+@lru_cache(maxsize=4)
+def reach_bounds(problem: ConstructionProblem) -> ReachBounds:
+    """Return who reaches what: worked out once for the checks and for planning."""
+    return ReachBounds(problem)
 
 
 def require_reach(bounds: ReachBounds) -> None:

@@ -8,8 +8,9 @@ import numpy as np
 
 from planning.cell.cover import box_body
 from planning.cell.workcell import CellObject, Fixture, Workcell
+from planning.construction.problem.insertion_order import with_insertions
 from planning.construction.problem.models import ModelPart
-from planning.construction.problem.pad_spots import face_grips
+from planning.construction.problem.pad_grips import face_grips
 from planning.construction.problem.precedence import (
     TOUCH,
     build_part_graph,
@@ -18,10 +19,8 @@ from planning.construction.problem.precedence import (
 from planning.construction.problem.problem import (
     ConstructionProblem,
     Part,
-    SkillSeconds,
 )
 from planning.construction.problem.supply import SupplyLayout, lay_out
-from planning.construction.problem.ways_in import with_ways_in
 from planning.errors import ConstructionError
 from planning.parts.contact_graph import standing
 from planning.transforms import Array, Transform, readonly, translation
@@ -79,31 +78,23 @@ def build_problem(
     cell: Workcell,
     parts: Sequence[ModelPart],
     *,
-    team: Sequence[str] | None = None,
-    frame: str = "tool",
     offsets: Sequence[float] = (0.0,),
     insertions: Mapping[str, Array] | None = None,
-    seconds: SkillSeconds | None = None,
     approach: float = 0.1,
     touch: float = TOUCH,
-    carried: bool = True,
-    seed: int = 0,
 ) -> ConstructionProblem:
-    """Return the problem of building a model in a cell.
+    """Return the problem of building a model in a cell, by all of its robots.
+
+    What else a problem says is as ConstructionProblem has it by default.
 
     Args:
         cell: its objects hold the parts, see ``part_objects``.
         parts: the model.
-        team: robots that take part; by default all.
-        frame: tool frame of the pads.
         offsets: places of pads along the longer edge of a face, see ``face_grips`` [m].
         insertions: directions in which parts reach their places, unit vectors, shape (3,); by
             default that of a pad on the first face.
-        seconds: nominal durations of the skills.
         approach: see ConstructionProblem.
         touch: parts nearer to each other than this are connected [m].
-        carried: see ConstructionProblem.
-        seed: of everything that is drawn.
 
     Raises:
         ConstructionError: two goal poses overlap, or no pad has a place on a part.
@@ -123,7 +114,7 @@ def build_problem(
         out.append(Part(part.name, readonly(part.goal), grips, insertion))
     items = {part.name: (cell.object(part.name), part.goal) for part in parts}
     starts = {o.name: (o, o.start) for o in cell.objects if o.name in items}
-    names = tuple(robot.name for robot in cell.robots) if team is None else tuple(team)
+    names = tuple(robot.name for robot in cell.robots)
     graph = build_part_graph(
         items,
         list(standing(cell).values()),
@@ -134,12 +125,8 @@ def build_problem(
     return ConstructionProblem(
         cell=cell,
         parts=tuple(out),
-        graph=with_ways_in(graph, items, ways, approach),
+        graph=with_insertions(graph, items, ways, approach),
         team=names,
-        frame=frame,
-        seconds=seconds or SkillSeconds(),
         approach=approach,
         speeds={name: np.array(cell.robot(name).model.velocity) for name in names},
-        carried=carried,
-        seed=seed,
     )

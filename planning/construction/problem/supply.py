@@ -1,4 +1,4 @@
-"""Where the parts lie before they are picked: layouts fixed beforehand, the same for all methods."""
+"""Supply layouts: where parts lie before they are picked, the same for all methods."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far a construction has been planned: fixed timelines, and the work that they are made of."""
+"""States of the search: fixed timelines, and the skills that have been planned."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cell with all motion planned so far: fixed, for whoever is planned next (Hartmann et al., eq. 2)."""
+"""The fixed world: the cell with all motion planned so far (Hartmann et al., eq. 2)."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class FixedWorld:
     def free_from(self, robot: str) -> float:
         """Return when a robot has done its work: T_r of eq. (2) [s].
 
-        A way out of others' way may follow, which ``drop_tail`` takes off.
+        A way out of others' way may follow, see ``without_way_out``.
         """
         return self.robots[robot].busy_until
 
@@ -75,17 +75,10 @@ class FixedWorld:
         self.cell.object(timeline.object)
         return replace(self, objects={**self.objects, timeline.object: timeline})
 
+    def without_way_out(self, robot: str) -> FixedWorld:
+        """Return the world without a robot's way out of others' way: it gets new work.
 
-def drop_tail(world: FixedWorld, robot: str, t: float | None = None) -> FixedWorld:
-    """Return the world without a robot's way out of others' way after time ``t``.
-
-    Others may have been planned on the strength of it, so the robot must be planned anew from
-    there at once, in the world that this returns.
-
-    Args:
-        world: all timelines.
-        robot: who gets new work.
-        t: no earlier than the end of the robot's work, which is meant where not given [s].
-    """
-    line = world.robots[robot]
-    return world.with_robot(line.until(line.busy_until if t is None else t))
+        Others may have been planned on the strength of it, so the robot must be planned anew from
+        there at once, in the world that this returns.
+        """
+        return self.with_robot(self.robots[robot].work())

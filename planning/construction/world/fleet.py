@@ -1,155 +1,109 @@
-"""Robots with what they hold as flat arrays, so that compiled code can go through all of them."""
+"""Carriers, robots with what they hold, and their bodies for compiled code."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-from numba import njit
 
-from planning.cell.body import ConvexBody
-from planning.cell.compiled_robot import RobotKernel
-from planning.cell.workcell import CellObject, PlacedRobot
-from planning.geometry.hull_table import placed_capsules
+from planning.cell.compiled_robot import robot_kernel
+from planning.cell.workcell import CellObject, PlacedRobot, Workcell
+from planning.geometry.hull_table import HullTable
 from planning.geometry.robot_bodies import entity
+from planning.kernels import inner_kernel
+from planning.packed import packed, packed_at
 from planning.transforms import Array, Indices, Transform
+
+Held = tuple[tuple[CellObject, Transform], ...]
+"""The objects in a robot's hand, with their poses in the flange frame."""
+
+
+class Carrier(NamedTuple):
+    """A robot with something in its hand.
+
+    Attributes:
+        robot: who carries.
+        held: what it holds.
+        names: entities of its bodies: the robot's parts, then what it holds.
+        hulls: these bodies on a motion of one segment, packed.
+    """
+
+    robot: PlacedRobot
+    held: Held
+    names: tuple[str, ...]
+    hulls: HullTable
+
+
+def make_carrier(robot: PlacedRobot, held: Held = ()) -> Carrier:
+    """Return a robot with what it holds."""
+    model = robot.model
+    kernel = robot_kernel(robot, [(item.body, pose) for item, pose in held])
+    bodies = [part.body for part in model.parts] + [item.body for item, _ in held]
+    corners = [np.asarray(part.body.vertices) for part in model.parts]
+    for item, pose in held:
+        local = model.flange @ pose
+        corners.append(np.asarray(item.body.vertices) @ local[:3, :3].T + local[:3, 3])
+    joints = [part.joint for part in model.parts] + [model.dof - 1] * len(held)
+    hulls = HullTable(
+        kernel,
+        np.zeros((1, model.dof)),
+        np.zeros((1, model.dof)),
+        np.arange(len(bodies), dtype=np.int32)[None],
+        np.array(joints, dtype=np.int64),
+        _firsts([len(c) for c in corners]),
+        np.ascontiguousarray(np.concatenate(corners), dtype=np.float64),
+        _firsts([len(body.capsules.radius) for body in bodies]),
+        np.ascontiguousarray(np.stack([kernel.start, kernel.end], axis=1)),
+        kernel.radius,
+    )
+    names = [entity(robot.name, part.group) for part in model.parts]
+    names += [item.name for item, _ in held]
+    return Carrier(robot, held, tuple(names), packed(hulls))
 
 
 class Fleet(NamedTuple):
-    """Bodies and joints of many carriers: a robot with something in its hand is one carrier.
+    """Many carriers. It keeps none of them alive.
 
     Attributes:
-        joint_first: joints of carrier v are ``range(joint_first[v], joint_first[v + 1])``.
-        placement, axis, prismatic: of all joints, see KinematicChain.
-        base: pose of every carrier's base, shape (carriers, 4, 4).
-        body_first: bodies of a carrier, likewise: the robot's parts, then what it holds.
-        joint: joint of its carrier that moves a body, -1 for the base, shape (bodies,).
-        entity: number by which limits speak of a body, shape (bodies,).
-        capsule_first: capsules of a body, likewise.
-        capsule_joint: joint of its carrier that moves a capsule, shape (capsules,).
-        start, end: of capsules in the frame of their joint, shape (capsules, 3) [m].
-        ends: both in one array, shape (capsules, 2, 3).
-        radius: shape (capsules,) [m].
-        corner_first: hull corners of a body, likewise.
-        corners: in the frame of their joint, shape (corners, 3) [m].
+        hulls: addresses of their bodies, shape (carriers,).
+        one: the bodies of one of them.
+        body_first: bodies of carrier v are ``range(body_first[v], body_first[v + 1])``.
     """
 
-    joint_first: Indices
-    placement: Array
-    axis: Array
-    prismatic: npt.NDArray[np.bool_]
-    base: Array
+    hulls: Indices
+    one: HullTable
     body_first: Indices
-    joint: Indices
-    entity: Indices
-    capsule_first: Indices
-    capsule_joint: Indices
-    start: Array
-    end: Array
-    ends: Array
-    radius: Array
-    corner_first: Indices
-    corners: Array
 
 
-Carrier = tuple[PlacedRobot, tuple[tuple[CellObject, Transform], ...]]
-"""A robot, and the objects in its hand with their poses in the flange frame."""
+def make_fleet(carriers: Sequence[Carrier]) -> Fleet:
+    """Return carriers, at least one, for compiled code; they must outlive what is returned."""
+    hulls = [carrier.hulls for carrier in carriers]
+    addresses = np.array([h.address for h in hulls], dtype=np.int64)  # type: ignore[attr-defined]
+    return packed(Fleet(addresses, hulls[0], _firsts([len(c.names) for c in carriers])))
 
 
-def build_fleet(carriers: Sequence[Carrier], number: Callable[[str], int]) -> Fleet:
-    """Collect carriers.
-
-    Args:
-        carriers: at least one.
-        number: returns the number of an entity.
-    """
-    parts: list[_CarrierArrays] = [_arrays(*carrier) for carrier in carriers]
-    names = [name for part in parts for name in part.names]
-    capsules = [placed for part in parts for placed in part.capsules]
-    corners = [c for part in parts for c in part.corners]
-    joint = np.array([j for part in parts for j in part.joints], dtype=np.int64)
-    counts = np.array([len(c[2]) for c in capsules], dtype=np.int64)
-    start = np.ascontiguousarray(np.concatenate([c[0] for c in capsules]))
-    end = np.ascontiguousarray(np.concatenate([c[1] for c in capsules]))
-    models = [robot.model for robot, _ in carriers]
-    return Fleet(
-        _firsts([m.dof for m in models]),
-        np.ascontiguousarray(np.concatenate([m.chain.placement for m in models])),
-        np.ascontiguousarray(np.concatenate([m.chain.axis for m in models])),
-        np.concatenate([m.chain.prismatic for m in models]).astype(np.bool_),
-        np.ascontiguousarray([robot.base for robot, _ in carriers], dtype=np.float64),
-        _firsts([len(part.names) for part in parts]),
-        joint,
-        np.array([number(name) for name in names], dtype=np.int64),
-        _firsts(counts.tolist()),
-        np.repeat(joint, counts),
-        start,
-        end,
-        np.ascontiguousarray(np.stack([start, end], axis=1)),
-        np.concatenate([c[2] for c in capsules]),
-        _firsts([len(c) for c in corners]),
-        np.ascontiguousarray(np.concatenate(corners)),
-    )
+@inner_kernel
+def bodies_of(fleet: Fleet, v: int) -> HullTable:
+    """Return the bodies of a carrier."""
+    hulls: HullTable = packed_at(fleet.hulls, v, fleet.one)
+    return hulls
 
 
-class _CarrierArrays(NamedTuple):
-    names: list[str]
-    joints: list[int]
-    capsules: list[tuple[Array, Array, Array]]
-    corners: list[Array]
+@inner_kernel
+def set_motion(hulls: HullTable, q_a: Array, q_b: Array) -> None:
+    """Let a carrier's bodies be on a straight motion, whose ends have its joints first."""
+    for j in range(hulls.q_a.shape[1]):
+        hulls.q_a[0, j] = q_a[j]
+        hulls.q_b[0, j] = q_b[j]
 
 
-_BARE: dict[int, tuple[object, list[tuple[Array, Array, Array]], list[Array]]] = {}
-
-
-def _arrays(
-    robot: PlacedRobot, held: Sequence[tuple[CellObject, Transform]]
-) -> _CarrierArrays:
-    model = robot.model
-    known = _BARE.get(id(model))
-    if known is None or known[0] is not model:
-        own = [_placed(part.body, np.eye(4)) for part in model.parts]
-        # The model is kept so that its id is not given to another one.
-        known = (model, [p[0] for p in own], [p[1] for p in own])
-        _BARE[id(model)] = known
-    hand = [_placed(item.body, model.flange @ pose) for item, pose in held]
-    return _CarrierArrays(
-        [entity(robot.name, part.group) for part in model.parts]
-        + [item.name for item, _ in held],
-        [part.joint for part in model.parts] + [model.dof - 1] * len(held),
-        known[1] + [p[0] for p in hand],
-        known[2] + [p[1] for p in hand],
-    )
-
-
-def _placed(
-    body: ConvexBody, pose: Transform
-) -> tuple[tuple[Array, Array, Array], Array]:
-    corners = np.asarray(body.vertices) @ pose[:3, :3].T + pose[:3, 3]
-    return placed_capsules(body, pose), corners
+def entity_numbers(cell: Workcell) -> dict[str, int]:
+    """Return the number of every entity: arm and tool of each robot, fixtures, objects."""
+    names = [f"{r.name}/{group}" for r in cell.robots for group in ("arm", "tool")]
+    names += [f.name for f in cell.fixtures] + [o.name for o in cell.objects]
+    return {name: k for k, name in enumerate(names)}
 
 
 def _firsts(counts: Sequence[int]) -> Indices:
     return np.cumsum([0, *counts]).astype(np.int64)
-
-
-@njit(cache=True, nogil=True)
-def carrier_kernel(fleet: Fleet, v: int) -> RobotKernel:
-    """Return the joints and capsules of one carrier."""
-    j0, j1 = fleet.joint_first[v], fleet.joint_first[v + 1]
-    c0 = fleet.capsule_first[fleet.body_first[v]]
-    c1 = fleet.capsule_first[fleet.body_first[v + 1]]
-    return RobotKernel(
-        fleet.placement[j0:j1],
-        fleet.axis[j0:j1],
-        fleet.prismatic[j0:j1],
-        fleet.base[v],
-        fleet.capsule_joint[c0:c1],
-        fleet.start[c0:c1],
-        fleet.end[c0:c1],
-        fleet.radius[c0:c1],
-        # Bodies are ranges of capsules here; nothing that sweeps looks at this.
-        fleet.capsule_joint[c0:c1],
-    )

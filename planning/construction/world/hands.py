@@ -1,4 +1,4 @@
-"""What robots hold, from when to when."""
+"""Objects in the hands of robots, from when to when."""
 
 from __future__ import annotations
 

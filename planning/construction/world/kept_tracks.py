@@ -1,4 +1,4 @@
-"""What robots on fixed timelines sweep, kept from check to check."""
+"""A cache of what robots on fixed timelines sweep."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, PlacedRobot
 from planning.construction.world.hands import HandChange
-from planning.construction.world.motion_pieces import cut_timeline
+from planning.construction.world.motion_pieces import STEP, cut_timeline
 from planning.construction.world.swept_track import SweptTrack, sweep_track
 from planning.construction.world.timeline import RobotTimeline
 
 _KEPT = 64
 """How many timelines are remembered: a few of each robot of the largest teams."""
 
-_Key = tuple[int, float, tuple[HandChange, ...]]
+_Key = tuple[RobotTimeline, tuple[HandChange, ...]]
 
 
 class SweptTracks:
@@ -26,10 +26,7 @@ class SweptTracks:
     """
 
     def __init__(self) -> None:
-        # A timeline is kept so that its id is not given to another one.
-        self._kept: OrderedDict[_Key, tuple[RobotTimeline, float, SweptTrack]] = (
-            OrderedDict()
-        )
+        self._kept: OrderedDict[_Key, tuple[float, SweptTrack]] = OrderedDict()
 
     def since(
         self,
@@ -38,7 +35,6 @@ class SweptTracks:
         line: RobotTimeline,
         changes: Sequence[HandChange],
         item: Callable[[str], CellObject],
-        step: float,
     ) -> SweptTrack:
         """Return what a robot sweeps from the cell of time on that ``start`` is in, for ever.
 
@@ -48,17 +44,16 @@ class SweptTracks:
             line: how.
             changes: what it holds from when on.
             item: returns an object by its name.
-            step: cells of time begin at its multiples [s].
         """
-        key = (id(line), step, tuple(changes))
+        key = (line, tuple(changes))
         known = self._kept.get(key)
-        if known is None or known[1] > start:
-            first = float(np.floor(start / step) * step)
+        if known is None or known[0] > start:
+            first = float(np.floor(start / STEP) * STEP)
             times = [t for t, _ in changes[1:]]
-            pieces = cut_timeline(line, first, np.inf, step, times)
-            known = line, first, sweep_track(robot, pieces, changes, item)
+            pieces = cut_timeline(line, first, np.inf, STEP, times)
+            known = first, sweep_track(robot, pieces, changes, item)
             self._kept[key] = known
             if len(self._kept) > _KEPT:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(key)
-        return known[2].since(start)
+        return known[1].since(start)

@@ -1,4 +1,4 @@
-"""Cuts timelines into pieces: what will be the nodes of a temporal plan graph.
+"""Pieces of timelines: what will be the nodes of a temporal plan graph.
 
 Time has one grid for all robots. A piece is a straight motion within one cell of it, a stand of
 any length, or a stretch of a skill, which counts for the whole time of the skill. If no two
@@ -17,6 +17,9 @@ import numpy.typing as npt
 
 from planning.construction.world.timeline import SAME, RobotTimeline
 from planning.transforms import Array
+
+STEP = 0.1
+"""Length of the cells of time, and of pose nodes [s]."""
 
 
 class Pieces(NamedTuple):
@@ -40,14 +43,7 @@ class Pieces(NamedTuple):
 
     def later(self, k: int) -> Pieces:
         """Return all but the first ``k``."""
-        return Pieces(
-            self.start[k:],
-            self.end[k:],
-            self.q_a[k:],
-            self.q_b[k:],
-            self.whole[k:],
-            self.moment[k:],
-        )
+        return Pieces._make(values[k:] for values in self)
 
 
 def cut_timeline(

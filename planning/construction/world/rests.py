@@ -1,4 +1,4 @@
-"""Where objects lie, from when to when."""
+"""Objects at rest: where they lie, from when to when."""
 
 from __future__ import annotations
 

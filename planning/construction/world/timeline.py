@@ -1,4 +1,4 @@
-"""What one robot or one object does over time, as far as it has been planned."""
+"""Timelines: the motion of one robot, and the places of one object, as far as planned."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SAME = 1e-9
 """Times that differ by less are the same time [s]; likewise joint values [rad or m]."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RobotTimeline:
     """The motion of one robot, straight in joint space between waypoints.
 
@@ -101,17 +101,9 @@ class RobotTimeline:
             float(more[-1]) if work else self.busy_until,
         )
 
-    def until(self, t: float) -> RobotTimeline:
-        """Return the timeline up to ``t``, where the robot then stands for good.
-
-        Raises:
-            PlanInvariantError: ``t`` is before the end of the robot's work.
-        """
-        if t < self.busy_until - SAME:
-            raise PlanInvariantError(
-                f"robot {self.robot!r} is busy until {self.busy_until:.3f} s: its"
-                f" timeline cannot end at {t:.3f} s"
-            )
+    def work(self) -> RobotTimeline:
+        """Return the timeline up to the end of the work, where the robot then stands for good."""
+        t = self.busy_until
         if t >= self.end:
             return self
         keep = int(np.searchsorted(self.time, t, side="left"))

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
-from planning.construction.world.swept_track import SweptTrack
+from planning.construction.world.motion_pieces import Pieces
+from planning.construction.world.swept_track import Sweeps, SweptTrack
+from planning.geometry.distance import boxes_apart
+from planning.kernels import ZERO, inner_kernel, kernel
+from planning.packed import packed
 from planning.transforms import Array, Indices
 
 
@@ -18,84 +21,80 @@ class Tracks(NamedTuple):
 
     Attributes:
         first: pieces of track r are ``range(first[r], first[r + 1])``.
-        start, end: the time for which a piece counts, shape (p,) [s].
-        q_a, q_b: ends of its motion, padded to the most joints, shape (p, most).
-        whole: True where it counts as a whole all the time, shape (p,).
-        carrier: which carrier of the fleet it is, shape (p,).
-        box: least and greatest corner of what it sweeps, shape (p, 6).
-        body_first: where a piece's bodies begin in ``body_box``, shape (p + 1,).
-        body_box: likewise of every body, shape (bodies of all pieces, 6).
-        capsule_first: where a piece's capsules begin in the next three, shape (p + 1,).
-        capsule_a, capsule_b, radius: swept capsules.
+        pieces: of all tracks; configurations are padded to the most joints.
+        carrier: which carrier of the fleet a piece is, shape (p,).
+        sweeps: what pieces sweep.
         tree: boxes of ever longer stretches of a track: a segment tree whose leaf i is piece i
             of its track; it begins at ``2 * first[r]``, shape (2 p, 6).
     """
 
     first: Indices
-    start: Array
-    end: Array
-    q_a: Array
-    q_b: Array
-    whole: npt.NDArray[np.bool_]
+    pieces: Pieces
     carrier: Indices
-    box: Array
-    body_first: Indices
-    body_box: Array
-    capsule_first: Indices
-    capsule_a: Array
-    capsule_b: Array
-    radius: Array
+    sweeps: Sweeps
     tree: Array
 
 
-def build_tracks(swept: Sequence[SweptTrack], carrier: Sequence[Indices]) -> Tracks:
+def build_tracks(swept: Sequence[SweptTrack], carriers: int) -> Tracks:
     """Put what robots sweep one after another, and grow a tree over each.
 
     Args:
         swept: of each robot.
-        carrier: of each piece of each robot.
+        carriers: how many carriers come before those of the tracks in the fleet.
     """
-    pieces = [s.pieces for s in swept]
+    pieces, sweeps = [s.pieces for s in swept], [s.sweeps for s in swept]
+    first = np.cumsum([0, *(len(p.start) for p in pieces)]).astype(np.int64)
+    firsts = carriers + np.cumsum([0, *(len(s.carriers) for s in swept)])
+    carrier = [at + s.hand for at, s in zip(firsts.tolist(), swept, strict=False)]
     most = max((p.q_a.shape[1] for p in pieces), default=0)
-    counts = [len(p.start) for p in pieces]
-    first = np.cumsum([0, *counts]).astype(np.int64)
-    none = np.empty(0)
-    start = np.concatenate([none, *(p.start for p in pieces)])
-    whole = np.concatenate([none, *(p.whole for p in pieces)]).astype(np.bool_)
-    q_a, q_b = np.zeros((len(start), most)), np.zeros((len(start), most))
-    for p, at in zip(pieces, first[:-1], strict=True):
-        n = p.q_a.shape[1]
-        q_a[at : at + len(p.start), :n] = p.q_a
-        q_b[at : at + len(p.start), :n] = p.q_b
-    box = np.concatenate([np.empty((0, 6)), *(s.box for s in swept)])
-    tree = np.empty((2 * len(start), 6))
+    ends = [
+        [np.pad(q, ((0, 0), (0, most - q.shape[1]))) for q in path]
+        for path in ([p.q_a for p in pieces], [p.q_b for p in pieces])
+    ]
+    box = _joined([s.box for s in sweeps], 6)
+    tree = np.empty((2 * len(box), 6))
     _grow_trees(first, box, tree)
-    return Tracks(
+    tracks = Tracks(
         first,
-        start,
-        np.concatenate([none, *(p.end for p in pieces)]),
-        q_a,
-        q_b,
-        whole,
-        np.concatenate([none, *carrier]).astype(np.int64),
-        box,
-        _joined([s.body_first for s in swept]),
-        np.concatenate([np.empty((0, 6)), *(s.body_box for s in swept)]),
-        _joined([s.capsule_first for s in swept]),
-        np.concatenate([np.empty((0, 3)), *(s.capsule_a for s in swept)]),
-        np.concatenate([np.empty((0, 3)), *(s.capsule_b for s in swept)]),
-        np.concatenate([none, *(s.radius for s in swept)]),
+        packed(
+            Pieces(
+                _joined([p.start for p in pieces]),
+                _joined([p.end for p in pieces]),
+                _joined(ends[0], most),
+                _joined(ends[1], most),
+                _joined([p.whole for p in pieces]).astype(np.bool_),
+                _joined([p.moment for p in pieces]),
+            )
+        ),
+        _joined(carrier).astype(np.int64),
+        packed(
+            Sweeps(
+                box,
+                _joined_firsts([s.body_first for s in sweeps]),
+                _joined([s.body_box for s in sweeps], 6),
+                _joined_firsts([s.capsule_first for s in sweeps]),
+                _joined([s.capsule_a for s in sweeps], 3),
+                _joined([s.capsule_b for s in sweeps], 3),
+                _joined([s.radius for s in sweeps]),
+            )
+        ),
         tree,
     )
+    return packed(tracks)
 
 
-def _joined(firsts: Sequence[Indices]) -> Indices:
+def _joined(arrays: Sequence[npt.NDArray[Any]], *columns: int) -> npt.NDArray[Any]:
+    """Return arrays one after another, an empty one with so many columns where there are none."""
+    return np.concatenate([np.empty((0, *columns)), *arrays])
+
+
+def _joined_firsts(firsts: Sequence[Indices]) -> Indices:
     """Return where each piece's rows begin when those of all robots follow one another."""
     counts = [np.diff(first) for first in firsts]
     return np.cumsum(np.concatenate([[0], *counts])).astype(np.int64)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _grow_trees(firsts: Indices, box: Array, tree: Array) -> None:
     """Fill in the tree of each track."""
     for t in range(len(firsts) - 1):
@@ -110,7 +109,7 @@ def _grow_trees(firsts: Indices, box: Array, tree: Array) -> None:
                 tree[base + i, r + 3] = max(a[r + 3], b[r + 3])
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def pieces_at(
     start: Array, end: Array, first: int, last: int, lo: float, hi: float
 ) -> tuple[int, int]:
@@ -142,7 +141,7 @@ def pieces_at(
     return p, a
 
 
-@njit(cache=True, nogil=True)
+@inner_kernel
 def near_stretch(
     tree: Array, base: int, count: int, a: int, b: int, box: Array, limit: float
 ) -> bool:
@@ -154,32 +153,20 @@ def near_stretch(
         tree: of all tracks.
         base, count: where that of the track begins, and how many pieces the track has.
         a, b: the stretch, ``range(a, b)``, counted within the track.
-        box: shape (6,).
+        box: shape (1, 6).
         limit: [m].
     """
     a += count
     b += count
     while a < b:
         if a & 1:
-            if _meet(tree, base + a, box, limit):
+            if not boxes_apart(tree, base + a, box, ZERO, limit):
                 return True
             a += 1
         if b & 1:
             b -= 1
-            if _meet(tree, base + b, box, limit):
+            if not boxes_apart(tree, base + b, box, ZERO, limit):
                 return True
         a >>= 1
         b >>= 1
     return False
-
-
-@njit(cache=True, inline="always")
-def _meet(tree: Array, i: int, box: Array, limit: float) -> bool:
-    return bool(
-        box[0] - tree[i, 3] <= limit
-        and tree[i, 0] - box[3] <= limit
-        and box[1] - tree[i, 4] <= limit
-        and tree[i, 1] - box[4] <= limit
-        and box[2] - tree[i, 5] <= limit
-        and tree[i, 2] - box[5] <= limit
-    )

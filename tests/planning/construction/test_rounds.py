@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.construction.problem.problem import Part
+from planning.construction.problem.settings import SearchSettings
 from planning.construction.rounds import Round, Rounds
-from planning.construction.settings import SearchSettings
 from planning.construction.subproblem import Solution
 from planning.construction.world.building import Building, nothing_built
 from tests.planning.construction.toy_sites import toy_part, toy_problem
@@ -40,12 +40,12 @@ class Told:
         return list(PROBLEM.parts[len(building.placed) :])
 
     def place_next(
-        self, building: Building, parts: list[Part], turn: int, most: float
+        self, building: Building, parts: list[Part], turn: int, most_loss: float
     ) -> Solution | None:
         self.spent += 1
         self.spent_again += turn > 0
         loss = float(self.losses[len(building.placed), turn])
-        if not loss < most:
+        if not loss < most_loss:
             return None
         placed = {**building.placed, parts[0].name: 1.0 + len(building.placed)}
         return Solution(replace(building, placed=placed), 0.0, loss)
@@ -72,10 +72,12 @@ def losses_of(seed: int, turns: int) -> np.ndarray:
 @given(st.integers(0, 2**31), st.integers(1, 4), st.floats(0.0, 8.0))
 @settings(max_examples=200, deadline=None)
 def test_a_round_is_the_best_of_its_tries(
-    seed: int, tries: int, bearable: float
+    seed: int, tries: int, acceptable: float
 ) -> None:
     losses = losses_of(seed, tries)
-    search = SearchSettings(round=5, tries=tries, bearable=bearable, again=1e9)
+    search = SearchSettings(
+        round=5, tries=tries, acceptable_loss_s=acceptable, again=1e9
+    )
     first = 0
     # Three robots make rounds of three; the last one takes what is left.
     for found, size in zip(planned(Told(losses), search), (3, 4), strict=False):
@@ -87,7 +89,7 @@ def test_a_round_is_the_best_of_its_tries(
             return
         best = totals[0]
         for total in totals[1:]:
-            if best <= bearable * size:
+            if best <= acceptable * size:
                 break
             best = min(best, total) if not np.isnan(total) else best
         assert found.stuck is None
@@ -101,7 +103,7 @@ def test_a_round_is_the_best_of_its_tries(
 @settings(max_examples=100, deadline=None)
 def test_no_more_is_spent_on_tries_than_allowed(seed: int, again: float) -> None:
     told = Told(np.nan_to_num(losses_of(seed, 4), nan=5.0))
-    search = SearchSettings(round=5, tries=4, bearable=0.0, again=again)
+    search = SearchSettings(round=5, tries=4, acceptable_loss_s=0.0, again=again)
     planned(told, search)
     # The try with which the allowance ends may overdraw it, by less than a round.
     assert told.spent_again < again * PARTS / 3 + 4

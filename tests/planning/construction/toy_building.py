@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from planning.cell.workcell import Attachment, Workcell
-from planning.construction.checks.arrival_windows import arrival_windows
 from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.export.planned_task import (
-    PlannedTask,
-    drop_way_out,
-    with_task,
-)
-from planning.construction.paths.rrt import RrtSettings, space_time_rrt
-from planning.construction.world.fixed_world import FixedWorld, drop_tail
+from planning.construction.checks.time_windows import arrival_windows
+from planning.construction.export.planned_task import PlannedTask
+from planning.construction.problem.settings import RrtSettings
+from planning.construction.world.fixed_world import FixedWorld
 from planning.tasks.task_graph import TRANSIT, Handling
 from planning.transforms import Array, inverse, translation
+from tests.planning.construction.toy_tasks import find_path, with_task
 
 ABOVE = np.array([0.0, 0.0, 0.05])
 SKILL_S = 1.0
@@ -32,18 +29,22 @@ class Builder:
     tasks: tuple[PlannedTask, ...] = ()
     seed: int = 0
     world: FixedWorld = field(init=False)
+    way_outs: dict[str, PlannedTask] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.world = FixedWorld(self.cell)
 
-    def add(self, task: PlannedTask) -> None:
-        self.world = with_task(self.world, task)
+    def add(self, task: PlannedTask, *, way_out: bool = False) -> None:
+        self.world = with_task(self.world, task, work=not way_out)
         self.tasks = (*self.tasks, task)
+        if way_out:
+            self.way_outs[task.robot] = task
 
     def free(self, robot: str) -> None:
         """Drop the robot's way out: it gets new work."""
-        self.world = drop_tail(self.world, robot)
-        self.tasks = drop_way_out(self.tasks, robot)
+        self.world = self.world.without_way_out(robot)
+        out = self.way_outs.pop(robot, None)
+        self.tasks = tuple(task for task in self.tasks if task is not out)
 
     def go(
         self,
@@ -65,7 +66,7 @@ class Builder:
             if at.holder == robot
         }
         checker = SpaceTimeChecker(self.world, (robot,), allowed=touching)
-        found = space_time_rrt(
+        found = find_path(
             checker,
             goal,
             stay=stay,
@@ -85,8 +86,8 @@ class Builder:
                 step,
                 label,
                 touching=touching,
-                way_out=way_out,
-            )
+            ),
+            way_out=way_out,
         )
         return found.arrival
 
@@ -228,8 +229,3 @@ class Builder:
         """What a handled object may touch: everything that is no robot."""
         names = [f.name for f in self.cell.fixtures]
         return names + [o.name for o in self.cell.objects if o.name != item]
-
-
-def without_way_outs(tasks: tuple[PlannedTask, ...]) -> tuple[PlannedTask, ...]:
-    """The tasks as if every way out were work."""
-    return tuple(replace(task, way_out=False) for task in tasks)

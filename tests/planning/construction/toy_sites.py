@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from hashlib import sha256
 
 import numpy as np
@@ -36,7 +37,7 @@ def toy_problem(
     cell = Workcell(
         tuple(team), (ground_fixture(),), part_objects(parts, supply or Spiral())
     )
-    return build_problem(cell, parts, seed=seed)
+    return replace(build_problem(cell, parts), seed=seed)
 
 
 def toy_part(name: str, size: tuple[float, ...], at: tuple[float, ...]) -> ModelPart:

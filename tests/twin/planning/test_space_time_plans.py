@@ -12,12 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.export.motion_plan_export import (
-    export_motion_plan,
-    planned_makespan,
-)
-from planning.construction.export.planned_task import PlannedTask, with_task, world_of
-from planning.construction.paths.rrt import RrtSettings, space_time_rrt
+from planning.construction.export.motion_plan_export import export_motion_plan
+from planning.construction.export.planned_task import PlannedTask, world_of
+from planning.construction.problem.settings import RrtSettings
 from planning.construction.world.fixed_world import FixedWorld
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan
@@ -28,6 +25,7 @@ from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
 from tests.planning.construction.toy_building import Builder
+from tests.planning.construction.toy_tasks import find_path, with_task
 from tests.planning.construction.toy_teams import (
     box,
     fixture,
@@ -64,7 +62,7 @@ def crossing(count: int, seed: int) -> tuple[FixedWorld, list[PlannedTask]]:
         robot = f"s{rng.integers(count)}"
         checker = SpaceTimeChecker(world, (robot,))
         goals = rng.uniform(-1.2, 1.2, (4, 2))
-        found = space_time_rrt(checker, goals, stay=np.inf, settings=QUICK, seed=seed)
+        found = find_path(checker, goals, QUICK, stay=np.inf, seed=seed)
         if found is None:
             continue
         task = PlannedTask(robot, TRANSIT, found.time, found.path, 1, f"{robot} goes")
@@ -81,7 +79,7 @@ def test_robots_that_cross_keep_their_times_and_every_guarantee(seed: int) -> No
     tpg = build_tpg(plan)
     assert verify_plan(tpg).ok
     # Waits may shrink, nothing comes later than planned.
-    assert earliest_times(tpg).makespan <= planned_makespan(plan) + 1e-6
+    assert earliest_times(tpg).makespan <= max(m.time[-1] for m in plan.motions) + 1e-6
     for task, motion in zip(plan.tasks, plan.motions, strict=True):
         line = world.robots[task.robot]
         for q, t in zip(motion.path, motion.time, strict=True):
@@ -123,11 +121,11 @@ def test_a_building_is_proved_safe_and_no_slower_than_planned() -> None:
     builder, plan, tpg = building()
     report = verify_plan(tpg)
     assert report.ok, report.problems
-    assert earliest_times(tpg).makespan <= planned_makespan(plan) + 1e-6
+    assert earliest_times(tpg).makespan <= max(m.time[-1] for m in plan.motions) + 1e-6
     assert {t.kind for t in plan.tasks} == {TRANSIT, "pick", "place-down", "handover"}
     # They do work at the same time.
     busy = sum(float(m.time[-1] - m.time[0]) for m in plan.motions)
-    assert busy > 1.3 * planned_makespan(plan)
+    assert busy > 1.3 * max(m.time[-1] for m in plan.motions)
     places = [t.index for t in plan.tasks if t.kind == "place-down"]
     edges = {tuple(e) for e in plan.dependencies.tolist()}
     assert {(a, b) for a, b in pairwise(places[:4])} <= edges

@@ -11,22 +11,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.cell.workcell import Attachment, PlacedRobot, Workcell, WorldState
-from planning.construction.checks.arrival_windows import arrival_windows
 from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.checks.free_cells import strike_out
-from planning.construction.checks.motion_checks import motion_clear
+from planning.construction.checks.motion_checks import clear_until, motion_clear
 from planning.construction.checks.moving_checks import left_by_robots, met_by_robots
 from planning.construction.checks.still_checks import (
     lies_throughout,
     still_clear_until,
 )
-from planning.construction.export.planned_task import PlannedTask, with_task
+from planning.construction.checks.time_windows import arrival_windows, strike_out
+from planning.construction.export.planned_task import PlannedTask
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.geometry.exact import hull_shape
 from planning.kinematics.kinematics import joint_poses_of
 from planning.tasks.task_graph import Handling
 from planning.transforms import Array, translation
+from tests.kernels import outer
+from tests.planning.construction.toy_tasks import with_task
 from tests.planning.construction.toy_teams import (
     box,
     fixture,
@@ -36,6 +37,12 @@ from tests.planning.construction.toy_teams import (
     slider,
     team,
 )
+
+_clear_until = outer(clear_until)
+_left_by_robots = outer(left_by_robots)
+_lies_throughout = outer(lies_throughout)
+_met_by_robots = outer(met_by_robots)
+_still_clear_until = outer(still_clear_until)
 
 
 def bodies(cell: Workcell, robot: PlacedRobot, state: WorldState) -> list:  # type: ignore[type-arg]
@@ -148,9 +155,9 @@ def test_what_is_free_keeps_its_distance_at_every_instant(seed: int) -> None:
     if checker.motion_free(q0, t0, q1, t1):
         least = room_left(world, "r0", q0, t0, q1, t1, 25)
         assert least >= 0.0005 - 1e-6
-        assert checker.free_until(q0, t0, q1, t1) == t1
+        assert _clear_until(checker.scene, q0, t0, q1, t1)[1] == t1
     else:
-        until = checker.free_until(q0, t0, q1, t1)
+        until = _clear_until(checker.scene, q0, t0, q1, t1)[1]
         assert until < t1
         middle = q0 + (until - t0) / (t1 - t0) * (q1 - q0)
         if until > t0:
@@ -180,8 +187,8 @@ def test_a_motion_is_free_when_it_is_clear_of_what_lies_still_and_meets_no_robot
     rng = np.random.default_rng(seed)
     checker = SpaceTimeChecker(busy_world(seed % 8), ("r0",))
     q0, t0, q1, t1 = random_motion(rng)
-    still, _ = still_clear_until(checker.scene, q0, t0, q1, t1, 0.0)
-    met = met_by_robots(checker.scene, q0, t0, q1, t1)
+    still, _ = _still_clear_until(checker.scene, q0, t0, q1, t1, 0.0)
+    met = _met_by_robots(checker.scene, q0, t0, q1, t1)
     assert motion_clear(checker.scene, q0, t0, q1, t1) == (still and np.isinf(met))
     assert np.isinf(met) or t0 <= met <= t1
 
@@ -193,15 +200,15 @@ def test_a_place_is_left_as_soon_as_nobody_is_there(seed: int) -> None:
     world = busy_world(seed % 8)
     checker = SpaceTimeChecker(world, ("r0",))
     q, t, _, _ = random_motion(rng)
-    left = left_by_robots(checker.scene, q, t, np.inf)
+    left = _left_by_robots(checker.scene, q, t, np.inf)
     assert left >= t
     if np.isfinite(left):
-        assert np.isinf(met_by_robots(checker.scene, q, left, q, left))
+        assert np.isinf(_met_by_robots(checker.scene, q, left, q, left))
     # Meanwhile no cell of time is free.
     first = int(np.floor(t / 0.1 + 1e-6))
     last = int(np.ceil(min(left, t + 12.0) / 0.1 - 1e-6))
     free = np.ones(max(last - first, 0), dtype=np.bool_)
-    strike_out(checker.scene, q, q, first, 0.1, free)
+    strike_out(checker.scene, q, q, first, free)
     if left > t:
         assert np.count_nonzero(free) <= 2  # proofs differ now and then
 
@@ -215,9 +222,9 @@ def test_what_lies_there_throughout_is_as_much_in_the_way_of_a_shorter_stay(
     checker = SpaceTimeChecker(busy_world(seed % 8), ("r0",))
     q0, t0, q1, t1 = random_motion(rng)
     late = t1 + 4.0
-    clear, _ = still_clear_until(checker.scene, q0, t0, q1, late, late - t0)
-    if not clear and lies_throughout(checker.scene, t0, late):
-        clear, _ = still_clear_until(checker.scene, q0, t0, q1, t1, 0.0)
+    clear, _ = _still_clear_until(checker.scene, q0, t0, q1, late, late - t0)
+    if not clear and _lies_throughout(checker.scene, t0, late):
+        clear, _ = _still_clear_until(checker.scene, q0, t0, q1, t1, 0.0)
         assert not clear
 
 
@@ -233,7 +240,7 @@ def test_robots_that_move_are_seen_where_they_are() -> None:
     assert not checker.motion_free(left, 0.0, right, 4.0)
     assert checker.motion_free(left, 2.0, right, 6.0)
     # The two boxes first share a place when both are 0.3 m away from the middle.
-    assert 1.3 < checker.free_until(left, 0.0, right, 4.0) <= 1.4 + 1e-9
+    assert 1.3 < _clear_until(checker.scene, left, 0.0, right, 4.0)[1] <= 1.4 + 1e-9
     middle = np.zeros(2)
     assert checker.skill_free(middle, 0.0, 1.0)
     assert not checker.skill_free(middle, 0.0, 2.0)
@@ -359,7 +366,7 @@ def test_free_cells_are_those_in_which_a_stand_is_free(seed: int) -> None:
     q0, _, q1, _ = random_motion(rng)
     q1 = q0 if seed % 2 else q1
     free = np.ones(120, dtype=np.bool_)
-    strike_out(checker.scene, q0, q1, 7, 0.1, free)
+    strike_out(checker.scene, q0, q1, 7, free)
     path = np.array([q0, q1])
     each = [checker.skill_free(path, 0.1 * k, 0.1 * (k + 1)) for k in range(7, 127)]
     # What is found free is proved. A proof may fail where another one that began with another

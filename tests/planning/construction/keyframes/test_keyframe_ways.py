@@ -7,7 +7,7 @@ import numpy as np
 from planning.cell.workcell import Attachment, PlacedRobot, Workcell
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.problem.models import pavilion
-from planning.construction.problem.postures import ReachSampler
+from planning.construction.problem.reach_sampler import ReachSampler
 from planning.construction.problem.site import (
     build_problem,
     ground_fixture,

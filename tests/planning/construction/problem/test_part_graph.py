@@ -11,6 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.construction.critical_path import longest_chain
+from planning.construction.problem.insertion_order import with_insertions
 from planning.construction.problem.models import ModelPart, pavilion, tower, wall, well
 from planning.construction.problem.precedence import (
     PartGraph,
@@ -19,7 +21,6 @@ from planning.construction.problem.precedence import (
 )
 from planning.construction.problem.site import ground_fixture, part_objects
 from planning.construction.problem.supply import Spiral
-from planning.construction.problem.ways_in import with_ways_in
 from planning.errors import ConstructionError
 from planning.transforms import from_rpy, readonly, translation
 
@@ -47,8 +48,8 @@ def test_a_tower_is_a_chain() -> None:
         assert graph.neighbours[f"beam{k}"] == near
         assert graph.carriers[f"beam{k}"] == ({f"beam{k - 1}"} if k > 1 else set())
     assert set(graph.ground) == {"beam1"}
-    assert graph.longest_chain() == tuple(f"beam{k}" for k in range(1, 7))
-    assert graph.longest_chain(carried=False) == graph.longest_chain()
+    assert longest_chain(graph) == tuple(f"beam{k}" for k in range(1, 7))
+    assert longest_chain(graph, carried=False) == longest_chain(graph)
     assert graph.placeable(["beam1", "beam2"]) == ("beam3",)
 
 
@@ -63,7 +64,7 @@ def test_a_brick_of_a_wall_rests_on_two_and_leans_on_none() -> None:
     assert "block2_2" in graph.placeable(["block1_2"], carried=False)
     assert "block2_2" not in graph.placeable(["block1_2"])
     assert graph.placed_neighbours("block2_2", ["block1_2", "block2_1"]) == 2
-    assert len(graph.longest_chain()) == 3
+    assert len(longest_chain(graph)) == 3
 
 
 def test_a_ring_closes() -> None:
@@ -270,11 +271,11 @@ def test_a_part_waits_for_those_whose_way_in_leads_through_it() -> None:
     assert set(graph.carriers.values()) == {frozenset()}
     ways = {name: readonly(way) for name, way in sides.items()}
     # The left one comes from where the right one will be.
-    found = with_ways_in(graph, items, ways, 0.1)
+    found = with_insertions(graph, items, ways, 0.1)
     assert found.carriers == {"left": set(), "right": {"left"}, "far": set()}
     assert found.never_placeable() == ()
     # Two that come through each other wait for each other.
-    both = with_ways_in(
+    both = with_insertions(
         graph, items, {**ways, "right": readonly((-1.0, 0.0, 0.0))}, 0.1
     )
     assert both.carriers["left"] == {"right"}

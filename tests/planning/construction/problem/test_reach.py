@@ -16,9 +16,9 @@ from planning.construction.problem.feasibility import (
     require_grounded,
 )
 from planning.construction.problem.models import ModelPart, tower
-from planning.construction.problem.postures import ReachSampler
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.reach_bounds import ReachBounds, require_reach
+from planning.construction.problem.reach_sampler import ReachSampler
 from planning.construction.problem.site import (
     build_problem,
     ground_fixture,

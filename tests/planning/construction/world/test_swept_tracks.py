@@ -9,14 +9,13 @@ from hypothesis import strategies as st
 from planning.cell.workcell import CellObject
 from planning.construction.world.hands import HandChange, pose_of
 from planning.construction.world.kept_tracks import SweptTracks
-from planning.construction.world.motion_pieces import cut_timeline
+from planning.construction.world.motion_pieces import STEP, cut_timeline
 from planning.construction.world.swept_track import SweptTrack, sweep_track
 from planning.construction.world.timeline import RobotTimeline
 from planning.kinematics.kinematics import joint_poses_of
 from planning.transforms import Array, translation
 from tests.planning.construction.toy_teams import box, placed, rover
 
-STEP = 0.1
 ROVER = placed("rover", rover(), (0.0,) * 5)
 ITEMS = {
     name: box(name, (0.2, 0.3, 0.1), (9.0, 9.0, 0.0)) for name in ("beam", "plate")
@@ -70,6 +69,7 @@ def test_boxes_hold_all_bodies_all_the_time(seed: int) -> None:
     line = random_line(rng)
     changes = random_changes(rng, line)
     track = anew(line, changes, 0.0)
+    sweeps = track.sweeps
     for k, (a, b) in enumerate(zip(track.pieces.start, track.pieces.end, strict=True)):
         # In a skill the hand changes within the piece's time, not within its motion.
         whole = bool(track.pieces.whole[k])
@@ -80,14 +80,14 @@ def test_boxes_hold_all_bodies_all_the_time(seed: int) -> None:
             if not whole:
                 np.testing.assert_allclose(q, line.at(t), atol=1e-9)
             bodies = corners(q, changes, float(track.pieces.moment[k]) if whole else t)
-            first = track.body_first[k]
-            assert track.body_first[k + 1] - first == len(bodies)
+            first = sweeps.body_first[k]
+            assert sweeps.body_first[k + 1] - first == len(bodies)
             for n, found in enumerate(bodies):
-                low, high = np.split(track.body_box[first + n], 2)
+                low, high = np.split(sweeps.body_box[first + n], 2)
                 assert np.all(found >= low - 1e-9)
                 assert np.all(found <= high + 1e-9)
-                assert np.all(low >= track.box[k, :3])
-                assert np.all(high <= track.box[k, 3:])
+                assert np.all(low >= sweeps.box[k, :3])
+                assert np.all(high <= sweeps.box[k, 3:])
 
 
 @given(st.integers(0, 2**31))
@@ -101,23 +101,24 @@ def test_what_is_remembered_equals_what_is_worked_out_anew(seed: int) -> None:
         k = int(rng.integers(3))
         line = lines[k]
         start = float(rng.uniform(line.time[0], line.end + 1.0))
-        found = memory.since(start, ROVER, line, changes[k], item, STEP)
+        found = memory.since(start, ROVER, line, changes[k], item)
         wanted = anew(line, changes[k], start)
-        assert [found.hands[n] for n in found.hand] == [
-            wanted.hands[n] for n in wanted.hand
+        assert [found.carriers[n].names for n in found.hand] == [
+            wanted.carriers[n].names for n in wanted.hand
         ]
         # A stand that began before the cell of ``start`` is cut there, and a motion is not.
         assert found.pieces.start[0] <= start
         for one, other in zip(found.pieces, wanted.pieces, strict=True):
             np.testing.assert_allclose(one[1:], other[1:], atol=1e-9)
-        np.testing.assert_allclose(found.box, wanted.box, atol=1e-9)
+        ours, theirs = found.sweeps, wanted.sweeps
+        np.testing.assert_allclose(ours.box, theirs.box, atol=1e-9)
         for first, *columns in (
-            (found.body_first, (found.body_box, wanted.body_box)),
+            (ours.body_first, (ours.body_box, theirs.body_box)),
             (
-                found.capsule_first,
-                (found.capsule_a, wanted.capsule_a),
-                (found.capsule_b, wanted.capsule_b),
-                (found.radius, wanted.radius),
+                ours.capsule_first,
+                (ours.capsule_a, theirs.capsule_a),
+                (ours.capsule_b, theirs.capsule_b),
+                (ours.radius, theirs.radius),
             ),
         ):
             for one, other in columns:
@@ -129,7 +130,7 @@ def test_another_hand_is_another_sweep() -> None:
     line = random_line(np.random.default_rng(1))
     changes = random_changes(np.random.default_rng(2), line)
     memory = SweptTracks()
-    full = memory.since(0.0, ROVER, line, changes, item, STEP)
-    bare = memory.since(0.0, ROVER, line, [(-np.inf, ())], item, STEP)
-    assert len(full.hands) > 1
-    assert bare.hands == ((),)
+    full = memory.since(0.0, ROVER, line, changes, item)
+    bare = memory.since(0.0, ROVER, line, [(-np.inf, ())], item)
+    assert len(full.carriers) > 1
+    assert [carrier.held for carrier in bare.carriers] == [()]

@@ -7,17 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.export.planned_task import (
-    PlannedTask,
-    drop_way_out,
-    with_task,
-)
-from planning.construction.world.fixed_world import FixedWorld, drop_tail
+from planning.construction.export.planned_task import PlannedTask
+from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.motion_pieces import cut_timeline
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.errors import PlanInvariantError
 from planning.tasks.task_graph import TRANSIT, Handling
 from planning.transforms import translation
+from tests.planning.construction.toy_tasks import with_task
 from tests.planning.construction.toy_teams import box, placed, slider, team
 
 
@@ -58,21 +55,12 @@ def test_a_way_out_is_dropped_for_new_work_and_work_is_not() -> None:
         np.array([[0.5, 0.0], [1.5, 0.0]]),
         1,
         "out",
-        way_out=True,
     )
-    world = with_task(with_task(FixedWorld(cell), work), out)
+    world = with_task(with_task(FixedWorld(cell), work), out, work=False)
     assert world.end == 3.0
     assert world.free_from("a") == 1.0
-    assert drop_tail(world, "a").robots["a"].at(9.0).tolist() == [0.5, 0.0]
-    later = drop_tail(world, "a", 2.0)
-    assert later.robots["a"].at(9.0).tolist() == [1.0, 0.0]
+    assert world.without_way_out("a").robots["a"].at(9.0).tolist() == [0.5, 0.0]
     assert world.robots["a"].at(9.0).tolist() == [1.5, 0.0]
-    with pytest.raises(PlanInvariantError, match="busy until"):
-        drop_tail(world, "a", 0.5)
-    kept = drop_way_out((work, out), "a", 2.0)
-    assert [t.end for t in kept] == [1.0, 2.0]
-    assert kept[1].path[-1].tolist() == [1.0, 0.0]
-    assert drop_way_out((work, out), "a") == (work,)
 
 
 def test_objects_change_hands_in_order() -> None:

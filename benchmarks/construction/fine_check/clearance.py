@@ -1,0 +1,182 @@
+"""Does everything keep its distance? The fine check's bodies, spans and least distances.
+
+In a span of time nobody takes or puts down anything, and no skill begins or ends: so it is
+settled for all of it what moves with whom, what rests, and what may touch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from benchmarks.construction.fine_check.motion import Motion
+from benchmarks.construction.fine_check.walk import Group, Limit, Measurer
+from planning.cell.workcell import Clearances
+from planning.construction.planner import ConstructionPlan
+from planning.construction.problem.precedence import MOST_OVERLAP
+from planning.construction.world.timeline import ObjectChange
+from scheduling.verification.reference import Part, measure, resting_part
+
+Progress = Callable[[int, int], None]
+
+
+def measure_clearances(
+    plan: ConstructionPlan,
+    motions: Mapping[str, Motion],
+    progress: Progress | None = None,
+) -> Measurer:
+    """Measure robots among what rests, each by itself, and all among each other.
+
+    Args:
+        plan: the plan.
+        motions: of its robots, by name.
+        progress: told how many robots and pairs of robots are done, of how many.
+    """
+    spans = _Spans(plan, motions)
+    measurer = Measurer()
+    clearances = plan.problem.cell.clearances
+    walks: list[tuple[str, ...]] = [(name,) for name in motions]
+    walks += combinations(motions, 2)
+    for k, robots in enumerate(walks):
+        if progress is not None:
+            progress(k, len(walks))
+        for start, end in spans.of(robots):
+            groups = [spans.robot(name, start) for name in robots]
+            touch = [spans.touching(name, start, end) for name in robots]
+            samples = spans.samples(groups, start, end)
+            if len(robots) == 2:
+                limit = _between(robots, touch[0] | touch[1], clearances)
+                measurer.walk(groups[0], groups[1], samples, limit)
+            else:
+                limit = _among_still(robots[0], touch[0], clearances)
+                measurer.walk(groups[0], spans.still(start), samples, limit)
+                measurer.walk(groups[0], groups[0], samples, _alone(groups[0]))
+    if progress is not None:
+        progress(len(walks), len(walks))
+    return measurer
+
+
+class _Spans:
+    """Cuts the time of a plan, and says what is where in a span."""
+
+    def __init__(self, plan: ConstructionPlan, motions: Mapping[str, Motion]) -> None:
+        self._cell, self._motions = plan.problem.cell, motions
+        self._work = plan.building.work
+        lines = plan.building.world.objects
+        self._changes = {name: line.changes for name, line in lines.items()}
+        self._end = max(motion.end for motion in motions.values())
+        self._fixtures = [
+            (resting_part(f.name, f.size, f.pose), 0.5 * np.asarray(f.size))
+            for f in self._cell.fixtures
+        ]
+
+    def of(self, robots: Sequence[str]) -> list[tuple[float, float]]:
+        """Return the spans for one robot among what rests, or for two."""
+        times = {
+            change.time
+            for changes in self._changes.values()
+            for change, before in zip(changes, (None, *changes), strict=False)
+            if len(robots) == 1
+            or change.holder in robots
+            or (before is not None and before.holder in robots)
+        }
+        for work in self._work:
+            if work.robot in robots or work.holder in robots:
+                times |= {work.start, work.end}
+        inside = sorted(t for t in times if 0.0 < t < self._end)
+        return list(pairwise([0.0, *inside, self._end]))
+
+    def samples(self, groups: Sequence[Group], start: float, end: float) -> list[float]:
+        """Return when to look at moving groups."""
+        times: set[float] = set()
+        for group in groups:
+            assert group.motion is not None
+            times |= set(group.motion.samples(group.parts, start, end).tolist())
+        return sorted(times)
+
+    def robot(self, robot: str, t: float) -> Group:
+        """Return a robot and what it holds after what happens at ``t``."""
+        motion = self._motions[robot]
+        loads = [
+            motion.robot.load(name, self._cell.object(name).size, np.asarray(last.pose))
+            for name, changes in self._changes.items()
+            if (last := _last(changes, t)) is not None and last.holder == robot
+        ]
+        return Group(motion, (*motion.robot.parts, *loads))
+
+    def still(self, t: float) -> Group:
+        """Return the fixtures, and the parts that nobody holds after what happens at ``t``."""
+        found = list(self._fixtures)
+        for item in self._cell.objects:
+            last = _last(self._changes[item.name], t)
+            if last is None or last.holder is None:
+                pose = np.asarray(item.start if last is None else last.pose)
+                part = resting_part(item.name, item.size, pose)
+                found.append((part, 0.5 * np.asarray(item.size)))
+        parts, halves = zip(*found, strict=True)
+        return Group(None, parts, np.array(halves))
+
+    def touching(self, robot: str, start: float, end: float) -> frozenset[str]:
+        """Return the parts with which a robot has a skill in a span."""
+        return frozenset(
+            w.part
+            for w in self._work
+            if robot in (w.robot, w.holder) and w.start <= start and end <= w.end
+        )
+
+
+def _among_still(robot: str, touch: frozenset[str], clearances: Clearances) -> Limit:
+    """Return the least distances of a robot and what rests.
+
+    A pad may touch the part that it picks or places; that part, in the hand, what it lies on.
+    """
+
+    def limit(moving: Part, still: Part) -> float:
+        if moving.joint < 0:
+            return -math.inf  # what is bolted down may stand in the floor
+        pad = moving.entity == f"{robot}/tool" and still.entity in touch
+        if pad or moving.entity in touch:
+            return -MOST_OVERLAP
+        return clearances.robot_object
+
+    return limit
+
+
+def _between(
+    robots: Sequence[str], touch: frozenset[str], clearances: Clearances
+) -> Limit:
+    """Return the least distances of two robots; pads may touch what changes hands."""
+    pads = {f"{robot}/tool" for robot in robots}
+
+    def limit(one: Part, other: Part) -> float:
+        names = {one.entity, other.entity}
+        if all("/" in name for name in names):
+            return clearances.robot_robot
+        return (
+            -MOST_OVERLAP if names & touch and names & pads else clearances.robot_object
+        )
+
+    return limit
+
+
+def _alone(group: Group) -> Limit:
+    """Return the least distances of one robot's bodies: neighbours in the chain are left out."""
+    frames = dict(zip(map(id, group.parts), group.frames(np.zeros(1))[0], strict=True))
+
+    def limit(one: Part, other: Part) -> float:
+        if "/" not in other.entity:
+            return -math.inf if one.entity.endswith("/tool") else 0.0
+        if abs(one.joint - other.joint) <= 1:
+            return -math.inf
+        at_home = measure(one, frames[id(one)], other, frames[id(other)])
+        return 0.0 if at_home > 0.0 else -math.inf
+
+    return limit
+
+
+def _last(changes: Sequence[ObjectChange], t: float) -> ObjectChange | None:
+    """Return the last change up to a time, that time included."""
+    return next((c for c in reversed(changes) if c.time <= t), None)

@@ -1,0 +1,115 @@
+"""construction.md, construction.json and the charts: our figures beside those of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from benchmarks.construction import tables
+from benchmarks.construction.charts import draw_speed_ups, draw_times
+from benchmarks.construction.gantt import Chart, draw_schedules
+from benchmarks.construction.paper import SEEDS
+from benchmarks.construction.rows import best_baseline, methods, models_of, teams_of
+from benchmarks.construction.store import Row
+from benchmarks.construction.summary import summary
+from twin.host.atomic import replacing, write_json
+
+NAME = "construction"
+
+SCHEDULES = {"tower": 7, "wall": 5, "well": 6, "pavilion": 8}
+"""Teams whose schedules are drawn (Figs. 8, 9 and 11), where they were measured."""
+
+
+def write_report(folder: Path, rows: Sequence[Row]) -> Path:
+    """Write text, rows and charts, and return the path of the text.
+
+    Args:
+        folder: of the files, which are replaced.
+        rows: everything that was measured.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    kept = [row if row["seed"] == 0 else _without_schedule(row) for row in rows]
+    write_json(folder / f"{NAME}.json", {"cases": kept})
+    parts = [_head(rows)]
+    if any(row["what"] == "method" and row["ok"] for row in rows):
+        draw_speed_ups(folder / f"{NAME}-speed-up.png", rows)
+        draw_times(folder / f"{NAME}-time.png", rows)
+        parts.append(summary(rows))
+        parts += [
+            [*tables.speed_ups(rows), "", _picture("speed-up", "Speed-up against m")],
+            [*tables.computation(rows), "", _picture("time", "Computation time")],
+        ]
+        if any(row["what"] == "baseline" for row in rows):
+            parts += [tables.against_fixed(rows), tables.durations(rows)]
+        parts += [tables.checks(rows), list(_schedules(folder, rows))]
+    parts.append(tables.not_planned(rows))
+    target = folder / f"{NAME}.md"
+    with replacing(target) as temporary:
+        text = "\n\n".join("\n".join(part) for part in parts if part)
+        temporary.write_text(text + "\n", encoding="utf-8")
+    return target
+
+
+def _head(rows: Sequence[Row]) -> list[str]:
+    dates = sorted({row["date"] for row in rows})
+    loads = [float(row["load"]) for row in rows]
+    found = {
+        model: {
+            r["seed"] for r in rows if r["model"] == model and r["what"] == "method"
+        }
+        for model in models_of(rows)
+    }
+    seeds = "; ".join(
+        f"{model}: {min(s)} to {max(s)} of {SEEDS[model]} planned"
+        for model, s in found.items()
+        if s
+    )
+    return [
+        "# The experiments of Hartmann et al.",
+        "",
+        f"Measured {' to '.join(dict.fromkeys([dates[0], dates[-1]]))} on"
+        f" {' and '.join(sorted({row['machine'] for row in rows}))}; program"
+        f" {', '.join(sorted({row['commit'] for row in rows}))}; load of the machine"
+        f" {min(loads):.1f} to {max(loads):.1f}. Written by `make paper`.",
+        f"Seeds: {seeds}. Figures are mean ± sample standard deviation over the seeds that each row says",
+        "it has.",
+        "",
+        "**Not the paper's models.** They are not public: these are designs of our own of the same classes",
+        "with as many parts, robots of primitives, and speeds of our own. Seconds of makespan can",
+        "therefore not be compared, shares with care. The paper computed on one core of an i7-8565U.",
+        "",
+        "One plan was made after another in one process; kernels were compiled and loaded before.",
+    ]
+
+
+def _schedules(folder: Path, rows: Sequence[Row]) -> Iterator[str]:
+    yield from ["## Schedules (Figs. 8, 9 and 11)", ""]
+    yield "Plans of the first seed, up to the end of the last skill of each robot and its way out."
+    for model in models_of(rows):
+        first = {
+            m: r
+            for m in teams_of(rows, model)
+            for r in methods(rows, model, m)
+            if r["seed"] == 0
+        }
+        if not first:
+            continue
+        robots = SCHEDULES[model] if SCHEDULES[model] in first else max(first)
+        charts = [Chart("the method", first[robots])]
+        best = best_baseline(rows, model, robots)
+        if best is not None:
+            row = next(r for r in best[1] if r["seed"] == 0)
+            charts.append(Chart(f"actions of a fixed duration, T = {best[0]:g} s", row))
+        title = f"{model}, {robots} robots"
+        draw_schedules(folder / f"{NAME}-{model}.png", charts, title)
+        yield from ["", f"![Schedule: {title}]({NAME}-{model}.png)"]
+
+
+def _without_schedule(row: Row) -> Row:
+    return {key: value for key, value in row.items() if key != "schedule"}
+
+
+def _picture(name: str, words: str) -> str:
+    return f"![{words}]({NAME}-{name}.png)"

@@ -1,0 +1,158 @@
+"""Time windows in which a robot can arrive and finish a skill, from cells of time that are free.
+
+A motion is swept once; what comes near it strikes out the cells of time for which it is there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.construction.checks.checker import SpaceTimeChecker
+from planning.construction.checks.motion_checks import clear_throughout
+from planning.construction.checks.movers import sweep_between
+from planning.construction.checks.moving_checks import clear_of_pieces
+from planning.construction.checks.scene import Scene
+from planning.construction.checks.still_checks import still_clear_until
+from planning.construction.world.motion_pieces import STEP
+from planning.construction.world.tracks import pieces_at
+from planning.geometry.distance import boxes_apart
+from planning.kernels import ZERO, inner_kernel, kernel
+from planning.transforms import Array
+
+Part = tuple[SpaceTimeChecker, Array]
+"""A piece of a skill: the checker that knows what is held, and the path, shape (w, n)."""
+
+
+def arrival_windows(
+    parts: Sequence[Part], duration: float, earliest: float, latest: float = np.inf
+) -> Array:
+    """Return the spans of time in which one may arrive to do a skill, or to stay.
+
+    All parts of the skill must be clear of everything during all of its duration.
+
+    Args:
+        parts: of the skill, such as the way to a part with an empty hand and the way back
+            with it; one path of one waypoint for a stand.
+        duration: of the skill; infinity to stay for good [s].
+        earliest, latest: times of arrival to look at [s].
+
+    Returns:
+        Spans in order, shape (w, 2); the last one may have no end.
+    """
+    first = int(np.floor(earliest / STEP + 1e-6))
+    # Once nothing moves any more, all cells are alike.
+    last = max(int(np.ceil(parts[0][0].world.end / STEP - 1e-6)), first) + 1
+    if np.isfinite(latest) and np.isfinite(duration):
+        last = max(min(last, int(np.ceil((latest + duration) / STEP))), first + 1)
+    free = np.ones(max(last - first, 0), dtype=np.bool_)
+    for part, path in parts:
+        path = np.array(np.atleast_2d(path), dtype=np.float64)
+        following = path[1:] if len(path) > 1 else path
+        for a, b in zip(path, following, strict=False):
+            strike_out(part.scene, a.copy(), b.copy(), first, free)
+    out = np.empty((len(free) // 2 + 1, 2))
+    spans = out[: spans_of(free, first, STEP, out)]
+    opens = np.maximum(spans[:, 0], earliest)
+    ends = np.full(len(spans), np.inf)
+    finite = np.isfinite(spans[:, 1])
+    ends[finite] = spans[finite, 1] - duration
+    ends = np.minimum(ends, latest)
+    return np.asarray(np.column_stack([opens, ends])[ends >= opens])
+
+
+@kernel
+def strike_out(
+    scene: Scene,
+    q0: Array,
+    q1: Array,
+    first: int,
+    free: npt.NDArray[np.bool_],
+) -> None:
+    """Mark the cells of time in which a motion is not clear, wherever it is in the cell.
+
+    Args:
+        scene: what must be kept clear of.
+        q0, q1: ends of the motion, shape (n,); equal for a stand.
+        first: number of the first cell.
+        free: shape (cells,); False is written where the motion is not clear.
+    """
+    cells, step = len(free), scene.step
+    begin, finish = first * step, (first + cells) * step
+    if len(scene.begin) > 1:
+        # Movers are there from different times on.
+        for k in range(cells):
+            lo = (first + k) * step
+            free[k] = free[k] and clear_throughout(scene, q0, q1, lo, lo + step)
+        return
+    clear, _ = still_clear_until(scene, q0, begin, q1, finish, finish - begin)
+    k = cells * int(clear)
+    while k < cells:
+        # Until something comes to lie there or is taken away, one cell is like another.
+        same = _unchanged(scene, first + k, first + cells, step) - first
+        lo, hi = (first + k) * step, (first + same) * step
+        clear, _ = still_clear_until(scene, q0, lo, q1, hi, hi - lo)
+        if not clear:
+            free[k:same] = False
+        k = same
+    sweep_between(scene, q0, q1, begin, finish)
+    around, widest, tracks = scene.own.box, scene.widest, scene.tracks
+    start, end = tracks.pieces.start, tracks.pieces.end
+    box, firsts = tracks.sweeps.box, tracks.first
+    for r in range(len(firsts) - 1):
+        p, q = pieces_at(start, end, firsts[r], firsts[r + 1], begin, finish)
+        for i in range(p, q):
+            if boxes_apart(around, ZERO, box, i, widest):
+                continue
+            low = int(np.floor(max(start[i], begin) / step + 1e-6)) - first
+            high = int(np.ceil(min(end[i], finish) / step - 1e-6)) - first
+            struck = True
+            for k in range(max(low, 0), min(high, cells)):
+                struck = struck and not free[k]
+            if struck or clear_of_pieces(scene, i, i + 1, start[i], end[i]):
+                continue
+            for k in range(max(low, 0), min(high, cells)):
+                free[k] = False
+
+
+@inner_kernel
+def _unchanged(scene: Scene, cell: int, last: int, step: float) -> int:
+    """Return the cell before which the same lies still all along, no later than the last one."""
+    lo, until = cell * step, last * step
+    start, end = scene.boxes.start, scene.boxes.end
+    for b in range(len(start)):
+        for t in (start[b], end[b]):
+            if lo < t < until:
+                # A cell in which that happens is one of its own.
+                k = int(np.floor(t / step))
+                k -= int(k * step > t)
+                until = max(k, cell + 1) * step
+    return int(np.round(until / step))
+
+
+@kernel
+def spans_of(free: npt.NDArray[np.bool_], first: int, step: float, out: Array) -> int:
+    """Write the spans of time that free cells make up; return how many there are.
+
+    Args:
+        free: shape (cells,).
+        first: number of the first cell.
+        step: length of the cells [s].
+        out: shape (most, 2); the last span has no end where the last cell is free [s].
+    """
+    cells = len(free)
+    count = cells * 0
+    k = cells * 0
+    while k < cells and count < len(out):
+        if free[k]:
+            a = k
+            while k < cells and free[k]:
+                k += 1
+            out[count, 0] = (first + a) * step
+            out[count, 1] = (first + k) * step if k < cells else np.inf
+            count += 1
+        else:
+            k += 1
+    return count

@@ -1,0 +1,216 @@
+"""Paths of a mobile base around what lies on the floor, compiled: hints for a roadmap.
+
+Parts that wait on the floor make it a labyrinth for a mobile base, and few random configurations
+fall into the gaps between them. So the base is planned alone first: A* on a lattice of places, with
+the arm in the posture of HOME. Robots that move are left to the roadmap, which knows when to wait.
+"""
+
+from __future__ import annotations
+
+import heapq
+from typing import NamedTuple
+
+import numpy as np
+
+from planning.construction.checks.scene import Scene
+from planning.construction.checks.still_checks import still_clear_until
+from planning.construction.paths.query import Query
+from planning.kernels import inner_kernel, kernel
+from planning.transforms import Array, Indices
+
+SPACING = 0.25
+"""Distance of places on the lattice [m]."""
+
+_BEYOND = 3.0
+"""The lattice reaches so far beyond start and goal [m]."""
+
+
+class Lattice(NamedTuple):
+    """Places of a base.
+
+    Attributes:
+        origin: the place in row and column 0, shape (2,) [m].
+        spacing: between neighbours [m].
+        rows, columns: how many there are, along x and along y.
+        first, last: row times columns plus column of the place where the base stands, and of the
+            one that is nearest to the goal.
+    """
+
+    origin: Array
+    spacing: float
+    rows: int
+    columns: int
+    first: int
+    last: int
+
+
+@kernel
+def base_path(scene: Scene, query: Query, goal: int, most: int) -> Array:
+    """Return corners of a way to a goal, clear of what lies still.
+
+    Args:
+        scene: what must be kept clear of. The only mover drives with its first three joints: x,
+            y and a turn.
+        query: what is asked for.
+        goal: which goal is driven to.
+        most: steps on the lattice that are looked at, at most.
+
+    Returns:
+        Configurations, shape (w, n), none where no way is known. The first is the start, the last
+        the goal but for the arm, which is at HOME: both are free to touch something.
+    """
+    lattice = lay_lattice(query, goal, SPACING)
+    way, times = lattice_way(scene, query, goal, lattice, most)
+    corners: Array = _corners(scene, way, times)
+    return corners
+
+
+@kernel
+def lay_lattice(query: Query, goal: int, spacing: float) -> Lattice:
+    """Return places around start and goal, the start one of them."""
+    a, b = query.start, query.goals[goal]
+    origin, size = np.empty(2), np.empty(2, dtype=np.int64)
+    start, end = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.int64)
+    for j in range(2):
+        low = max(min(a[j], b[j]) - _BEYOND, query.lower[j])
+        high = min(max(a[j], b[j]) + _BEYOND, query.upper[j])
+        start[j] = int(np.floor((a[j] - low) / spacing))
+        origin[j] = a[j] - start[j] * spacing
+        size[j] = int(np.floor((high - origin[j]) / spacing)) + 1
+        end[j] = int(np.round((b[j] - origin[j]) / spacing))
+        end[j] = min(max(end[j], 0), size[j] - 1)
+    return Lattice(
+        origin,
+        spacing,
+        size[0],
+        size[1],
+        start[0] * size[1] + start[1],
+        end[0] * size[1] + end[1],
+    )
+
+
+@kernel
+def stand_at(query: Query, goal: int, lattice: Lattice, at: int, q: Array) -> None:
+    """Write the configuration at a place: arm at HOME, turned the more the nearer the goal is.
+
+    The first place stands for the start itself, the last one for the goal.
+    """
+    a, b = query.start, query.goals[goal]
+    q[:] = query.rest
+    if at == lattice.first or at == lattice.last:
+        q[:3] = a[:3] if at == lattice.first else b[:3]
+        return
+    q[0] = lattice.origin[0] + (at // lattice.columns) * lattice.spacing
+    q[1] = lattice.origin[1] + (at % lattice.columns) * lattice.spacing
+    behind = np.hypot(q[0] - a[0], q[1] - a[1])
+    ahead = np.hypot(q[0] - b[0], q[1] - b[1])
+    q[2] = a[2] + behind / (behind + ahead) * (b[2] - a[2])
+
+
+@kernel
+def lattice_way(
+    scene: Scene, query: Query, goal: int, lattice: Lattice, most: int
+) -> tuple[Array, Array]:
+    """Return the shortest way over the lattice, from place to neighbouring place.
+
+    Args:
+        scene: what must be kept clear of.
+        query: what is asked for.
+        goal: which goal is driven to.
+        lattice: the places. The first and the last need not be clear, nor the steps from and to
+            them.
+        most: steps that are looked at, at most.
+
+    Returns:
+        Configurations and when one can be there, shapes (w, n) and (w,), empty where there is
+        none or too much has been looked at.
+    """
+    n, count = len(query.start), lattice.rows * lattice.columns
+    begin, speed = np.min(query.begin), min(query.velocity[0], query.velocity[1])
+    cost, parent = np.full(count, np.inf), np.full(count, -1, dtype=np.int64)
+    taken = np.zeros(count, dtype=np.bool_)
+    q, before, looked = np.empty(n), np.empty(n), 0
+    # A step is looked at only once no other one promises a shorter way; of those that promise
+    # the same the one that has come furthest.
+    steps = [(_between(lattice, lattice.first, lattice.last), 0.0, lattice.first, -1)]
+    while len(steps) > 0 and looked < most and cost[lattice.last] == np.inf:
+        _, come, at, source = heapq.heappop(steps)
+        length = -come
+        if cost[at] < np.inf or taken[at]:
+            continue
+        if source >= 0 and at != lattice.last:
+            stand_at(query, goal, lattice, at, q)
+            t, clear = begin + length / speed, False
+            if source != lattice.first:
+                looked += 1
+                stand_at(query, goal, lattice, source, before)
+                since = t - _between(lattice, source, at) / speed
+                clear, _ = still_clear_until(scene, before, since, q, t, 0.0)
+            if not clear:
+                looked += 1
+                here, _ = still_clear_until(scene, q, t, q, t, 0.0)
+                taken[at] = not here
+                if source != lattice.first or not here:
+                    continue
+        cost[at], parent[at] = length, source
+        row, column = at // lattice.columns, at % lattice.columns
+        for i in range(max(row - 1, 0), min(row + 2, lattice.rows)):
+            for k in range(max(column - 1, 0), min(column + 2, lattice.columns)):
+                to = i * lattice.columns + k
+                if cost[to] == np.inf:
+                    so_far = length + _between(lattice, at, to)
+                    ahead = _between(lattice, to, lattice.last)
+                    heapq.heappush(steps, (so_far + ahead, -so_far, to, at))
+    if cost[lattice.last] == np.inf:
+        return np.empty((0, n)), np.empty(0)
+    places = _back(parent, lattice.last)
+    way, times = np.empty((len(places), n)), np.empty(len(places))
+    for c in range(len(places)):
+        stand_at(query, goal, lattice, places[c], way[c])
+        times[c] = begin + cost[places[c]] / speed
+    return way, times
+
+
+@inner_kernel
+def _between(lattice: Lattice, a: int, b: int) -> float:
+    """Return the distance of two places [m]."""
+    rows = a // lattice.columns - b // lattice.columns
+    columns = a % lattice.columns - b % lattice.columns
+    return lattice.spacing * float(np.hypot(rows, columns))
+
+
+@inner_kernel
+def _back(parent: Indices, last: int) -> Indices:
+    """Return the places that lead to one, in order."""
+    count, at = 1, last
+    while parent[at] >= 0:
+        count, at = count + 1, parent[at]
+    out = np.empty(count, dtype=np.int64)
+    at = last
+    for c in range(count - 1, -1, -1):
+        out[c] = at
+        at = parent[at]
+    return out
+
+
+@inner_kernel
+def _corners(scene: Scene, way: Array, times: Array) -> Array:
+    """Return places of a way, each as far from the one before as halving finds a straight drive."""
+    keep = np.zeros(len(way), dtype=np.bool_)
+    keep[:1] = True
+    at = 0
+    while at < len(way) - 1:
+        # The next place is a neighbour.
+        good, bad, to = at + 1, len(way), len(way) - 1
+        while good < to:
+            clear, _ = still_clear_until(
+                scene, way[at], times[at], way[to], times[to], 0.0
+            )
+            if clear:
+                good = to
+            else:
+                bad = to
+            to = (good + bad) // 2
+        at = good
+        keep[at] = True
+    return way[keep]

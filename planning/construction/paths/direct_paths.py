@@ -1,0 +1,198 @@
+"""Paths that need no search, compiled: straight ones, and ones that lean towards HOME.
+
+While a robot drives, its arm has time to spare: on the way it may come as near to the posture
+of HOME as speeds allow and still arrive as soon. It may also stand until its arm is up, or
+until its arm is down again. What is free of everything that lies still is retimed by waits.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planning.construction.checks.motion_checks import clear_until
+from planning.construction.checks.scene import Scene
+from planning.construction.checks.still_checks import still_clear_until
+from planning.construction.paths.query import Query, next_arrival
+from planning.kernels import inner_kernel, kernel
+from planning.transforms import Array, Indices
+
+_PLACES = 8
+"""Waypoints of a way, at most."""
+
+_TINY = 1e-9
+
+
+@kernel
+def direct_paths(
+    scene: Scene, query: Query, latest: float, most: int, shares: int
+) -> tuple[Array, Array, Indices, Indices, bool]:
+    """Look for ways that are clear of all that lies still, the earliest arrivals first.
+
+    Args:
+        scene: what must be kept clear of.
+        query: what is asked for.
+        latest: no later arrival is looked at [s].
+        most: ways wanted; the first that is clear of everything is the last one.
+        shares: of the arm's time for which a robot may stand, from none to all of it; 0 for
+            straight ways only.
+
+    Returns:
+        Times and waypoints, shapes (k, w) and (k, w, n); how many waypoints each has; its
+        goal; and whether the last one is clear of everything.
+    """
+    n, goals = len(query.start), len(query.goals)
+    kinds = 1 + shares * shares
+    soon = np.empty(goals * kinds)
+    for g in range(goals):
+        for k in range(kinds):
+            soon[g * kinds + k] = next_arrival(query, g, _soonest(query, g, k, shares))
+    times, ways = np.empty((most, _PLACES)), np.empty((most, _PLACES, n))
+    counts = np.zeros(most, dtype=np.int64)
+    which = np.zeros(most, dtype=np.int64)
+    found = 0
+    order = np.argsort(soon, kind="mergesort")
+    for c in range(len(order)):
+        g, k = order[c] // kinds, order[c] % kinds
+        if found == most or soon[order[c]] > latest:
+            break
+        counts[found] = _lay(
+            query, g, k, shares, soon[order[c]], times[found], ways[found]
+        )
+        if not _still_clear(scene, times[found], ways[found], counts[found]):
+            continue
+        which[found] = g
+        found += 1
+        if _clear(scene, times[found - 1], ways[found - 1], counts[found - 1]):
+            return times[:found], ways[:found], counts[:found], which[:found], True
+    return times[:found], ways[:found], counts[:found], which[:found], False
+
+
+@inner_kernel
+def _stands(
+    query: Query, goal: int, kind: int, shares: int
+) -> tuple[float, float, float, float]:
+    """Return for how long joints lean and come back, and for how long the others stand [s]."""
+    if kind == 0:
+        return 0.0, 0.0, 0.0, 0.0
+    lean, back = 0.0, 0.0
+    for j in range(len(query.start)):
+        if query.leans[j]:
+            v, rest = query.velocity[j], query.rest[j]
+            lean = max(lean, abs(rest - query.start[j]) / v)
+            back = max(back, abs(rest - query.goals[goal, j]) / v)
+    a, b = (kind - 1) // shares, (kind - 1) % shares
+    return lean, back, lean * a / max(shares - 1, 1), back * b / max(shares - 1, 1)
+
+
+@inner_kernel
+def _soonest(query: Query, goal: int, kind: int, shares: int) -> float:
+    """Return how soon a way can arrive [s]."""
+    _, _, before, after = _stands(query, goal, kind, shares)
+    start = np.min(query.begin)
+    out = start
+    for j in range(len(query.start)):
+        travel = abs(query.goals[goal, j] - query.start[j]) / query.velocity[j]
+        if query.leans[j]:
+            out = max(out, query.begin[j] + travel)
+        elif travel > 0.0:
+            out = max(out, max(start + before, query.begin[j]) + travel + after)
+    return out
+
+
+@inner_kernel
+def _lay(
+    query: Query,
+    goal: int,
+    kind: int,
+    shares: int,
+    arrival: float,
+    times: Array,
+    way: Array,
+) -> int:
+    """Write a way that arrives at a time; return how many waypoints it has."""
+    lean, back, before, after = _stands(query, goal, kind, shares)
+    start = np.min(query.begin)
+    span = arrival - start
+    if lean + back > span > 0.0:
+        share = span / (lean + back)
+        lean, back = lean * share, back * share
+    marks = np.array(
+        [start, start + before, start + lean, arrival - back, arrival - after, arrival]
+    )
+    marks.sort()
+    count = 0
+    for t in marks:
+        t = min(max(t, start), arrival)
+        if count > 0 and t < times[count - 1] + 1e-6 and t < arrival:
+            continue
+        if count > 1 and t < times[count - 1] + 1e-6:
+            count -= 1
+        times[count] = t
+        for j in range(way.shape[1]):
+            way[count, j] = _at(
+                query, goal, kind, j, t, before, arrival - after, arrival
+            )
+        count += 1
+    return count
+
+
+@inner_kernel
+def _at(
+    query: Query,
+    goal: int,
+    kind: int,
+    j: int,
+    t: float,
+    leave: float,
+    come: float,
+    arrival: float,
+) -> float:
+    """Return where a joint is at a time: leaning as far as speeds allow, or going straight."""
+    a, b, v = float(query.start[j]), float(query.goals[goal, j]), query.velocity[j]
+    start = np.min(query.begin)
+    if t >= arrival:
+        return b
+    if kind > 0 and query.leans[j]:
+        ahead, left = v * max(t - query.begin[j], 0.0), v * (arrival - t)
+        low, high = max(a - ahead, b - left), min(a + ahead, b + left)
+        return float(min(max(query.rest[j], low), high))
+    begin = max(start + leave, query.begin[j])
+    if t <= begin:
+        return a
+    if t >= come:
+        return b
+    return float(a + (b - a) * (t - begin) / (come - begin))
+
+
+@inner_kernel
+def _still_clear(scene: Scene, times: Array, way: Array, count: int) -> bool:
+    """Tell whether a way is clear of all that lies still: places on it first, then all of it."""
+    middle = np.empty(way.shape[1])
+    for k in range(count - 1, 0, -1):
+        t = times[k]
+        clear, _ = still_clear_until(scene, way[k], t, way[k], t, 0.0)
+        if not clear:
+            return False
+    for k in range(count - 1):
+        t = 0.5 * (times[k] + times[k + 1])
+        for j in range(len(middle)):
+            middle[j] = 0.5 * (way[k, j] + way[k + 1, j])
+        clear, _ = still_clear_until(scene, middle, t, middle, t, 0.0)
+        if not clear:
+            return False
+    for k in range(count - 1):
+        clear, _ = still_clear_until(
+            scene, way[k], times[k], way[k + 1], times[k + 1], 0.0
+        )
+        if not clear:
+            return False
+    return True
+
+
+@inner_kernel
+def _clear(scene: Scene, times: Array, way: Array, count: int) -> bool:
+    for k in range(count - 1):
+        clear, _ = clear_until(scene, way[k], times[k], way[k + 1], times[k + 1])
+        if not clear:
+            return False
+    return True

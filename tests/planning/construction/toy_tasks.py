@@ -1,0 +1,72 @@
+"""Worlds made task by task, and paths that are asked for in few words, for tests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from planning.construction.checks.checker import SpaceTimeChecker
+from planning.construction.checks.time_windows import arrival_windows
+from planning.construction.export.planned_task import PlannedTask
+from planning.construction.paths.rrt import space_time_rrt
+from planning.construction.paths.space_time_path import SpaceTimePath
+from planning.construction.problem.settings import RrtSettings
+from planning.construction.world.fixed_world import FixedWorld
+from planning.tasks.task_graph import TRANSIT
+from planning.transforms import Array
+
+PLAIN = RrtSettings()
+"""The effort of a path that nothing is said about."""
+
+
+def with_task(world: FixedWorld, task: PlannedTask, *, work: bool = True) -> FixedWorld:
+    """The world after one more task; without ``work`` it is a way out of others' way."""
+    line = world.robots[task.robot].then(
+        task.time, task.path, skill=task.kind != TRANSIT, work=work
+    )
+    world = world.with_robot(line)
+    for handling in task.handlings:
+        at = float(task.time[handling.waypoint])
+        item = world.objects[handling.object].then(at, handling.holder, handling.pose)
+        world = world.with_object(item)
+    return world
+
+
+def find_path(
+    checker: SpaceTimeChecker,
+    goals: Array,
+    settings: RrtSettings = PLAIN,
+    *,
+    windows: Sequence[Array] | None = None,
+    stay: float = 0.0,
+    not_before: float = 0.0,
+    arrival: float | None = None,
+    latest: float = np.inf,
+    hints: Array | None = None,
+    linger: bool = False,
+    seed: int = 0,
+) -> SpaceTimePath | None:
+    """A path to goals at which the movers stay for a while, or at a given time of arrival."""
+    goals = np.atleast_2d(np.asarray(goals, dtype=np.float64))
+    latest = latest if arrival is None else min(latest, arrival)
+    here = checker.start_configuration()
+    if windows is None:
+        soon = np.max(
+            checker.begin_of_joint + np.abs(goals - here) / checker.velocity, axis=1
+        )
+        soon = np.maximum(soon, max(not_before, arrival or 0.0))
+        windows = [
+            arrival_windows([(checker, goal)], stay, float(earliest), latest)
+            for goal, earliest in zip(goals, soon, strict=True)
+        ]
+    return space_time_rrt(
+        checker,
+        goals,
+        windows,
+        settings,
+        latest=latest,
+        hints=hints,
+        linger=linger,
+        seed=seed,
+    )
