@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copyreg
 import fcntl
-import json
 import pickle
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,7 @@ from twin.planning.pipeline import Planned, plan_scenario
 from twin.run.folder import prepare_run_folder
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.cell import choose_robots
-from twin.scenario.sections.scenario import Scenario, resolved
+from twin.scenario.sections.scenario import Scenario, resolved, restored
 from twin.trial.trial import Keep, Trial, try_plan
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
@@ -75,7 +74,7 @@ def _plan_and_run(folder: Path, file: Path, robots: int | None) -> ShippedRun:
     if robots is not None:
         content = resolved(scenario)
         choose_robots(content["cell"], robots)
-        scenario = Scenario.model_validate_json(json.dumps(content))
+        scenario = restored(content)
     planned = plan_scenario(scenario, file.parent)
     trial = try_plan(
         scenario,
