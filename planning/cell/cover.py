@@ -86,24 +86,6 @@ def box_body(name: str, size: npt.ArrayLike) -> ConvexBody:
     return ConvexBody(name, vertices, capsules)
 
 
-def protrusion(vertices: npt.ArrayLike, capsules: Capsules) -> float:
-    """Return how far a cover stands out of its hull at most [m].
-
-    For convex sets the largest distance of a point of A from B is the largest difference of
-    their support functions over all directions; evaluated on some thousand directions.
-    """
-    points = np.asarray(vertices, dtype=np.float64)
-    normals = _directions(4000)
-    support = (points @ normals.T).max(axis=0)
-    segments = [
-        (start, end, float(radius))
-        for start, end, radius in zip(
-            capsules.start, capsules.end, capsules.radius, strict=True
-        )
-    ]
-    return _excess(segments, normals, support)
-
-
 def hull_vertices(vertices: npt.ArrayLike) -> Array:
     """Return the extreme points of a cloud, shape (v, 3); a flat cloud is only thinned."""
     points = np.unique(np.asarray(vertices, dtype=np.float64), axis=0)

@@ -7,16 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.cell.body import ConvexBody
 from planning.cell.compiled_robot import RobotKernel, robot_kernel
+from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import Attachment, CellObject, PlacedRobot
 from planning.geometry.exact import Solid, carried_solid
 from planning.geometry.hull_table import HullTable, hull_table
 from planning.geometry.proposals import SKIP
 from planning.kept_answers import KeptAnswers
 from planning.kinematics.kinematics import joint_poses_of
-from planning.packed import packed
-from planning.transforms import Array, Indices
+from planning.transforms import Array
 
 Held = tuple[CellObject, Attachment]
 
@@ -29,7 +28,6 @@ class RobotBodies:
         kernel: kinematics and capsules.
         solids: for exact decisions.
         entities: as allowed contacts name them, in the order of the bodies.
-        first: capsules of body o are ``first[o]:first[o + 1]``.
         hulls: their corners, in one segment.
         self_limits: least distance between two of them, upper triangle, SKIP for none.
         parts: how many belong to the robot itself.
@@ -38,7 +36,6 @@ class RobotBodies:
     kernel: RobotKernel
     solids: tuple[Solid, ...]
     entities: tuple[str, ...]
-    first: Indices
     hulls: HullTable
     self_limits: Array
     parts: int
@@ -87,94 +84,38 @@ def robot_solids(robot: PlacedRobot, kernel: RobotKernel) -> list[Solid]:
 
 
 def _collect(robot: PlacedRobot, held: Sequence[Held]) -> RobotBodies:
-    if not held:
-        return _bare(robot)
-    bare = robot_bodies(robot)
-    model = robot.model
-    carried = [(item.body, at.pose) for item, at in held]
-    kernel = robot_kernel(robot, carried)
-    load = tuple(
+    model, load = robot.model, [(item.body, at.pose) for item, at in held]
+    kernel = robot_kernel(robot, load)
+    own = robot_bodies(robot).solids if held else tuple(robot_solids(robot, kernel))
+    solids = own + tuple(
         carried_solid(
             item.name, item.body, kernel, model.dof - 1, model.flange @ at.pose
         )
         for item, at in held
     )
-    names = tuple(item.name for item, _ in held)
-    return RobotBodies(
-        kernel,
-        bare.solids + load,
-        bare.entities + names,
-        first_of_bodies(kernel.body, bare.parts + len(load)),
-        _append(bare.hulls, kernel, load, [body for body, _ in carried]),
-        _self_limits(bare, len(load)),
-        bare.parts,
-    )
-
-
-def _bare(robot: PlacedRobot) -> RobotBodies:
-    model = robot.model
-    kernel = robot_kernel(robot)
-    solids = tuple(robot_solids(robot, kernel))
-    count = len(solids)
-    limits = np.full((count, count), SKIP)
-    limits[np.triu_indices(count, 1)] = 0.0
-    for i, j in model.never_collide:
-        limits[i, j] = SKIP
-    which = np.arange(count, dtype=np.int32)[None]
-    n = model.dof
-    bodies = [part.body for part in model.parts]
+    bodies = [*(part.body for part in model.parts), *(body for body, _ in load)]
+    q, which = np.zeros((1, model.dof)), np.arange(len(solids), dtype=np.int32)[None]
     return RobotBodies(
         kernel,
         solids,
-        tuple(entity(robot.name, part.group) for part in model.parts),
-        first_of_bodies(kernel.body, count),
-        hull_table(kernel, np.zeros((1, n)), np.zeros((1, n)), which, solids, bodies),
-        limits,
-        count,
+        (
+            *(entity(robot.name, part.group) for part in model.parts),
+            *(item.name for item, _ in held),
+        ),
+        hull_table(kernel, q, q, which, solids, bodies),
+        _self_limits(model, len(load)),
+        len(own),
     )
 
 
-def _self_limits(bare: RobotBodies, load: int) -> Array:
-    """Return the limits with a load: parts are held apart from it, it not from itself."""
-    count = bare.parts + load
-    limits = np.full((count, count), SKIP)
-    limits[: bare.parts, : bare.parts] = bare.self_limits
-    limits[: bare.parts, bare.parts :] = 0.0
+def _self_limits(model: RobotModel, load: int) -> Array:
+    """Return the least distances: parts are held apart from a load, it not from itself."""
+    parts = len(model.parts)
+    limits = np.full((parts + load, parts + load), SKIP)
+    limits[np.triu_indices(parts, 1, parts + load)] = 0.0
+    for i, j in model.never_collide:
+        limits[i, j] = SKIP
     return limits
-
-
-def _append(
-    bare: HullTable,
-    kernel: RobotKernel,
-    load: Sequence[Solid],
-    bodies: Sequence[ConvexBody],
-) -> HullTable:
-    """Return a table of bodies with those of the load behind."""
-    which = np.arange(len(load), dtype=np.int32)[None]
-    more = hull_table(kernel, bare.q_a, bare.q_b, which, load, bodies)
-    count = bare.solid.shape[1] + len(load)
-    table = HullTable(
-        kernel,
-        bare.q_a,
-        bare.q_b,
-        np.arange(count, dtype=np.int32)[None],
-        np.concatenate([bare.joint, more.joint]),
-        np.concatenate(
-            [bare.corner_first, bare.corner_first[-1] + more.corner_first[1:]]
-        ),
-        np.concatenate([bare.corners, more.corners]),
-        np.concatenate(
-            [bare.capsule_first, bare.capsule_first[-1] + more.capsule_first[1:]]
-        ),
-        np.concatenate([bare.ends, more.ends]),
-        np.concatenate([bare.radius, more.radius]),
-    )
-    return packed(table)
-
-
-def first_of_bodies(bodies: Indices, count: int) -> Indices:
-    """Return where each body's capsules start in a sorted list of body indices."""
-    return np.searchsorted(bodies, np.arange(count + 1)).astype(np.int64)
 
 
 def flange_pose(robot: PlacedRobot, q: Array) -> Array:
