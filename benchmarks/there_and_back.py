@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.task_graph import Handling, Task
+from planning.tasks.task import Handling, Task
 from planning.transforms import Transform
 
 

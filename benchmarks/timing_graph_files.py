@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from planning.errors import OutputError
-from planning.tasks.task_graph import Task
+from planning.tasks.task import Task
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.host.atomic import replacing
 from twin.study.replications.timing_graph import bare_cell

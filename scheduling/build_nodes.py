@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.task_graph import TRANSIT, Task
+from planning.tasks.task import TRANSIT, Task
 from planning.transforms import Array, Indices, readonly
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,

@@ -15,7 +15,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.tasks.steps import StepTasks
-from planning.tasks.task_graph import TRANSIT, Task
+from planning.tasks.task import TRANSIT, Task
 from planning.transforms import Array
 
 _SAME = 1e-9

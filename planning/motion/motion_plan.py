@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from planning.cell.workcell import Workcell
-from planning.tasks.task_graph import AllowedContact, Task
+from planning.tasks.task import AllowedContact, Task
 from planning.transforms import Array, Indices
 
 

@@ -15,7 +15,7 @@ from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.speed import SpeedModel, path_times, sample_path
 from planning.motion.transit import TransitPlanner
 from planning.tasks.steps import StepTasks, cell_with_steps
-from planning.tasks.task_graph import TRANSIT, AllowedContact, Task
+from planning.tasks.task import TRANSIT, AllowedContact, Task
 from planning.tasks.world_progress import allowed_pairs, apply_handlings, move_robot
 from planning.transforms import Array
 

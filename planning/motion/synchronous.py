@@ -21,7 +21,7 @@ from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.sequential import MARGIN, MotionSettings
 from planning.motion.speed import path_duration
 from planning.motion.transit import RrtConnect
-from planning.tasks.task_graph import TRANSIT
+from planning.tasks.task import TRANSIT
 from planning.tasks.world_progress import apply_handlings, move_robot
 from planning.transforms import Indices
 

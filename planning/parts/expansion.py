@@ -10,7 +10,7 @@ from planning.skills.contacts import gripped, touching
 from planning.skills.step_builder import StepBuilder
 from planning.tasks.plan import TaskPlan
 from planning.tasks.steps import StepTasks
-from planning.tasks.task_graph import Task
+from planning.tasks.task import Task
 from planning.tasks.work import AssemblyWork
 
 

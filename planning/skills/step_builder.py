@@ -10,7 +10,7 @@ from planning.cell.workcell import CellObject
 from planning.skills.contacts import Pairs
 from planning.skills.joint_paths import SkillPath
 from planning.tasks.steps import StepTasks
-from planning.tasks.task_graph import TRANSIT, AllowedContact, Handling, Task
+from planning.tasks.task import TRANSIT, AllowedContact, Handling, Task
 from planning.transforms import Array, Transform, readonly
 
 

@@ -27,7 +27,7 @@ class SkillTargets:
     """One execution of a skill as poses to reach, in order.
 
     Attributes:
-        skill: a name from ``task_graph.SKILLS``.
+        skill: a name from ``task.SKILLS``.
         subgoals: poses in order; the robot comes to each in turn.
         attach_at: index of the subgoal at which the robot takes the object, None if it does not.
         detach_at: index of the subgoal at which the robot lets go of the object, None if it does

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from planning.cell.workcell import CellObject, Workcell
-from planning.tasks.task_graph import AllowedContact, Task
+from planning.tasks.task import AllowedContact, Task
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from planning.tasks.assignment_problem import AssignmentProblem
 from planning.tasks.plan import TaskPlan, alternatives
 from planning.tasks.steps import StepTasks
-from planning.tasks.task_graph import Task
+from planning.tasks.task import Task
 from planning.transforms import Indices
 
 

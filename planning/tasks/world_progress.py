@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from planning.cell.workcell import Attachment, Workcell, WorldState
-from planning.tasks.task_graph import AllowedContact, Handling
+from planning.tasks.task import AllowedContact, Handling
 from planning.transforms import Array
 
 

@@ -12,7 +12,7 @@ from planning.cell.workcell import Clearances
 from planning.geometry.robot_bodies import entity
 from planning.kernels import inner_kernel
 from planning.packed import packed
-from planning.tasks.task_graph import AllowedContact
+from planning.tasks.task import AllowedContact
 from planning.transforms import Array, Indices
 
 GROUPS = ("arm", "tool")

@@ -21,7 +21,7 @@ from planning.cell.workcell import (
 )
 from planning.errors import OutputError
 from planning.robots.registry import ROBOTS, robot_model
-from planning.tasks.task_graph import AllowedContact, Handling, Task
+from planning.tasks.task import AllowedContact, Handling, Task
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.cell.workcell import Workcell
-from planning.tasks.task_graph import AllowedContact, Task
+from planning.tasks.task import AllowedContact, Task
 from planning.transforms import Array, Indices, Transform
 
 TASK_DEPENDENCY = 0

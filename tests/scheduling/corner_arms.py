@@ -6,7 +6,7 @@ import numpy as np
 
 from planning.cell.workcell import Clearances, PlacedRobot, Workcell
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.task_graph import Task
+from planning.tasks.task import Task
 from planning.transforms import rotation, translation
 from tests.scheduling.mini_world import planar_arm
 

@@ -22,7 +22,7 @@ from planning.cell.workcell import (
 from planning.geometry.exact import TOLERANCE
 from planning.geometry.scene_checker import SceneChecker, flange_pose
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.task_graph import AllowedContact, Handling, Task
+from planning.tasks.task import AllowedContact, Handling, Task
 from planning.transforms import Array, inverse, rotation, translation
 
 LINK = 0.3

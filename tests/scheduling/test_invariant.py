@@ -11,7 +11,7 @@ from planning.cell.cover import box_body
 from planning.cell.workcell import CellObject
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan
-from planning.tasks.task_graph import AllowedContact, Handling
+from planning.tasks.task import AllowedContact, Handling
 from planning.transforms import translation
 from scheduling.build_tpg import build_tpg
 from scheduling.conflicts.derived_tpg import DerivedTpg

@@ -6,7 +6,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.task_graph import TRANSIT, Task
+from planning.tasks.task import TRANSIT, Task
 from planning.transforms import Array
 
 SCENARIO = """\

@@ -10,7 +10,7 @@ import numpy as np
 from planning.cell.body import Capsules, ConvexBody
 from planning.cell.robot_model import KinematicChain, RobotModel
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
-from planning.tasks.task_graph import SKILLS, TRANSIT, Task
+from planning.tasks.task import SKILLS, TRANSIT, Task
 from planning.transforms import translation
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from planning.errors import ScenarioError
-from planning.tasks.task_graph import SKILLS
+from planning.tasks.task import SKILLS
 from planning.transforms import Array, readonly
 from twin.durations.measured import read_durations
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from planning.tasks.task_graph import TRANSIT
+from planning.tasks.task import TRANSIT
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
 
 WAITING = "waiting"

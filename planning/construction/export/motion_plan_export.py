@@ -27,7 +27,7 @@ from planning.construction.world.tracks import build_tracks
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.task_graph import TRANSIT, AllowedContact, Task
+from planning.tasks.task import TRANSIT, AllowedContact, Task
 from planning.transforms import Indices
 
 _FINER = 3

@@ -9,7 +9,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.construction.world.fixed_world import FixedWorld
-from planning.tasks.task_graph import TRANSIT, Handling
+from planning.tasks.task import TRANSIT, Handling
 from planning.transforms import Array, readonly
 
 Pairs = frozenset[frozenset[str]]
@@ -21,7 +21,7 @@ class PlannedTask:
 
     Attributes:
         robot: who does it.
-        kind: ``"transit"`` or a name from ``planning.tasks.task_graph.SKILLS``.
+        kind: ``"transit"`` or a name from ``planning.tasks.task.SKILLS``.
         time: of the waypoints, rising, shape (w,) [s].
         path: waypoints, the first where the robot is when the task starts, shape (w, n).
         step: assembly step it serves, counted from 1.

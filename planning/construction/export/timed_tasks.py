@@ -13,7 +13,7 @@ from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.world.building import Building, Work
 from planning.construction.world.timeline import SAME, RobotTimeline
 from planning.motion.motion_plan import MotionPlan
-from planning.tasks.task_graph import TRANSIT, Handling
+from planning.tasks.task import TRANSIT, Handling
 from planning.transforms import Array, readonly
 
 _WORDS = {"pick": "pick", "place-down": "place", "handover": "hand over"}

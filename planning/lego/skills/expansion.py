@@ -19,7 +19,7 @@ from planning.skills.joint_paths import SkillPath
 from planning.skills.step_builder import StepBuilder
 from planning.tasks.plan import StepChoice, TaskPlan
 from planning.tasks.steps import StepTasks
-from planning.tasks.task_graph import Task
+from planning.tasks.task import Task
 from planning.tasks.work import AssemblyWork
 from planning.transforms import Array, Transform, inverse
 

@@ -12,7 +12,7 @@ from planning.construction.checks.time_windows import arrival_windows
 from planning.construction.export.planned_task import PlannedTask
 from planning.construction.problem.settings import RrtSettings
 from planning.construction.world.fixed_world import FixedWorld
-from planning.tasks.task_graph import TRANSIT, Handling
+from planning.tasks.task import TRANSIT, Handling
 from planning.transforms import Array, inverse, translation
 from tests.planning.construction.toy_tasks import find_path, with_task
 

@@ -13,7 +13,7 @@ from planning.construction.paths.rrt import space_time_rrt
 from planning.construction.paths.space_time_path import SpaceTimePath
 from planning.construction.problem.settings import RrtSettings
 from planning.construction.world.fixed_world import FixedWorld
-from planning.tasks.task_graph import TRANSIT
+from planning.tasks.task import TRANSIT
 from planning.transforms import Array
 
 PLAIN = RrtSettings()

@@ -17,7 +17,7 @@ from planning.motion.speed import L1Speed
 from planning.motion.transit import RrtConnect
 from planning.robots.registry import robot_model
 from planning.tasks.steps import StepTasks
-from planning.tasks.task_graph import TRANSIT, AllowedContact, Handling, Task
+from planning.tasks.task import TRANSIT, AllowedContact, Handling, Task
 from planning.transforms import Array, from_rpy, inverse, translation
 
 SIZE = np.array([0.016, 0.032, 0.0096])

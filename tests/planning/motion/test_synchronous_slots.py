@@ -13,7 +13,7 @@ from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import L1Speed
 from planning.motion.synchronous import SynchronousPlan, plan_synchronous
-from planning.tasks.task_graph import Task
+from planning.tasks.task import Task
 from tests.scheduling.mini_world import planar_cell
 
 

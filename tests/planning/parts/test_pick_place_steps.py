@@ -17,7 +17,7 @@ from planning.parts.expansion import pick_place_work
 from planning.robots.registry import robot_model
 from planning.tasks.highs_solver import HighsAssignmentSolver
 from planning.tasks.plan import TaskPlan
-from planning.tasks.task_graph import TRANSIT
+from planning.tasks.task import TRANSIT
 from planning.tasks.work import StepExpansions
 from planning.transforms import Transform, from_rpy
 from tests.planning.tasks.assignment_oracle import plan_violations

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import networkx as nx
 
-from planning.tasks.task_graph import Task
+from planning.tasks.task import Task
 
 
 def task_order(

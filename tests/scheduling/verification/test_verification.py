@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from planning.kinematics.kinematics import frame_pose, inverse_kinematics
-from planning.tasks.task_graph import AllowedContact, Handling
+from planning.tasks.task import AllowedContact, Handling
 from planning.transforms import Array, inverse, rotation, translation
 from scheduling.build_nodes import build_nodes
 from scheduling.build_tpg import build_tpg

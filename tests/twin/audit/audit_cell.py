@@ -14,7 +14,7 @@ from planning.cell.cover import box_body
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
 from planning.kinematics.kinematics import frame_pose, inverse_kinematics
 from planning.robots.registry import robot_model
-from planning.tasks.task_graph import AllowedContact, Task
+from planning.tasks.task import AllowedContact, Task
 from planning.transforms import (
     Array,
     Transform,

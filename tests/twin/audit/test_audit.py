@@ -13,7 +13,7 @@ from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.errors import OutputError
 from planning.kinematics.kinematics import frame_pose, inverse_kinematics
 from planning.robots.registry import robot_model
-from planning.tasks.task_graph import AllowedContact
+from planning.tasks.task import AllowedContact
 from planning.transforms import Array, translation
 from scheduling.verification.reference import ReferenceRobot, measure
 from tests.twin.audit.audit_cell import (

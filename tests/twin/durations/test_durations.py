@@ -17,7 +17,7 @@ from benchmarks.packaged_timings import (
     write_timings,
 )
 from planning.errors import ScenarioError
-from planning.tasks.task_graph import SKILLS
+from planning.tasks.task import SKILLS
 from scheduling.graph.rollout import durations_ns
 from tests.twin.one_draw import sample
 from tests.twin.twin_toys import random_tpg

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from planning.errors import ScenarioError
-from planning.tasks.task_graph import TRANSIT
+from planning.tasks.task import TRANSIT
 from scheduling.build_nodes import build_nodes
 from tests.twin.one_draw import sample
 from twin.cli import app

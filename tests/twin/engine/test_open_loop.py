@@ -11,7 +11,7 @@ from typer.testing import CliRunner, Result
 
 from planning.cell.workcell import Workcell
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.task_graph import TRANSIT, Task
+from planning.tasks.task import TRANSIT, Task
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.plan_files import save_plan
 from tests.twin.turning_arms import SCENARIO, straight

@@ -11,7 +11,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.task_graph import Handling, Task
+from planning.tasks.task import Handling, Task
 from planning.transforms import identity, translation
 from scheduling.build_tpg import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph

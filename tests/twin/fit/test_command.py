@@ -11,7 +11,7 @@ import yaml
 from scipy import stats
 from typer.testing import CliRunner, Result
 
-from planning.tasks.task_graph import SKILLS
+from planning.tasks.task import SKILLS
 from planning.transforms import Array
 from twin.cli import app
 from twin.durations import Fixed, Measured

@@ -18,7 +18,7 @@ from planning.construction.problem.settings import RrtSettings
 from planning.construction.world.fixed_world import FixedWorld
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan
-from planning.tasks.task_graph import TRANSIT
+from planning.tasks.task import TRANSIT
 from planning.transforms import translation
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.rollout import earliest_times

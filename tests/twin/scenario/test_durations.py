@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
 from planning.errors import ScenarioError
-from planning.tasks.task_graph import SKILLS
+from planning.tasks.task import SKILLS
 from tests.twin.twin_toys import random_tpg
 from twin.durations import (
     AnyDuration,

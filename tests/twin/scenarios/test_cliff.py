@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.stalled_runs import run_with_stalls
-from planning.tasks.task_graph import TRANSIT
+from planning.tasks.task import TRANSIT
 from scheduling.verification.verify import verify_plan
 from tests.shipped_runs import ShippedRuns
 from twin.planning.pipeline import Planned

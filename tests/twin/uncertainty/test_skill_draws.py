@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.tasks.task_graph import SKILLS
+from planning.tasks.task import SKILLS
 from scheduling.graph.rollout import durations_ns
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.one_draw import sample, uniform

@@ -24,7 +24,7 @@ from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.geometry.exact import hull_shape
 from planning.kinematics.kinematics import joint_poses_of
-from planning.tasks.task_graph import Handling
+from planning.tasks.task import Handling
 from planning.transforms import Array, translation
 from tests.kernels import outer
 from tests.planning.construction.toy_tasks import with_task

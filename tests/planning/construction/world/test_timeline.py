@@ -12,7 +12,7 @@ from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.motion_pieces import cut_timeline
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.errors import PlanInvariantError
-from planning.tasks.task_graph import TRANSIT, Handling
+from planning.tasks.task import TRANSIT, Handling
 from planning.transforms import translation
 from tests.planning.construction.toy_tasks import with_task
 from tests.planning.construction.toy_teams import box, placed, slider, team

@@ -16,7 +16,7 @@ from planning.lego.skills.expansion import lego_work
 from planning.tasks.highs_solver import HighsAssignmentSolver
 from planning.tasks.plan import StepChoice, TaskPlan
 from planning.tasks.steps import StepTasks
-from planning.tasks.task_graph import (
+from planning.tasks.task import (
     SKILLS,
     TRANSIT,
     Task,
