@@ -53,7 +53,7 @@ def plan_construction(
 
     Args:
         problem: what is built by whom.
-        settings: how hard is tried.
+        settings: effort.
         progress: told how many parts are planned, of how many.
 
     Raises:

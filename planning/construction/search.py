@@ -43,7 +43,7 @@ class ConstructionSearch:
 
     Args:
         solver: of sub-problems.
-        settings: how hard is tried.
+        settings: effort of the search.
         progress: told how many parts are planned, of how many.
 
     Attributes:

@@ -78,7 +78,7 @@ class SubproblemSolver:
         problem: parts and team.
         bounds: who reaches what.
         contacts: of all parts.
-        settings: how hard is tried.
+        settings: effort for one sub-problem.
         watch: what takes how long.
     """
 

@@ -1,4 +1,4 @@
-"""From a space-time plan to tasks and the motion plan that everything else takes.
+"""Export of a space-time plan: tasks, and the motion plan that everything else takes.
 
 Imports problem, world and checks.
 """

@@ -50,7 +50,7 @@ class KeyframeSolver:
         scenes: checks of the sub-problem.
         bounds: who reaches what.
         soonest: when the part may be picked and placed.
-        settings: how hard is looked.
+        settings: effort.
         rng: what is drawn from.
     """
 

@@ -1,4 +1,4 @@
-"""Paths through space and time: straight ways, roadmaps, the space-time RRT, retiming (IV-C).
+"""Paths through space and time: direct ones, roadmaps, the space-time RRT, retiming (IV-C).
 
-Imports checks; the search imports it.
+Imports problem, world and checks; the search imports it.
 """
