@@ -1,4 +1,5 @@
-"""Who does what and how everyone moves, in planned time. Imports nothing of scheduling or twin.
+"""Task assignment and motion planning, in planned time. Imports nothing of scheduling or twin.
 
-The files here (errors, transforms, parallel) import nothing of the package; all rooms may import them.
+The files here (errors, transforms, kernels, packed, parallel, kept_answers) import no room; all
+rooms may import them.
 """

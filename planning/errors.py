@@ -56,7 +56,7 @@ class PlanInvariantError(TwinError):
 
 
 class RequestError(TwinError):
-    """What was asked for does not go together, or not with what is there."""
+    """A request contradicts itself, or the files it refers to."""
 
 
 class OutputError(TwinError):

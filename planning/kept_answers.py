@@ -1,4 +1,4 @@
-"""Answers that are kept, so that what is asked again and again is worked out once.
+"""Cache of answers by what was asked, so that each is worked out once.
 
 Keys name what never changes: robot models, placed robots and convex bodies are hashed by identity
 (``eq=False``), and a key keeps alive what it names; arrays enter as their bytes.

@@ -1,4 +1,4 @@
-"""How compiled functions are declared, and notice of their compilation."""
+"""Decorators of compiled functions, and notice of their compilation."""
 
 from __future__ import annotations
 

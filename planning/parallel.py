@@ -1,4 +1,4 @@
-"""Independent pieces of work on all processors that this process may use."""
+"""Parallel map over all processors that this process may use."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def usable_cores() -> int:
 def side_by_side(
     function: Callable[[Item], Result], items: Iterable[Item]
 ) -> list[Result]:
-    """Return what a function makes of every item, in the order of the items.
+    """Apply a function to all items in parallel; return results in the order of the items.
 
     Args:
         function: runs in several threads at once; compiled code releases the interpreter's lock.

@@ -1,4 +1,4 @@
-"""The cell: what stands in it (static), and where things are at one instant (state)."""
+"""Workcell (static: robots, fixtures, objects) and world state (one instant of it)."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Clearances:
 
 @dataclass(frozen=True)
 class Workcell:
-    """Everything that does not change while the cell works."""
+    """Static description of a cell: all that does not change while it works."""
 
     robots: tuple[PlacedRobot, ...]
     fixtures: tuple[Fixture, ...]
@@ -106,7 +106,7 @@ class Workcell:
 
 @dataclass(frozen=True)
 class Attachment:
-    """Where an object is: held by a robot, or at rest.
+    """Location of an object: held by a robot, or at rest.
 
     Attributes:
         holder: name of the robot that holds it, None at rest.
@@ -119,7 +119,7 @@ class Attachment:
 
 @dataclass(frozen=True)
 class WorldState:
-    """One instant of the cell.
+    """State of a cell at one instant.
 
     Attributes:
         configurations: robot name to joint values, each of shape (n,).

@@ -1,4 +1,4 @@
-"""Who may place a part, and how: robots by eq. 7, skeletons short before long (IV-D)."""
+"""Candidate robots (by eq. 7) and skeletons (short before long) for placing a part (IV-D)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _GROUP = 2
 def robot_groups(
     building: Building, team: tuple[str, ...], size: int
 ) -> list[tuple[str, ...]]:
-    """Return the groups of a size, those first that are free earliest (eq. 7)."""
+    """Return the groups of robots of a given size, the earliest free first (eq. 7)."""
     free = {name: building.world.free_from(name) for name in team}
     return sorted(
         set(combinations(team, size)),
@@ -28,7 +28,7 @@ def robot_groups(
 
 @dataclass(frozen=True)
 class Candidates:
-    """Skeletons that lower bounds leave a chance.
+    """Candidate skeletons of a part: those that no lower bound rules out.
 
     Attributes:
         problem: what is built by whom.

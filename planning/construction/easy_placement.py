@@ -1,4 +1,4 @@
-"""The next placement, as far as it is easy to find: which part, and by whom.
+"""Choice of the next part and its robots among placements that take little search.
 
 Eqs. (6) and (7) are only proposals here: others may be in a robot's way, and then another part or
 another robot may be better.
@@ -24,7 +24,7 @@ Solve = Callable[[Building, Attempt], Solution | None]
 
 @dataclass(frozen=True)
 class EasyPlacement:
-    """Places a part by paths that are easy to find.
+    """Places a part by paths that take little search.
 
     Attributes:
         problem: what is built by whom.
@@ -45,7 +45,7 @@ class EasyPlacement:
         seed: Sequence[int],
         most_loss: float = np.inf,
     ) -> Solution | None:
-        """Return the best of a few ways to place a part, None for none.
+        """Return the best of a few placements of a part, None if none was found.
 
         The first robot places the first part. Where it would lose time with that, because
         others are in its way or what the part rests on comes late, it may place another one;

@@ -52,7 +52,7 @@ class LegPlanner:
     watch: Stopwatch
 
     def unhurried(self, spare: float) -> LegPlanner:
-        """Return what plans legs that may well be late: by most of a time [s]."""
+        """Return a planner of legs that may arrive late, by most of a given time [s]."""
         enough = max(self.settings.good_enough_s, 0.7 * spare)
         return replace(self, settings=self.settings._replace(good_enough_s=enough))
 

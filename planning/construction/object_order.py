@@ -1,4 +1,4 @@
-"""The order of parts: which is placed next (Hartmann et al. IV-D1, V-A1, eq. 6)."""
+"""Ranking of the parts that can be placed next (Hartmann et al. IV-D1, V-A1, eq. 6)."""
 
 from __future__ import annotations
 

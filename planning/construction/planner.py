@@ -1,4 +1,4 @@
-"""Plans a construction: the search, and what it took (Hartmann et al.)."""
+"""Construction planning: problem in, timed plan and statistics out (Hartmann et al.)."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ class ConstructionPlan:
 
     @property
     def makespan(self) -> float:
-        """When the last robot has done its work [s]."""
+        """Time at which the last robot has done its work [s]."""
         return max(work.end for work in self.building.work)
 
 
 def no_progress(done: int, total: int) -> None:
-    """Tell nobody."""
+    """Ignore progress."""
 
 
 def plan_construction(

@@ -1,4 +1,4 @@
-"""Rounds: a few placements at a time, planned once more where robots lose much time with them.
+"""Rounds of a few placements, planned again where robots lose much time.
 
 One robot is planned after another, so who comes first may stand in the way of all others: more
 with the first parts, when all robots set out together, and with the last ones, when some have

@@ -1,4 +1,4 @@
-"""Times that parts of planning take, added up by name."""
+"""Stopwatch that adds up the seconds of planning by name."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ class Attempt:
 
     @property
     def robots(self) -> tuple[str, ...]:
-        """Who acts, in order of first appearance."""
+        """Robots that act, in order of first appearance."""
         return robots_of(self.skeleton)
 
 

@@ -1,4 +1,4 @@
-"""Exact decisions: do two convex hulls come closer than a clearance while they move?
+"""Exact decision whether two moving convex hulls come closer than a clearance.
 
 coal measures the distance of the hulls at the middle of both motions. How far any point can get
 from there is bounded, so one measurement settles every pair that is clearly apart or clearly too

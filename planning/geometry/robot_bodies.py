@@ -22,7 +22,7 @@ Held = tuple[CellObject, Attachment]
 
 @dataclass(frozen=True)
 class RobotBodies:
-    """What moves with a robot: its parts, then the objects it holds.
+    """Bodies that move with a robot: its parts, then the objects it holds.
 
     Attributes:
         kernel: kinematics and capsules.

@@ -1,4 +1,4 @@
-"""Collision checks of one robot in a cell that stands still."""
+"""Collision checks of one robot while everything else stands still."""
 
 from __future__ import annotations
 

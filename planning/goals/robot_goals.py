@@ -1,4 +1,4 @@
-"""Assemblies of motions alone: robots go from goal to goal (APEX-MR, Appendix D, c)."""
+"""Preparation of robot goals: motions without handling (APEX-MR, Appendix D, c)."""
 
 from __future__ import annotations
 

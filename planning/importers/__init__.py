@@ -1,4 +1,4 @@
-"""Readers of files that others publish; each makes a scenario of them.
+"""Importers of task files that others publish, one room a format.
 
-May import lego; nothing in planning imports it.
+Imports planning's own files only; nothing in planning imports it.
 """

@@ -132,7 +132,7 @@ def inverse_kinematics(
 
 
 def forget_solutions() -> None:
-    """Forget all answers of ``inverse_kinematics``, such as before measuring it."""
+    """Clear the cache of ``inverse_kinematics``, such as before measuring it."""
     _SOLVED.forget()
 
 

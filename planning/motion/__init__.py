@@ -1,4 +1,4 @@
-"""How robots move between skills: transits, speeds, sequential and synchronous plans.
+"""Motion between skills: transits, speeds, sequential and synchronous plans.
 
-Imports cell, kinematics, geometry and tasks.
+Imports cell, geometry and tasks.
 """

@@ -1,4 +1,4 @@
-"""A timed path for every task: where both planning routes meet, and what everything after needs."""
+"""Motion plans as data: a timed path for every task, from either planning route."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ rounds against itself, never finds a standing robot in conflict with the motion 
 
 @dataclass(frozen=True)
 class MotionSettings:
-    """How tasks are turned into motions.
+    """Settings of motion planning.
 
     Attributes:
         planners: transit planner of each robot.

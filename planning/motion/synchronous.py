@@ -1,4 +1,4 @@
-"""The synchronous baseline: robots work in slots, and wait for each other (APEX-MR V-A, App. E).
+"""Synchronous baseline: robots work in slots and wait for each other (APEX-MR V-A, App. E).
 
 In a slot every robot does its next task or waits; the next slot starts when everyone has
 finished. Tasks keep the order of the sequential plan wherever two of them cannot be done at

@@ -1,4 +1,4 @@
-"""One robot, one path: OMPL's RRT-Connect over the geometry kernels (APEX-MR IV-B)."""
+"""Transit planning for one robot: OMPL's RRT-Connect (APEX-MR IV-B)."""
 
 from __future__ import annotations
 

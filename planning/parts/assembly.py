@@ -15,7 +15,7 @@ DOWN = (0.0, 0.0, -1.0)
 
 @dataclass(frozen=True)
 class GripRules:
-    """Which grips are tried.
+    """Rules for the grips that are tried.
 
     A tool frame's z axis points out of the hand and its fingers close along y.
 
@@ -44,7 +44,7 @@ class GripRules:
 
 @dataclass(frozen=True)
 class PickPlaceAssembly:
-    """What is put where, in which order.
+    """A pick-and-place assembly: goal poses of parts, in order.
 
     Attributes:
         goals: pose of the centre of every part that is placed, in the world.

@@ -1,4 +1,4 @@
-"""Candidates for the assignment: who can put which part in place with which grip (App. B)."""
+"""Candidates for the assignment of parts: robots and grips (APEX-MR App. B)."""
 
 from __future__ import annotations
 

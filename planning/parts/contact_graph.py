@@ -20,7 +20,7 @@ _NOWHERE = np.zeros(0)
 def near_to(
     part: Lying, others: Mapping[str, Lying], within: float
 ) -> dict[str, float]:
-    """Return what is near to a part, with the distances.
+    """Return the entities near a part, with their distances.
 
     Args:
         part: where it lies.

@@ -17,7 +17,7 @@ _AXES = "xyz"
 
 @dataclass(frozen=True)
 class Grip:
-    """One way to hold a box.
+    """A grip on a box.
 
     Attributes:
         pose: of the tool frame in the frame of the box.

@@ -38,7 +38,7 @@ class SkillContacts:
     after: Pairs
 
     def in_phase(self, phase: Phase) -> Pairs:
-        """Return who may touch whom in a phase."""
+        """Return the allowed contacts of a phase."""
         if phase is Phase.BEFORE:
             return self.before
         return self.after if phase is Phase.AFTER else self.during

@@ -66,7 +66,7 @@ class Obstruction:
 def obstructions(
     path: SkillPath, checker_of: Callable[[Phase], SceneChecker]
 ) -> Iterator[Obstruction]:
-    """Yield what stands in the way of a skill, from its start to its end.
+    """Yield obstructions of a skill, from its start to its end.
 
     Whoever goes on has taken away what was yielded last: the same place is looked at again, and
     what was clear before it still is.
@@ -139,7 +139,7 @@ def skill_postures(
 
 
 def nearer_reason(known: Obstruction | None, found: Obstruction) -> Obstruction:
-    """Return which of two reasons says more: something in the way, in the earlier posture."""
+    """Return the more telling of two reasons: a collision, in the earlier posture."""
     if known is None or (known.by is None and found.by is not None):
         return found
     return known

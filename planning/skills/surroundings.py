@@ -1,4 +1,4 @@
-"""The scene around a robot during a skill, and the check of a path in it."""
+"""Scene of a skill, and collision checks of a path in it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who does what: assignment problem and integer program, tasks, task plan.
+"""Task assignment: problem, integer program, task plan; tasks and their steps as data.
 
 Imports cell only; motion, skills and all kinds of assemblies import it.
 """

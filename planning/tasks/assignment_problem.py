@@ -1,4 +1,4 @@
-"""The assignment problem: who can do which step with what, and at which cost (APEX-MR IV-A).
+"""Assignment problem as data: candidates for every step, with costs (APEX-MR IV-A).
 
 Free of any domain: robots and objects are names, grasps and support poses are numbers whose
 meaning only the maker of the candidates knows.
@@ -54,7 +54,7 @@ class SupportCandidate:
 
 @dataclass(frozen=True)
 class Rejection:
-    """The reason why something is no candidate.
+    """Reason for which a candidate was rejected.
 
     Attributes:
         step: counted from 1.

@@ -13,7 +13,7 @@ from planning.tasks.assignment_problem import (
 
 @dataclass(frozen=True)
 class StepChoice:
-    """What was chosen for a step.
+    """Choice for a step: robot, object, grasp and support.
 
     Attributes:
         primary: the primary candidate.

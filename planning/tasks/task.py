@@ -1,4 +1,4 @@
-"""Tasks, what changes hands in them, and what may touch whom meanwhile (APEX-MR IV-A)."""
+"""Tasks as data, with their handlings and allowed contacts (APEX-MR IV-A)."""
 
 from __future__ import annotations
 

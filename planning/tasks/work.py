@@ -1,4 +1,4 @@
-"""An assembly as the planner takes it, and its steps as motion planning asks for them."""
+"""Assembly as the planners need it, with the expansion of its steps to tasks."""
 
 from __future__ import annotations
 

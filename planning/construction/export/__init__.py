@@ -1,4 +1,4 @@
 """Export of a space-time plan: tasks, and the motion plan that everything else takes.
 
-Imports problem, world and checks.
+Imports problem, world, checks, motion and tasks; the twin imports it.
 """

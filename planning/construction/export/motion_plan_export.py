@@ -31,7 +31,7 @@ from planning.tasks.task import TRANSIT, AllowedContact, Task
 from planning.transforms import Indices
 
 _FINER = 3
-"""How much more often than in planning a cell may be halved."""
+"""Further halvings of a time cell, beyond those of planning."""
 
 _MARGIN = 1.5 * TOLERANCE
 """Kept on top of the clearances: enough for the exact decisions of the conflict search [m]."""

@@ -29,7 +29,7 @@ from planning.transforms import Array, Indices
 
 
 class Rules(NamedTuple):
-    """How near bodies may come to each other.
+    """Least distances between entities, and allowed contacts.
 
     Attributes:
         limits: least distance of two entities, shape (e, e) [m].

@@ -48,12 +48,12 @@ class PlannedTask:
 
     @property
     def start(self) -> float:
-        """When it starts [s]."""
+        """Planned start [s]."""
         return float(self.time[0])
 
     @property
     def end(self) -> float:
-        """When it ends [s]."""
+        """Planned end [s]."""
         return float(self.time[-1])
 
 

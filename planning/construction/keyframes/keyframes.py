@@ -1,4 +1,4 @@
-"""Configurations at mode switches, and when each may be reached (Hartmann et al. IV-B)."""
+"""Keyframes as data: configurations at mode switches, with time windows (Hartmann et al. IV-B)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from planning.transforms import Array
 
 @dataclass(frozen=True)
 class Keyframe:
-    """One way to do one skill.
+    """A motion for one skill, and the time windows in which it can begin.
 
     Attributes:
         motion: of the skill, the configuration at the switch in the middle of it.
@@ -26,18 +26,18 @@ class Keyframe:
 
     @property
     def start(self) -> Array:
-        """The configuration to arrive at."""
+        """Configuration at which the skill begins, shape (n,)."""
         return np.asarray(self.motion.path[0])
 
     @property
     def earliest(self) -> float:
-        """The first time at which the skill may begin [s]."""
+        """Earliest time at which the skill can begin [s]."""
         return float(self.windows[0, 0])
 
 
 @dataclass(frozen=True)
 class Meeting:
-    """One way to hand the part over.
+    """A handover of the part: the giver's keyframe and the taker's configuration.
 
     Attributes:
         giver: the skill of the robot that brings the part to the other one's pad.
@@ -50,7 +50,7 @@ class Meeting:
 
 @dataclass(frozen=True)
 class Keyframes:
-    """Ways to do all switches of a sub-problem, consistent with each other.
+    """Consistent alternatives for all mode switches of a sub-problem.
 
     Every pick goes with every meeting and every place: they hold the part alike.
 

@@ -31,7 +31,7 @@ Phase = tuple[SpaceTimeChecker, SpaceTimeChecker]
 
 
 class Soonest(NamedTuple):
-    """When a part may be touched.
+    """Earliest times at which a part may be picked and placed.
 
     Attributes:
         pick: it must not be picked before: others lie on it [s].
@@ -113,7 +113,7 @@ class KeyframeSolver:
     def meetings(
         self, giver: str, taker: str, holds: tuple[Hold, Hold], pick: Keyframe
     ) -> tuple[Meeting, ...]:
-        """Return ways to hand the part over, the soonest first."""
+        """Return keyframes of the handover, the earliest first."""
         found = islice(self._meetings(giver, taker, holds, pick), self.settings.places)
         return tuple(sorted(found, key=lambda m: m.giver.earliest))
 
@@ -193,7 +193,7 @@ class KeyframeSolver:
         return found[0], q_lead, (other, tool)
 
     def picks(self, robot: str, hold: Hold, begin: float) -> tuple[Keyframe, ...]:
-        """Return ways to pick the part, the soonest first."""
+        """Return keyframes of the pick, the earliest first."""
         scenes, problem = self.scenes, self.scenes.problem
         start = problem.object(scenes.part).start
         phase = (
@@ -214,7 +214,7 @@ class KeyframeSolver:
     def places(
         self, robot: str, hold: Hold, begin: float, free: Array
     ) -> tuple[Keyframe, ...]:
-        """Return ways to place the part, the soonest first."""
+        """Return keyframes of the place, the earliest first."""
         scenes, problem = self.scenes, self.scenes.problem
         phase = (
             scenes.held(robot, hold, at_goal=True),
@@ -285,7 +285,7 @@ class KeyframeSolver:
 
 
 def holds_of(bounds: ReachBounds, robot: str, part: Part) -> list[Hold]:
-    """Return the ways in which a robot can hold a part that it both picks and places."""
+    """Return the holds with which a robot can both pick and place a part."""
     grips = set(bounds.pick_grips(robot, part)) & set(bounds.place_grips(robot, part))
     return [Hold(grip, turn) for grip in sorted(grips) for turn in _TURNS]
 
@@ -302,7 +302,7 @@ def _beside(path: Array, standing: Array) -> Array:
 
 
 def common(a: Array, b: Array) -> Array:
-    """Return the times that are in spans of both, shapes (w, 2) [s]."""
+    """Return the intersection of two sets of time windows, shapes (w, 2) [s]."""
     out = [
         (max(lo, low), min(hi, high))
         for lo, hi in a.tolist()

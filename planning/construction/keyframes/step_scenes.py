@@ -1,4 +1,4 @@
-"""Collision checkers of one sub-problem: who holds what, and may touch what, in which phase."""
+"""Collision checkers of one sub-problem, one a phase: what is held, and what may touch."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _GHOST = "part in its place"
 
 
 class Hold(NamedTuple):
-    """How a part is held.
+    """A hold on a part: grip and turn of the tool.
 
     Attributes:
         grip: number of the grip.

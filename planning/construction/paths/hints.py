@@ -1,4 +1,4 @@
-"""Hints for a path: places on paths of the same robot that were free before."""
+"""Hints for path planning: configurations on earlier free paths of the same robot."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ def shorten(
     tries: int,
     seed: int,
 ) -> SpaceTimePath:
-    """Return a path of the same ends and times that goes less far.
+    """Return a path with the same ends and times and less travel.
 
     Stretches are replaced by straight lines in space-time, for all joints or for one.
 

@@ -1,4 +1,4 @@
-"""Paths through space-time to goals whose arrival times are not known (Hartmann et al. IV-C)."""
+"""Path planning in space-time to goals with unknown arrival times (Hartmann et al. IV-C)."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from planning.transforms import Array
 
 @dataclass(frozen=True)
 class SpaceTimePath:
-    """A free path through space-time.
+    """A collision-free path through space-time.
 
     Attributes:
         time: of the waypoints, rising, shape (w,) [s].
@@ -26,5 +26,5 @@ class SpaceTimePath:
 
     @property
     def arrival(self) -> float:
-        """When it arrives [s]."""
+        """Arrival time [s]."""
         return float(self.time[-1])

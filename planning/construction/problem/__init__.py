@@ -1,4 +1,4 @@
 """Construction problems as data: models, parts, supplies, contacts, reach, precedence, settings.
 
-Imports cell, geometry and parts; every other room of construction imports it.
+Imports cell, robots, kinematics, geometry and parts; all of construction may import it.
 """

@@ -1,4 +1,4 @@
-"""Checks of a construction problem that need no search: everything known to be wrong at once."""
+"""Feasibility checks of a construction problem that need no search."""
 
 from __future__ import annotations
 

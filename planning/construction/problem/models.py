@@ -1,4 +1,4 @@
-"""Structures to build, of the classes that Hartmann et al. build (V-A): our own designs.
+"""Models of structures: tower, wall, well and pavilion, as in Hartmann et al. V-A.
 
 Every model is a few lines that say where boxes go. The world's origin is in the middle of the
 site, on the ground; z points up.

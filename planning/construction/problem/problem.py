@@ -1,4 +1,4 @@
-"""Construction problems as data: which parts go where, who may carry them, and how held.
+"""Construction problems as data: parts with goal poses and grips, and the team.
 
 Everything in the construction route takes one ConstructionProblem: parts whose start and goal
 poses are known (Hartmann et al. III), robots that hold them by touch (V-A2), and the graph that
@@ -20,7 +20,7 @@ from planning.transforms import Array, Transform, inverse, readonly, rotation
 
 @dataclass(frozen=True)
 class PartGrip:
-    """A spot where a vacuum tool can touch a part.
+    """A grip of a vacuum tool on a part.
 
     Attributes:
         touch: pose of the tool frame in the part's frame at turn zero; the tool's z axis points
@@ -43,7 +43,7 @@ class PartGrip:
 
 @dataclass(frozen=True)
 class Part:
-    """A part and the place where it belongs.
+    """A part and its goal pose.
 
     Attributes:
         name: of the object in the cell, which has its size, mass and start pose.
@@ -76,7 +76,7 @@ class SkillSeconds:
 
 @dataclass(frozen=True, eq=False)
 class ConstructionProblem:
-    """What is built of what, by whom.
+    """A construction problem: parts, their order, and the team of robots.
 
     Attributes:
         cell: robots, fixtures and objects; every part is an object of it, other objects are

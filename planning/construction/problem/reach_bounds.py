@@ -1,4 +1,4 @@
-"""Lower bounds of the search: which robots can reach which parts at all (IV-D).
+"""Reachability of parts by robots: a lower bound for the search (IV-D).
 
 A part that nobody could pick or place even if nothing but the fixtures stood around will not be
 built, whatever the search tries: other parts and robots are not looked at here. Reach is found by
@@ -34,7 +34,7 @@ Handover = tuple[Array, Array, Transform]
 
 
 class ReachBounds:
-    """Who reaches which part where, by which grips.
+    """Reachable parts of every robot, in the supply and in place, with grips.
 
     Answers do not depend on the order of questions: those of a kind draw numbers of their own.
 

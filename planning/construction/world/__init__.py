@@ -1,4 +1,4 @@
 """The world as planned so far: timelines of robots and objects, and what they sweep.
 
-Imports problem; checks, keyframes and export import it.
+Imports problem and geometry; checks, paths, keyframes and export import it.
 """

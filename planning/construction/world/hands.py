@@ -1,4 +1,4 @@
-"""Objects in the hands of robots, from when to when."""
+"""Time spans in which robots hold objects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A cache of what robots on fixed timelines sweep."""
+"""Cache of the swept tracks of fixed timelines."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _Key = tuple[RobotTimeline, tuple[HandChange, ...]]
 
 
 class SweptTracks:
-    """Remembers what was swept on the timelines that were asked for last.
+    """Keeps the swept tracks of the timelines that were used last.
 
     While one robot is planned nobody else's timeline changes, and half a dozen checkers are made.
     """

@@ -1,4 +1,4 @@
-"""Pieces of timelines: what will be the nodes of a temporal plan graph.
+"""Pieces of timelines, each of which becomes a node of a temporal plan graph.
 
 Time has one grid for all robots. A piece is a straight motion within one cell of it, a stand of
 any length, or a stretch of a skill, which counts for the whole time of the skill. If no two

@@ -1,4 +1,4 @@
-"""Objects at rest: where they lie, from when to when."""
+"""Time spans in which objects are at rest."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from planning.transforms import Transform
 
 
 class Rest(NamedTuple):
-    """An object lies somewhere.
+    """An object at rest at one pose during a span of time.
 
     Attributes:
         object: its name.

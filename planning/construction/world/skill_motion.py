@@ -21,7 +21,7 @@ _BEND = 0.35
 
 @dataclass(frozen=True)
 class SkillMotion:
-    """What a robot does in a skill.
+    """Motion of a robot in a skill.
 
     Attributes:
         robot: who does it.
@@ -37,7 +37,7 @@ class SkillMotion:
 
     @property
     def seconds(self) -> float:
-        """How long the skill takes [s]."""
+        """Duration of the skill [s]."""
         return float(self.time[-1])
 
     @property

@@ -130,7 +130,7 @@ class ObjectChange(NamedTuple):
 
 @dataclass(frozen=True)
 class ObjectTimeline:
-    """Where one object is, from change to change.
+    """Timeline of one object: its pose and holder from change to change.
 
     Attributes:
         object: its name.

@@ -47,7 +47,7 @@ class Plate:
 
 @dataclass(frozen=True)
 class Cell:
-    """Where a brick sits: the stud of its least x and y, its layer, and whether it is turned.
+    """Cell of a brick: the stud of its least x and y, its layer, and whether it is turned.
 
     Attributes:
         x, y: stud of the least corner, from 0.
@@ -63,7 +63,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Press:
-    """Where the tool grips and presses a brick.
+    """Grip of the tool on a brick, by which it also presses.
 
     Attributes:
         side: 1 to 4. For a brick that is not turned: 1 = edge of least x, 2 = of greatest y,
@@ -77,7 +77,7 @@ class Press:
 
 @dataclass(frozen=True)
 class Support:
-    """Where the supporting tool goes: a 1 x 2 cell.
+    """Support of a structure: the 1 x 2 cell of the supporting tool.
 
     Attributes:
         x, y, z: stud and layer of the cell.
@@ -143,7 +143,7 @@ class LegoStep:
 
     @property
     def words(self) -> str:
-        """What it does, such as ``"place-down of 2x4 at [3, 4, 1] turned"``."""
+        """Description of the step, such as ``"place-down of 2x4 at [3, 4, 1] turned"``."""
         turned = " turned" if self.cell.turned else ""
         how = "place-up" if self.up else "place-down"
         at = f"[{self.cell.x}, {self.cell.y}, {self.cell.z}]"

@@ -28,7 +28,7 @@ Placed = tuple[CellObject, Attachment]
 
 
 def goal_name(step: int) -> str:
-    """Return what the brick of a step is called before one of the stock is chosen for it."""
+    """Return the name of a step's brick before one of the stock is chosen for it."""
     return f"the brick of step {step}"
 
 
@@ -186,7 +186,7 @@ class BrickWorld:
         return step.supports or (step.support,)
 
     def go_together(self, number: int, grasp: int, support: int) -> bool:
-        """Return whether a step bears a grip together with one of its supports.
+        """Tell whether a step allows a grip together with one of its supports.
 
         Every grip goes with the first support, and every support with the first grip.
         """

@@ -23,7 +23,7 @@ Spot = tuple[int, int]
 
 @dataclass(frozen=True)
 class DrawingProblem:
-    """Something in a drawing that is no brick.
+    """A part of a drawing that is no brick.
 
     Attributes:
         spot: where.
@@ -53,7 +53,7 @@ class DrawnBrick:
 
 @dataclass
 class Drawing:
-    """What a drawing holds.
+    """Bricks and problems found in a drawing.
 
     Attributes:
         bricks: in the order of the text.

@@ -16,7 +16,7 @@ How = TypeVar("How")
 
 @dataclass(frozen=True)
 class Removal(Generic[Part, How]):
-    """One way to take one part away; reversed, one way to add it.
+    """Removal of one part; reversed, its insertion.
 
     Attributes:
         part: what is taken away.
@@ -29,7 +29,7 @@ class Removal(Generic[Part, How]):
 
 @dataclass(frozen=True)
 class DisassemblySearch(Generic[Part, How]):
-    """What a search for an assembly sequence found.
+    """Result of a search for an assembly sequence.
 
     Attributes:
         steps: removals in the order of assembly, None when there is no sequence.

@@ -1,4 +1,4 @@
-"""Ways to put a brick into a structure: from above, with a support, or from below.
+"""Insertions of a brick into a structure: from above, with a support, or from below.
 
 This is the pruning of APEX-MR App. A for one brick: the structure must bear the pressing force,
 and the tools must have room.
@@ -54,7 +54,7 @@ _CLEARANCE = 0.001
 
 @dataclass(frozen=True)
 class Insertion:
-    """One way to put a brick into a structure.
+    """An insertion of a brick into a structure.
 
     Attributes:
         way: one of ``WAYS``.
@@ -70,7 +70,7 @@ class Insertion:
 
 
 class InsertionRules:
-    """Finds the ways to insert bricks of one design.
+    """Finds insertions of the bricks of one design.
 
     Args:
         structures: the partial structures of the design.
@@ -119,12 +119,12 @@ class InsertionSite:
     up: bool
 
     def insertions(self, way: str) -> Iterator[Insertion]:
-        """Yield the ways of one kind to insert the brick, the preferred ones first."""
+        """Yield the insertions of one kind, the preferred ones first."""
         for press in self.roomy_presses:
             yield from self.supported(way, press)
 
     def supported(self, way: str, press: Press) -> Iterator[Insertion]:
-        """Yield the ways to insert the brick with one press: one for each support that does."""
+        """Yield the insertions with one press, one for each support that suffices."""
         supports: Iterable[tuple[Support | None, tuple[Hold, ...]]] = [(None, ())]
         if way != PLAIN:
             supports = self._roomy_supports(press)

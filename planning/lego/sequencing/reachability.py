@@ -1,4 +1,4 @@
-"""Reach of the robots for every step, checked before candidates are sought: fast and alone.
+"""Reachability check of every step, before the search for candidates.
 
 Nothing but the robot itself is looked at. What is out of reach here stays so whatever stands around; what is within reach may still turn out
 to be obstructed when candidates are sought (``candidates``).

@@ -34,7 +34,7 @@ _MOST_REASONS = 6
 
 @dataclass(frozen=True)
 class SequencingRules:
-    """What an assembly sequence may do, and what the structure must bear.
+    """Rules of an assembly sequence: allowed insertions, and loads the structure must bear.
 
     Attributes:
         support: a second robot may hold the structure from below.

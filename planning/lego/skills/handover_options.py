@@ -1,4 +1,4 @@
-"""Ways in which two robots can hand over the brick of a step: places and postures."""
+"""Handover options of a step: meeting points and postures of two robots."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from planning.transforms import Array, Transform
 
 @dataclass(frozen=True)
 class HandoverOption:
-    """A way to hand a brick over.
+    """A collision-free handover of a brick.
 
     Attributes:
         place: index into ``receive_poses`` of the two robots.

@@ -1,4 +1,4 @@
-"""Ways in which each robot can do each skill of a LEGO assembly, found once and remembered.
+"""Collision-free options of each robot for each skill of a LEGO assembly, cached.
 
 What depends on the robot, the stock brick and the grip (the pick) is apart from what depends on
 the robot, the step and the grip (the place): their product is never checked pair by pair.
@@ -53,7 +53,7 @@ _DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
 
 @dataclass(frozen=True)
 class SkillOption:
-    """A collision-free way to do a skill.
+    """A collision-free execution of a skill by one robot.
 
     Attributes:
         path: in joint space.

@@ -1,4 +1,4 @@
-"""Stability of the partial structures of one design, judged again and again but cheaply.
+"""Stability of the partial structures of one design, with results shared between them.
 
 A sequence search asks thousands of times about structures that differ by a brick. Most bricks
 rest by pushing alone (``compression``) and are left out; the others are judged in the smallest
@@ -71,7 +71,7 @@ class _Pressing:
 
 
 class PartialStructures:
-    """Every partial structure of a design, by the names of its bricks.
+    """Stability of every partial structure of a design, by the names of its bricks.
 
     Args:
         design: all bricks, scaffolding included.

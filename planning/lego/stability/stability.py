@@ -93,7 +93,7 @@ class Hold:
 
 @dataclass(frozen=True)
 class StabilityReport:
-    """Whether a structure stands.
+    """Result of a stability analysis.
 
     Attributes:
         stable: True when the score is at most the limit.
