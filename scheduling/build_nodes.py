@@ -1,4 +1,4 @@
-"""The nodes of a temporal plan graph, from the timed paths of a motion plan (APEX-MR IV-C)."""
+"""Nodes of a temporal plan graph, from the timed paths of a motion plan (APEX-MR IV-C)."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class _TaskNodes:
 
 
 def build_nodes(plan: MotionPlan) -> TemporalPlanGraph:
-    """Return the nodes of a plan without any type-2 edge: safe only one task after another.
+    """Return the graph of a plan without type-2 edges: safe only one task after another.
 
     Each waypoint of a transit but the first becomes a pose node, a skill one node. Pose nodes
     that do not move, waits of the input plan, are dropped (APEX-MR IV-C).

@@ -1,4 +1,4 @@
-"""The guarantee of a temporal plan graph, checked on the graph itself.
+"""Check of the safety invariant of a temporal plan graph.
 
 (a) Two nodes of different robots that conflict are ordered. (b) A node that conflicts with a
 robot standing between its nodes u and u + 1, before its first or after its last, precedes u or
@@ -23,7 +23,7 @@ from scheduling.conflicts.occupancy import Occupancy
 
 
 def check_invariant(graph: DerivedTpg, *, searched: bool = False) -> None:
-    """Check that a graph is safe whatever is delayed.
+    """Check that a graph is safe for any delays.
 
     The exact decision calls close what is within its tolerance of the clearance. That only
     adds an edge where edges are drawn; here it would refuse a good plan, so the tolerance is

@@ -1,4 +1,4 @@
-"""The digital twin: scenarios, execution, studies, and the program.
+"""Digital twin: scenarios, execution, studies, and the program.
 
 Imports scheduling and planning. cli.py is the program; every room but commands is below it.
 """

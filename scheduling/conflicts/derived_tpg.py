@@ -58,12 +58,12 @@ class DerivedTpg:
 
     @cached_property
     def ranks(self) -> tuple[Indices, ...]:
-        """Place of every node in the total order, one array a chain."""
+        """Position of every node in the total order, one array a chain."""
         return planned_ranks(self.tpg.chains)
 
     @cached_property
     def order(self) -> NodeOrder:
-        """What precedes what."""
+        """Precedence between nodes that type-1 and type-2 edges impose."""
         return order_and_reduce(self.ranks, self.tpg.edges)[0]
 
     @cached_property
@@ -82,7 +82,7 @@ class DerivedTpg:
 
     @cached_property
     def history(self) -> ObjectHistory:
-        """Where every handled object is."""
+        """History of every handled object."""
         return trace_objects(self.tpg, self.ranks)
 
     @cached_property
@@ -95,7 +95,7 @@ class DerivedTpg:
 
     @cached_property
     def occupancies(self) -> list[Occupancy]:
-        """What the nodes of each chain occupy."""
+        """Occupancy of the nodes of each chain."""
         cell, entities, spans = self.tpg.cell, self.entities, self.spans
         return side_by_side(
             lambda k: chain_occupancy(cell, self.tpg.chains[k], spans[k], entities),
@@ -104,13 +104,13 @@ class DerivedTpg:
 
     @cached_property
     def rollout(self) -> Rollout:
-        """When every node starts and ends at nominal durations [s]."""
+        """Start and end of every node at nominal durations [s]."""
         return earliest_times(self.tpg, ranks=self.ranks)
 
     def occupancy(
         self, chain: int, first: int, stop: int, nodes: NodeChain | None = None
     ) -> Occupancy:
-        """Return what some nodes of a chain occupy, numbered from 0.
+        """Return the occupancy of some nodes of a chain, numbered from 0.
 
         Args:
             chain: the chain.
@@ -133,18 +133,18 @@ class DerivedTpg:
         return chain_occupancy(self.tpg.cell, nodes, own, self.entities)
 
     def holds(self, chain: int, holds: Indices) -> Occupancy:
-        """Return what a robot occupies in some of its holds, see ``hold_occupancy``."""
+        """Return the occupancy of some holds of a robot, see ``hold_occupancy``."""
         nodes = self.tpg.chains[chain]
         return hold_occupancy(
             self.tpg.cell, nodes, holds, self.spans[chain], self.entities
         )
 
     def standing(self, robot: PlacedRobot) -> Occupancy:
-        """Return what a robot without nodes occupies."""
+        """Return the occupancy of a robot without nodes."""
         return standing_occupancy(self.tpg.cell, robot, self.entities)
 
     def rest(self, rest: Rest) -> Occupancy:
-        """Return what an object at rest occupies."""
+        """Return the occupancy of an object at rest."""
         return rest_occupancy(self.tpg.cell, rest, self.entities)
 
     def conflicts(
@@ -204,7 +204,7 @@ class DerivedTpg:
         return other
 
     def node_name(self, chain: int, node: int) -> str:
-        """Return by what messages name a node."""
+        """Return the name of a node in messages."""
         own = self.tpg.chains[chain]
         task = int(own.task[node])
         label = next((t.label for t in self.tpg.tasks if t.index == task), "")

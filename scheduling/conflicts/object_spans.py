@@ -1,4 +1,4 @@
-"""Histories of the handled objects, node by node: carried, at rest within a node, or between.
+"""Histories of handled objects by node: carried, at rest within a node, or between nodes.
 
 Objects follow their handlings in planned order; one that comes up later is nowhere before its
 first, which lets it rest where it is. An object that a robot takes over from another
@@ -78,7 +78,7 @@ class ObjectHistory:
 
 
 def trace_objects(tpg: TemporalPlanGraph, ranks: Sequence[Indices]) -> ObjectHistory:
-    """Return where every handled object is.
+    """Return the history of every handled object.
 
     Args:
         tpg: the graph; its edges are not looked at.

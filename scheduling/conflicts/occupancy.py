@@ -1,4 +1,4 @@
-"""The space that nodes occupy: robot, tool and handled objects, segment by segment.
+"""Occupancy of nodes: the space of robot, tool and handled objects, segment by segment.
 
 Every node is cut into straight joint-space segments short enough that no point of the robot
 moves further than MOTION in one. What is proved of a segment holds for the whole motion within
@@ -45,7 +45,7 @@ _NO_TASK = np.full(1, ALWAYS, dtype=np.int64)
 
 @dataclass(frozen=True)
 class Occupancy:
-    """What one robot, or one resting object, occupies.
+    """Occupancy of one robot, or of one object at rest.
 
     Attributes:
         sequence: the segments and the tree of swept capsules over them.
@@ -163,7 +163,7 @@ def chain_occupancy(
     *,
     leaf: int = LEAF,
 ) -> Occupancy:
-    """Return what the nodes of one chain occupy.
+    """Return the occupancy of the nodes of one chain.
 
     Args:
         cell: the static cell.
@@ -193,7 +193,7 @@ def hold_occupancy(
     spans: Sequence[ObjectSpan],
     entities: Mapping[str, int],
 ) -> Occupancy:
-    """Return what one robot occupies in some of its holds, one segment each.
+    """Return the occupancy of some holds of one robot, one segment each.
 
     Args:
         cell: the static cell.
@@ -222,7 +222,7 @@ def hold_occupancy(
 def standing_occupancy(
     cell: Workcell, robot: PlacedRobot, entities: Mapping[str, int]
 ) -> Occupancy:
-    """Return what a robot without any node occupies: it stands at HOME, in one segment."""
+    """Return the occupancy of a robot without nodes: it stands at HOME, in one segment."""
     q = np.array(robot.home[None], dtype=np.float64)
     segments = _Segments(q, q, np.zeros(1, dtype=np.int64), _NO_TASK, _NO_TASK)
     return _assemble(cell, robot, segments, [], entities)
@@ -231,7 +231,7 @@ def standing_occupancy(
 def rest_occupancy(
     cell: Workcell, rest: Rest, entities: Mapping[str, int]
 ) -> Occupancy:
-    """Return what one object at rest, or in the hand of a robot that stands, occupies."""
+    """Return the occupancy of an object at rest, or in the hand of a robot that stands."""
     body = cell.object(rest.object).body
     solids = (resting_solid(rest.object, body, rest.pose),)
     hulls = standing_hulls(solids, (body,))

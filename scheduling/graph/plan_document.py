@@ -52,7 +52,7 @@ _GRAPH_ARRAYS = ("edges", "cause", "dependencies", "slots")
 
 
 def graph_document(tpg: TemporalPlanGraph) -> tuple[Document, Arrays]:
-    """Return what there is in a graph, and the numbers, see ``plan_files``.
+    """Return a graph as a document and arrays of numbers, see ``plan_files``.
 
     Raises:
         OutputError: a fixture or object is no box.

@@ -20,7 +20,7 @@ from scheduling.graph.flat_graph import FlatGraph, flatten
 
 @dataclass(frozen=True)
 class NodeOrder:
-    """What precedes what in a graph of chains.
+    """Precedence between the nodes of a graph, as vector clocks.
 
     Attributes:
         first: number of the first node of each robot when all nodes are counted, shape

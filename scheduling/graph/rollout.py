@@ -34,7 +34,7 @@ class Rollout:
 
     @property
     def makespan(self) -> float | int:
-        """When the last node ends."""
+        """End of the last node, in the unit of the durations."""
         ends = [e[-1].item() for e in self.end if len(e)]
         return max(ends, default=0)
 
@@ -87,7 +87,7 @@ def latest_ends(
     *,
     ranks: Sequence[Indices] | None = None,
 ) -> list[Array]:
-    """Return when every node may end at the latest for the same makespan [s].
+    """Return the latest end of every node that keeps the makespan [s].
 
     In the graph turned round, a node starts when all that waits for it here has passed.
 

@@ -1,4 +1,4 @@
-"""Orders of tasks: which robot goes first where two would meet.
+"""Task order: which robot goes first where two conflict.
 
 Imports graph, conflicts, build_nodes and build_tpg.
 """

@@ -1,4 +1,4 @@
-"""Beam search for the order in which tasks of different robots come.
+"""Beam search for a better order of the tasks of different robots.
 
 Every robot keeps its own order of tasks. What is left to choose is how the robots' tasks follow
 each other: a way through the grid of how many tasks each robot has completed, the task-completion
@@ -34,7 +34,7 @@ class _Done(NamedTuple):
 
 @dataclass(frozen=True)
 class Way:
-    """A way through the grid, as far as it goes.
+    """A partial path through the task-completion grid.
 
     Attributes:
         counts: how many units each chain has completed.
@@ -98,7 +98,7 @@ class TaskOrderSearch:
         self._tail = self._tails()
 
     def best_way(self, width: int) -> Way:
-        """Return the best way to the end that is found.
+        """Return the best complete path through the grid that is found.
 
         Args:
             width: ways that are followed at once.

@@ -24,7 +24,7 @@ Stair = tuple[Indices, Indices]
 task that must be complete before it."""
 
 _Key = tuple[object, ...]
-"""What something that may be in the way is remembered by."""
+"""Cache key of an obstacle."""
 
 
 class TaskRelations:
@@ -71,7 +71,7 @@ class TaskRelations:
         return self.graph.history.rests[number]
 
     def stairs(self, earlier: int, later: int) -> Stair | None:
-        """Return which nodes of a unit wait for which of another robot's; None for none.
+        """Return the nodes of a unit that wait for another robot's, and for which; None for none.
 
         Each node of the later unit waits for the last node of the earlier one that it conflicts
         with; what follows from the stairs below is left out.
@@ -88,7 +88,7 @@ class TaskRelations:
         return self._stairs[key]
 
     def sweeps_clear(self, first: int, second: int) -> bool:
-        """Tell whether two units of different robots keep clear whenever they are done."""
+        """Tell whether two units of different robots keep clear at any times."""
         a, b = sorted((first, second))
         return self._clear_of(("unit", a), lambda: self._unit(a), b)
 

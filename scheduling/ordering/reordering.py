@@ -1,4 +1,4 @@
-"""Give a temporal plan graph another order of tasks, in which everyone is done sooner.
+"""Reordering of the tasks of a temporal plan graph for a shorter makespan.
 
 Who goes first where two nodes conflict is what the input plan says (APEX-MR IV-C). A sequential
 plan was not made with robots in mind that work at once: it lets one place a brick before the
@@ -30,7 +30,7 @@ _WIDTH = 24
 
 
 def reorder_tasks(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
-    """Return a graph of the same nodes that is done sooner, or the same graph.
+    """Return a graph of the same nodes with a shorter makespan, or the same graph.
 
     Args:
         tpg: a graph that keeps its invariant.

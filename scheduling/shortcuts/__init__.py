@@ -1,4 +1,4 @@
 """Shortcuts on a temporal plan graph (APEX-MR IV-C).
 
-Imports graph, conflicts and invariant.
+Imports graph, conflicts, invariant and planning's geometry and motion.
 """

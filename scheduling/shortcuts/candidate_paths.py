@@ -1,4 +1,4 @@
-"""Paths that are tried in place of transit nodes, and the nodes they become."""
+"""Candidate paths in place of transit nodes, and the nodes they become."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SHAPES = (LINE, LINE, CORNER, CORNER, JOINT)
 
 
 def candidate_path(old: Array, shape: str, rng: np.random.Generator) -> Array:
-    """Return a polyline of the same ends.
+    """Return a random polyline with the same ends.
 
     Args:
         old: waypoints of the way so far, shape (w, n).

@@ -1,4 +1,4 @@
-"""Conflicts of new nodes with everyone else's, and the edges that these ask for.
+"""Conflicts of replacement nodes with other robots' nodes, and the edges they require.
 
 New nodes are checked against every node of another robot that is not ordered with all of them
 already, against robots that stand meanwhile and objects at rest, and, by the scene checker,
@@ -21,7 +21,7 @@ from scheduling.shortcuts.rewiring import Edge, Swap
 def order_against(
     graph: DerivedTpg, pieces: Pieces, swap: Swap, new: Occupancy
 ) -> list[Edge]:
-    """Return the edges that new nodes need.
+    """Return the type-2 edges that new nodes require.
 
     Args:
         graph: the graph.

@@ -1,4 +1,4 @@
-"""A temporal plan graph around nodes that are replaced (APEX-MR IV-C, mended for N robots).
+"""Edges and chains after nodes were replaced (APEX-MR IV-C, extended to N robots).
 
 In-edges of the replaced nodes go to the last new node, out-edges of all but the last one start
 at the node before. An order u -> a_p ... a_q -> w with p <= q held through the replaced nodes;

@@ -1,4 +1,4 @@
-"""Collision checks of a path against what does not move: fixtures, idle robots, objects at rest."""
+"""Collision checks of a path against fixtures, idle robots and objects at rest."""
 
 from __future__ import annotations
 

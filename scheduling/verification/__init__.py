@@ -1,4 +1,4 @@
-"""A second proof of a saved plan, with other code and other geometry (`twin verify`).
+"""Independent verification of a saved plan, with other code and geometry (`twin verify`).
 
 Imports graph and planning's data; nothing of conflicts.
 """

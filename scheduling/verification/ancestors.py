@@ -1,4 +1,4 @@
-"""Order of the nodes, found the plain way: sets of ancestors as bits of integers."""
+"""Precedence of nodes by ancestor sets, as bits of integers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _BLOCK = 4096
 
 @dataclass(frozen=True)
 class Precedence:
-    """What precedes what.
+    """Precedence between nodes.
 
     Attributes:
         complete: ``complete[a][b][v]`` is how many of the first nodes of chain ``a`` must be

@@ -1,4 +1,4 @@
-"""Findings of a verification, in words."""
+"""Problems that a verification found, and their wording."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Moment:
 
 @dataclass(frozen=True)
 class Problem:
-    """Something that breaks the guarantee.
+    """A violation of the guarantee.
 
     Attributes:
         kind: ``"cycle"``, ``"order"`` (an edge or a chain against the planned order),
@@ -89,7 +89,7 @@ def conflict(first: Moment, second: Moment, distance: float, kind: str = "") -> 
 
 
 def key_of(a: Pieces, i: int, b: Pieces, j: int) -> Key:
-    """Return by what a pair of pieces is named."""
+    """Return the key under which a pair of pieces is reported once."""
     return int(a.node[i]), int(b.node[j]), bool(a.standing[i]), bool(b.standing[j])
 
 

@@ -1,4 +1,4 @@
-"""A second, slow proof that a saved plan keeps its guarantee (``twin verify``).
+"""Independent, slow proof that a saved plan keeps its guarantee (``twin verify``).
 
 Nothing here is shared with the code that builds the graph: order comes from sets of ancestors,
 geometry from pinocchio's own reading of the URDF files and coal's exact shapes, occupancy from
@@ -21,7 +21,7 @@ __all__ = ["Moment", "Problem", "VerificationReport", "verify_plan"]
 
 @dataclass(frozen=True)
 class VerificationReport:
-    """The outcome.
+    """Outcome of a verification.
 
     Attributes:
         pairs_checked: pairs of pieces that may happen at once (motions, stands, rests).

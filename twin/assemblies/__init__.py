@@ -1,4 +1,4 @@
-"""Kinds of assemblies: each answers plan(cell, settings, watch) with its motions.
+"""Kinds of assemblies, from section to motions: each answers plan(cell, settings, watch).
 
 Imports scenario.sections, scenario.document, host and planning; scenario and twin.planning import it.
 """

@@ -46,7 +46,7 @@ class ConstructionKind(AssemblyKind):
 
     @property
     def at_once(self) -> bool:
-        """Whether it is planned in space and time: it is."""
+        """True: constructions are planned in space and time."""
         return True
 
     def steps(self) -> int:

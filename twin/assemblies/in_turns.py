@@ -1,4 +1,4 @@
-"""Planning of one task after another, as most kinds of assemblies are planned (APEX-MR IV)."""
+"""Sequential planning, one task after another, for most kinds of assemblies (APEX-MR IV)."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class AssemblyKind(Protocol):
 
     @property
     def at_once(self) -> bool:
-        """Whether it is planned in space and time: robots move at once, on shortened paths.
+        """True if planned in space and time: robots move at once, on shortened paths.
 
         Its robots then move at the speeds of their joints, and its plan cannot be turned into
         one in slots.

@@ -1,4 +1,4 @@
-"""The independent witness: PyBullet replays what a run executed and measures every distance.
+"""Audit of a run: PyBullet replays what was executed and measures every distance.
 
-Shares no geometry with planning; imports host only. trial and study import it.
+Shares no collision geometry with planning; of twin it imports host only. trial and study import it.
 """

@@ -1,4 +1,4 @@
-"""Contact rules of the audit: the plan says who may touch whom, the audit how deep."""
+"""Contact rules of the audit: allowed contacts from the plan, depth limits from the audit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SLACK = 1e-4
 
 
 class ContactRule:
-    """How deep two things may overlap at a time.
+    """Greatest accepted overlap of two things at a time.
 
     A contact counts as allowed only if the plan lists it for the tasks at hand *and* it is of a
     kind that handling needs: a tool and an object, two objects, or an object and a fixture.

@@ -1,4 +1,4 @@
-"""The independent witness: PyBullet replays what a run executed and measures every distance.
+"""Audit of a run: PyBullet replays what was executed and measures every distance.
 
 It shares nothing with the planner but the plan's list of allowed contacts: robots come from
 their URDF files, boxes from their sizes, motion from the tables that the run wrote. Of the cell
@@ -51,7 +51,7 @@ class Violation:
 
 @dataclass(frozen=True)
 class AuditReport:
-    """What the audit saw.
+    """Result of an audit.
 
     Attributes:
         configurations: number of different configurations of the whole cell that were checked.

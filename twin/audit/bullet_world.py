@@ -55,7 +55,7 @@ class Shape:
 
 
 class AuditWorld:
-    """A PyBullet world without dynamics: things are put somewhere and distances measured.
+    """A PyBullet world without dynamics, for distances between bodies that are posed.
 
     Args:
         cell: what to load: URDF files of robots, boxes for the rest.
@@ -193,7 +193,7 @@ class AuditWorld:
         )
 
     def place(self, body: int, pose: Transform) -> None:
-        """Put a box somewhere in the world."""
+        """Pose a box in the world."""
         w, x, y, z = quat_wxyz(pose)
         pybullet.resetBasePositionAndOrientation(
             body, pose[:3, 3].tolist(), [x, y, z, w], physicsClientId=self._client

@@ -1,4 +1,4 @@
-"""``twin follow``: the twin of a cell that is running."""
+"""``twin follow``: state and forecast of a cell that is running."""
 
 from __future__ import annotations
 

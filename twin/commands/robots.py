@@ -1,4 +1,4 @@
-"""``twin robots``: the robot models that a scenario can name."""
+"""``twin robots``: list the robot models that a scenario can name."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ BASELINES = (SEQUENTIAL, SYNCHRONOUS)
 
 @dataclass(frozen=True)
 class Measurement:
-    """How one policy did with one seed.
+    """Measured figures of one policy with one seed.
 
     Attributes:
         makespan_s: end of the last node [s].
@@ -85,7 +85,7 @@ Rows = Mapping[int, Mapping[str, Measurement]]
 
 
 def shortcut_budget(scenario: Scenario) -> int:
-    """Return how many shortcuts are tried where nobody says: the scenario's, or by its size."""
+    """Return the default number of shortcut candidates: the scenario's, or by its size."""
     return planned_shortcuts(scenario) or default_shortcuts(scenario)
 
 

@@ -1,4 +1,4 @@
-"""Distributions of how long skills take: one class each, with its section, quantiles and fit.
+"""Distributions of skill durations: one class each, with its section, quantiles and fit.
 
 Imports planning and the base of scenario sections; scenario, uncertainty and fit import it.
 """

@@ -26,7 +26,7 @@ _SEQUENCES_LOG2 = 14
 
 
 class Shifted(DurationModel):
-    """Another distribution and a time that never varies.
+    """Shifted distribution: a constant plus another distribution.
 
     Attributes:
         model: the part that varies.
@@ -58,7 +58,7 @@ class Shifted(DurationModel):
 
 
 class Retries(DurationModel):
-    """An attempt and, as long as attempts fail, retries; all added up.
+    """Duration with retries: an attempt plus a retry for every failed one, added up.
 
     Every attempt fails with the same probability, and all take times of their own. After the
     last retry allowed the work counts as done: this is a duration, not an outcome.

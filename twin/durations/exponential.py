@@ -12,7 +12,7 @@ from twin.durations.model import Seconds
 
 
 class Exponential(FittableModel):
-    """Without memory: however long it has lasted, the rest is as long as ever.
+    """Exponential distribution, without memory: the rest does not depend on the time so far.
 
     Short ones are most likely, some are very long.
     """

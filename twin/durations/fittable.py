@@ -27,7 +27,7 @@ class Family(Protocol):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """What is estimated, in the order of ``theta``."""
+        """Names of the estimated parameters, in the order of ``theta``."""
         ...
 
     def suits(self, x: Array) -> bool:

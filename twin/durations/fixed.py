@@ -11,7 +11,7 @@ from twin.durations.model import DurationModel, Seconds
 
 
 class Fixed(DurationModel):
-    """Always the same."""
+    """A constant duration."""
 
     kind: Literal["fixed"] = "fixed"
     value_s: Seconds

@@ -13,7 +13,7 @@ from twin.durations.model import Factor, PositiveSeconds, Shape, require_pair
 
 
 class Gamma(FittableModel):
-    """Skewed to the right, given by shape and scale, or by mean and cv.
+    """Gamma distribution, skewed to the right, by shape and scale, or by mean and cv.
 
     Attributes:
         shape, scale_s: the mean is their product.

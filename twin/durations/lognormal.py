@@ -24,7 +24,7 @@ _Z95 = 1.6448536269514722
 
 
 class Lognormal(FittableModel):
-    """Skewed to the right, given by its median and 95th percentile, or by mean and cv.
+    """Lognormal distribution, skewed to the right, by median and 95th percentile, or mean and cv.
 
     Attributes:
         median_s, p95_s: half and 95 % of the durations are shorter [s].

@@ -41,7 +41,7 @@ class _Sample(DurationModel, ABC):
 
 
 class Measured(_Sample):
-    """Drawn from durations at hand.
+    """Empirical distribution of given durations.
 
     Attributes:
         values: the durations [s].

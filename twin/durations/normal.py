@@ -1,4 +1,4 @@
-"""Normal durations, cut off where there can be none, and their fit."""
+"""Truncated normal durations and their fit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _CUT_MOST = 2.3
 
 
 class TruncatedNormal(FittableModel):
-    """Normal, cut off at 0 or at bounds of its own: what is outside is as if it never happened.
+    """Normal distribution truncated at 0 or at given bounds.
 
     Cutting off moves the mean, so ``mean`` differs from ``mean_s`` where a bound is near. At
     least 1 % of the normal distribution must be left.

@@ -85,7 +85,7 @@ class _Peaked(FittableModel, ABC):
 
 
 class Triangular(_Peaked):
-    """Rises in a straight line to the most likely duration, and falls so."""
+    """Triangular distribution: a linear rise to the most likely duration, and a linear fall."""
 
     title: ClassVar = "triangular"
     kind: Literal["triangular"] = "triangular"
@@ -126,7 +126,7 @@ class Triangular(_Peaked):
 
 
 class Pert(_Peaked):
-    """As triangular, but smooth and with less weight on the bounds: the beta distribution of PERT.
+    """PERT distribution: a smooth beta distribution, with less weight on the bounds.
 
     Its mean is (low + 4 mode + high) / 6.
     """

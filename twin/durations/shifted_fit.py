@@ -37,7 +37,7 @@ class ShiftedFamily:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """What is estimated."""
+        """Names of the estimated parameters."""
         return ("offset_s", *self.base.parameters)
 
     def suits(self, x: Array) -> bool:

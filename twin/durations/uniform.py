@@ -13,7 +13,7 @@ from twin.durations.model import Seconds
 
 
 class Uniform(FittableModel):
-    """Evenly spread between two bounds."""
+    """Uniform distribution between two bounds."""
 
     title: ClassVar = "uniform"
     parameters: ClassVar = ("low_s", "high_s")

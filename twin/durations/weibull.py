@@ -1,4 +1,4 @@
-"""Weibull durations, those until the weakest of many links gives, and their fit."""
+"""Weibull durations and their fit."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from twin.durations.model import PositiveSeconds, Shape
 
 
 class Weibull(FittableModel):
-    """Skewed to the right for small shapes, to the left for shapes above 3.6.
+    """Weibull distribution, skewed to the right for small shapes, to the left above 3.6.
 
     Attributes:
         shape: the greater, the narrower.

@@ -1,4 +1,4 @@
 """Discrete-event engine: SimPy processes of robots and dispatcher (APEX-MR IV-D).
 
-Imports run, recorders.observers and uncertainty; trial and study import it.
+Imports run, recorders.observers and uncertainty; trial, study and follow import it.
 """

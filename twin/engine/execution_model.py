@@ -1,4 +1,4 @@
-"""How a plan is executed, and what varies: all that a simulation or a forecast needs of it."""
+"""Execution model of a plan: policy, durations, messages and disturbances."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from twin.uncertainty.skill_durations import SkillDurations
 
 @dataclass(frozen=True)
 class ExecutionModel:
-    """How a plan is executed, and what varies.
+    """Execution model: policy, durations, messages and disturbances.
 
     Attributes:
         durations: of skills.

@@ -38,5 +38,5 @@ class Messages:
 
     @property
     def instant(self) -> bool:
-        """Whether messages take no time; then the depth of the queues makes no difference."""
+        """True if messages take no time; then the depth of the queues makes no difference."""
         return self.report_ns == 0 and self.release_ns == 0

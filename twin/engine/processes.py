@@ -27,7 +27,7 @@ _Steps = Generator[simpy.Event, Any, None]
 
 
 class Execution:
-    """One run in progress."""
+    """State of one run in progress."""
 
     def __init__(
         self,

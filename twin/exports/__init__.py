@@ -1,4 +1,4 @@
-"""Runs in the formats of other programs.
+"""Exports of runs to the formats of other programs.
 
-Imports run, and of scenario the manifest; commands import it.
+Imports run, host and, of scenario, the manifest; commands import it.
 """

@@ -1,4 +1,4 @@
-"""The folder of a run, each file read when it is first asked for."""
+"""Recorded run: its folder, each file read when it is first asked for."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _MOST_FOLDERS = 8
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """What a run left; see docs/reference/formats.md.
+    """Files that a run has written; see docs/reference/formats.md.
 
     Attributes:
         folder: of the run.
@@ -47,7 +47,7 @@ class RecordedRun:
 
     @cached_property
     def events(self) -> tuple[Event, ...]:
-        """Everything that happened; a last line that was not written to its end is left out."""
+        """Events of the run; a last line that was not written to its end is left out."""
         path = self._existing(EVENTS)
         out = []
         for number, line in enumerate(read_log(path), start=1):
@@ -88,7 +88,7 @@ class RecordedRun:
 
     @property
     def makespan_ns(self) -> int:
-        """When the last event happened [ns]."""
+        """Time of the last event [ns]."""
         return self.events[-1].t_ns if self.events else 0
 
     def _foreign(self, what: str) -> OutputError:

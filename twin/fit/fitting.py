@@ -43,7 +43,7 @@ class Fit:
 
     @property
     def section(self) -> Mapping[str, Any]:
-        """What a scenario should say: the best fit, or the measured times themselves."""
+        """Section for a scenario: the best fit, or the measured times themselves."""
         if not self.candidates:
             return {
                 "kind": "fixed",

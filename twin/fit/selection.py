@@ -77,7 +77,7 @@ class Candidate:
 
     @property
     def rejected(self) -> bool:
-        """Whether the sample hardly comes from the family."""
+        """True if the test rejects the family for this sample."""
         return self.p_value < LEVEL
 
     @property

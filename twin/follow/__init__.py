@@ -1,4 +1,4 @@
-"""A cell that is running: its state from its events, and a forecast of the rest.
+"""Following a running cell: its state from its events, and a forecast of the end.
 
-Imports engine, recorders, run and trial; commands import it.
+Imports engine, recorders, run, scenario and trial; commands import it.
 """

@@ -13,7 +13,7 @@ from twin.run.events import Event
 
 
 class RunListener:
-    """Something that shows or keeps what is seen of a run; each kind overrides what it wants."""
+    """Listener to a followed run; each kind overrides what it shows or keeps."""
 
     def event(self, event: Event, run: FollowedRun) -> None:
         """Take note of an event, which the state of the run holds already."""

@@ -1,4 +1,4 @@
-"""Forecasts of the end of a run in progress, by drawing what is not done again and again.
+"""Monte-Carlo forecasts of the end of a run in progress.
 
 What is done is known. What is under way is drawn on condition that it takes longer than it has
 taken already. The rest is drawn as for any run. Everything then follows from the graph.
@@ -39,7 +39,7 @@ _MOST_VALUES = 8_000_000
 
 @dataclass(frozen=True)
 class Forecast:
-    """How a run in progress will end.
+    """Forecast of the end of a run in progress.
 
     Attributes:
         t_ns: time of the run at which this was foreseen [ns].

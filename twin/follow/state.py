@@ -1,4 +1,4 @@
-"""The state of a run in progress, kept equal to its events; what the TPG forbids is flagged."""
+"""State of a run in progress from its events; violations of the TPG are flagged."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from twin.run.run_record import Policy
 
 @dataclass(frozen=True)
 class Violation:
-    """An event that should not have happened.
+    """An event that the TPG forbids.
 
     Attributes:
         t_ns: when [ns].
@@ -39,7 +39,7 @@ class Violation:
 
 @dataclass
 class RobotProgress:
-    """How far a robot has come.
+    """Progress of one robot.
 
     Attributes:
         name: of the robot.
@@ -74,7 +74,7 @@ class RobotProgress:
 
     @property
     def finished(self) -> bool:
-        """Whether all its nodes are complete."""
+        """True once all its nodes are complete."""
         return self.completed == len(self.start_ns)
 
     def worked_ns(self, now_ns: int) -> int:

@@ -35,7 +35,7 @@ P = ParamSpec("P")
 
 
 def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
-    """Return a command that ends with an exit code whatever happens.
+    """Wrap a command so that every error ends in a message and an exit code.
 
     Errors in the user's input, such as ScenarioError, InfeasibleStepError and ConstructionError
     (what is asked for cannot be built) end with 2, any other TwinError with 1, an interrupt with

@@ -23,11 +23,11 @@ Report = Callable[[str, float, float], None]
 
 
 def report_nothing(stage: str, done: float, total: float) -> None:
-    """Take no notice."""
+    """Ignore progress."""
 
 
 def of_stage(report: Report, stage: str) -> Callable[[float, float], None]:
-    """Return what tells how much of one stage is done, and how much there is in all."""
+    """Return a callback for the progress of one stage: done, and total."""
     return lambda done, total: report(stage, done, total)
 
 

@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 
 @contextmanager
 def silenced() -> Iterator[None]:
-    """Send what compiled code prints to nowhere: PyBullet greets whoever imports it.
+    """Discard what compiled code prints: PyBullet prints a greeting when it is imported.
 
     Python's own output goes through the same two files; nothing else should happen inside.
     """

@@ -37,5 +37,5 @@ class StageWatch:
             self.report(label, 1, 1)
 
     def reporter(self, label: str) -> Callable[[float, float], None]:
-        """Return what tells the display how much of a stage is done, and how much there is."""
+        """Return a callback that shows the progress of a stage: done, and total."""
         return of_stage(self.report, label)

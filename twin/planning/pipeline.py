@@ -106,7 +106,7 @@ def plan_scenario(
 
 
 def plan_motions(scenario: Scenario, folder: Path, watch: StageWatch) -> PlannedMotions:
-    """Plan who does what and how everyone moves, before robots are let move at once.
+    """Plan assignment and motions, before robots are let move at once.
 
     See the kinds of assemblies for the stages, plan_scenario for the errors.
     """

@@ -1,4 +1,4 @@
-"""Recorders, which watch the events of a run; none can stop it."""
+"""Recorders, which observe the events of a run; none can stop it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _log = logging.getLogger(__name__)
 
 
 class Recorder(Protocol):
-    """Something that is told of every event, in order."""
+    """Recorder: receives every event, in order."""
 
     def record(self, event: Event) -> None:
         """Take note of an event."""

@@ -1,4 +1,4 @@
-"""What happened in a run: events, trajectories, summary, pictures, the folder of it.
+"""Records of a run: events, trajectories, summary, pictures, folder.
 
 Imports uncertainty; recorders, engine, exports and trial import it.
 """

@@ -35,7 +35,7 @@ class Activity:
 
     @property
     def duration_ns(self) -> int:
-        """How long it took [ns]."""
+        """Duration of the activity [ns]."""
         return self.end_ns - self.start_ns
 
 

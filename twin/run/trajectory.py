@@ -40,7 +40,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Placement:
-    """From a time on, an object is somewhere.
+    """Pose and parent of an object from a time on.
 
     Attributes:
         t_ns: when [ns].

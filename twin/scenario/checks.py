@@ -1,4 +1,4 @@
-"""Checks of a whole scenario: do its parts fit together?"""
+"""Consistency checks across the parts of a scenario."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What may go wrong according to a scenario, and which engine that takes."""
+"""Disturbances of a scenario, and the engine that they take."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from twin.uncertainty.disturbances import Disturbances
 def scenario_disturbances(
     execution: ExecutionSection, robots: tuple[str, ...], folder: Path = Path()
 ) -> Disturbances:
-    """Return what may go wrong according to a scenario.
+    """Return the disturbances of a scenario.
 
     Args:
         execution: the section of a checked scenario.
@@ -43,7 +43,7 @@ def named_robots(execution: ExecutionSection) -> Iterator[tuple[KeyPath, str]]:
 
 
 def needs_event_engine(execution: ExecutionSection) -> list[str]:
-    """Say why only the event engine can run a scenario; nothing when any engine can.
+    """Return why only the event engine can run a scenario, empty if any engine can.
 
     Completion times are longest paths in the graph only if messages take no time (then the
     depth of the queues makes no difference) and nothing happens at times of the run's clock.

@@ -1,4 +1,4 @@
-"""``manifest.json``: what is needed to understand, repeat and go on with a run or a study."""
+"""``manifest.json``: all that is needed to understand, repeat and resume a run or a study."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ SUMMARY, REPORT = "summary.json", "report.html"
 
 @dataclass(frozen=True)
 class StudyRequest:
-    """All that a study was asked.
+    """Request of a study: all of its options.
 
     Attributes:
         scenario: what is studied.

@@ -1,4 +1,4 @@
-"""A Monte-Carlo study from question to answer: plan, replicate, audit, summarise."""
+"""Monte-Carlo study: plan, replicate, audit, summarise."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ CHECKING = "open-loop audit"
 
 @dataclass(frozen=True)
 class StudyResult:
-    """What a study found out.
+    """Result of a study.
 
     Attributes:
         folder: of its files.
@@ -93,7 +93,7 @@ def start_study(
 def resume_study(
     folder: Path, open_executor: OpenExecutor, progress: Report = report_nothing
 ) -> StudyResult:
-    """Go on with a study that was interrupted, wherever it was; nothing is done twice.
+    """Resume an interrupted study; nothing is computed twice.
 
     Raises:
         OutputError: the folder is not one of a study that got as far as its plans.

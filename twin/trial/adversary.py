@@ -42,7 +42,7 @@ class StandingState:
 
 @dataclass(frozen=True)
 class AdversaryReport:
-    """What the audit saw in all standing states.
+    """Result of the audit of all standing states.
 
     Attributes:
         states: how many were looked at.

@@ -23,12 +23,12 @@ from twin.trial.trial import SIMULATION, Preparation, Trial, conclude, execute
 
 
 class ResumeError(TwinError):
-    """What happens now is not what the log says."""
+    """The resumed run differs from its log."""
 
 
 @dataclass(frozen=True)
 class Resumption:
-    """What came of resuming a run.
+    """Result of a resumed run.
 
     Attributes:
         agreed: events of the log, all of which happened again.
@@ -44,7 +44,7 @@ class Resumption:
 def resume_run(
     folder: Path, *, base: Path | None = None, progress: Report = report_nothing
 ) -> Resumption:
-    """Go on with a simulated run from its log.
+    """Resume a simulated run from its log.
 
     Args:
         folder: of the run; its process must not be alive any more.

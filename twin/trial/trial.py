@@ -37,7 +37,7 @@ SIMULATION, RECORDS = "simulation", "recording"
 
 @dataclass(frozen=True)
 class Keep:
-    """What a trial does besides the simulation.
+    """Outputs and checks of a trial besides the simulation.
 
     Attributes:
         recording: write ``run.rrd``.
@@ -50,7 +50,7 @@ class Keep:
 
 @dataclass(frozen=True)
 class Preparation:
-    """What is known before a run begins and wanted when it has ended, maybe after a kill.
+    """Facts known before a run that its conclusion needs, also after a kill.
 
     Attributes:
         base: folder in which relative paths of the scenario start.
@@ -69,7 +69,7 @@ class Preparation:
 
 @dataclass(frozen=True)
 class Trial:
-    """What came of a trial.
+    """Result of a trial.
 
     Attributes:
         folder: of the files.
@@ -83,7 +83,7 @@ class Trial:
 
     @property
     def passed(self) -> bool:
-        """Whether the run was completed and no audit found anything."""
+        """True if the run was completed and no audit found anything."""
         audit = self.summary["audit"]
         return self.run.outcome == "completed" and not (audit and audit["violations"])
 

@@ -47,7 +47,7 @@ class Standstills:
 
 
 class TaskNodes:
-    """Which nodes of one robot belong to which task.
+    """Nodes of every task of one robot.
 
     Attributes:
         chain: the robot's nodes.

@@ -1,4 +1,4 @@
-"""Disturbances of a run, as sections of a scenario file: what may go wrong, and how often."""
+"""Disturbances of a run, as sections of a scenario file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Factor = Annotated[float, Field(ge=0.001, le=1000)]
 
 
 class FixedFactor(Section):
-    """Always the same factor."""
+    """A constant factor."""
 
     kind: Literal["fixed"]
     value: Factor
@@ -26,7 +26,7 @@ class FixedFactor(Section):
 
 
 class UniformFactor(Section):
-    """Evenly spread between two bounds."""
+    """Uniform distribution between two bounds."""
 
     kind: Literal["uniform"]
     low: Factor
@@ -45,7 +45,7 @@ class UniformFactor(Section):
 
 
 class LognormalFactor(Section):
-    """Skewed to the right, given by its median and 95th percentile."""
+    """Lognormal distribution, given by its median and 95th percentile."""
 
     kind: Literal["lognormal"]
     median: Factor
@@ -167,7 +167,7 @@ class EmergencyStop(Section):
 
 
 class Disturbances(Section):
-    """All that may go wrong in a run; nothing by default.
+    """Disturbances of a run; none by default.
 
     Attributes:
         speed: speed factors of the robots' controllers.
@@ -187,7 +187,7 @@ class Disturbances(Section):
 
     @property
     def at_absolute_times(self) -> bool:
-        """Whether something happens at times of the run's clock, whatever is under way then."""
+        """True if some disturbance happens at absolute times of the run's clock."""
         by_clock = self.breakdowns is not None and self.breakdowns.clock == "run"
         return bool(self.emergency_stops) or by_clock
 

@@ -1,4 +1,4 @@
-"""Random numbers by name: one uniform per (seed, replication, robot, task, kind, purpose, index).
+"""Counter-based random draws: a uniform per (seed, replication, robot, task, kind, purpose, index).
 
 The generator is Philox 4x64-10 (Salmon et al., SC 2011), a keyed bijection of a counter. A draw
 depends on nothing but its name, so two policies with one seed see the same skill durations

@@ -1,4 +1,4 @@
-"""Conversion between the time of a run and the time for which a robot was not stopped."""
+"""Conversion between the time of a run and a robot's own time, without its stops."""
 
 from __future__ import annotations
 

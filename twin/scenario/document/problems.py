@@ -1,4 +1,4 @@
-"""Problems of a scenario file: place, reason, remedy."""
+"""Problems of a scenario file: place, reason and remedy."""
 
 from __future__ import annotations
 

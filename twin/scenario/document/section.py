@@ -1,4 +1,4 @@
-"""What all sections of a scenario file have in common: strictness, and names."""
+"""Base class of all sections of a scenario file: strict fields and names."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ Vector2 = Annotated[tuple[float, ...], Field(min_length=2, max_length=2)]
 
 
 class ParkedSection(Section):
-    """Where a mobile robot stands at HOME, on the ground of its base frame.
+    """Pose of a mobile robot at HOME, on the ground of its base frame.
 
     Attributes:
         at_m: x and y.
@@ -123,7 +123,7 @@ class ClearanceSection(Section):
 
 
 class CellSection(Section):
-    """Who works, and what stands around.
+    """A cell: robots, fixtures and clearances.
 
     Attributes:
         listed: ``robots`` of the file: robots given one by one.
@@ -150,7 +150,7 @@ class CellSection(Section):
 
 
 def choose_robots(cell: dict[str, Any], count: int) -> None:
-    """Change the content of a cell section to a number of robots.
+    """Change the number of robots in the content of a cell section.
 
     A team gets that many robots, beside those given one by one; without a team, the first
     ``count`` of those given one by one stay.

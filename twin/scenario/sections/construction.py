@@ -182,7 +182,7 @@ SupplySection = Annotated[SpiralSection | RowsSection, Field(discriminator="layo
 
 
 class PadSection(Section):
-    """Where vacuum pads touch the parts.
+    """Grips of vacuum pads on the parts.
 
     Attributes:
         frame: tool frame; its origin is in the middle of the pad, its z axis points out of it.
@@ -194,7 +194,7 @@ class PadSection(Section):
 
 
 class ConstructionSection(Section):
-    """What is built, where its parts lie, and how they are held.
+    """A construction: what is built, where its parts lie, and how they are held.
 
     Attributes:
         kind: ``construction``.

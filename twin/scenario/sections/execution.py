@@ -1,4 +1,4 @@
-"""How a plan is executed: the ``execution`` section of a scenario file."""
+"""Execution section of a scenario file: policy, durations, messages, disturbances."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SkillSection = Annotated[Distribution | ReferenceDuration, Field(discriminator="
 
 
 class ExecutionSection(Disturbances):
-    """How the plan is executed, and what may go wrong.
+    """Execution of the plan: policy, durations, messages and disturbances.
 
     Attributes:
         policy: ``asynchronous`` releases a node as soon as what it waits for is complete;

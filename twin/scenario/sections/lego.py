@@ -57,7 +57,7 @@ class StockSection(Section):
 
 
 class PressSection(Section):
-    """Where the tool grips and presses: an edge of the brick, and the first stud along it.
+    """Grip and press of the tool: an edge of the brick, and the first stud along it.
 
     Attributes:
         side: for a brick that is not turned: 1 = edge of least x, 2 = of greatest y, 3 = of least
@@ -77,7 +77,7 @@ class PressCellSection(Section):
 
 
 class SupportSection(Section):
-    """Where the supporting tool goes.
+    """Place of the supporting tool.
 
     Attributes:
         at: the 1 x 2 cell, as stud and layer.
@@ -140,7 +140,7 @@ class TwistSection(Section):
 
 
 class RulesSection(Section):
-    """What the sequence of a structure may do, and what it must bear.
+    """Rules of the sequence of a structure: allowed insertions, and loads it must bear.
 
     Attributes:
         support: a second robot may hold the structure from below while a brick is pressed on.

@@ -36,7 +36,7 @@ class PartSection(Section):
 
 
 class GripSection(Section):
-    """Which grips are tried.
+    """Rules for the grips that are tried.
 
     Attributes:
         frame: tool frame; its z axis points out of the hand, its fingers close along y.

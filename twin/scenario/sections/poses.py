@@ -18,7 +18,7 @@ Size3 = Annotated[
 
 
 class PoseSection(Section):
-    """A pose: where, and how it is turned (upright when not said).
+    """A pose: position, and orientation (upright by default).
 
     Attributes:
         xyz_m: position [m].

@@ -1,4 +1,4 @@
-"""What a scenario file may say: one cell, one assembly, how to plan and how to run it.
+"""Scenario section: one cell, one assembly, how to plan and how to execute it.
 
 These are the sections and keys of the file, frozen and checked one by one. Reading a file and
 checking that the parts fit together is in ``twin.scenario.file``; every quantity carries its unit
@@ -32,7 +32,7 @@ AssemblySection = Annotated[
 
 
 class PlanningSection(Section):
-    """How the planner works.
+    """Settings of the planner.
 
     Attributes:
         speed_model: ``l1`` moves at a constant sum of joint speeds, as APEX-MR does; ``joint``

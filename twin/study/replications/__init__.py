@@ -1,4 +1,4 @@
-"""Replications of a study: what to run, where, and what is kept of each.
+"""Replications of a study: design, executors, results and statistics.
 
-Imports engine and run; the rest of study imports it.
+Imports engine, run and scenario; the rest of study imports it.
 """

@@ -23,7 +23,7 @@ _TALLY = ("critical", "critical_edges", "slack_ns", "start_ns", "end_ns")
 
 
 def write_block(folder: Path, result: BlockResult) -> None:
-    """Write what came of a block.
+    """Write the result of a block.
 
     Raises:
         OutputError: the file cannot be written.

@@ -27,7 +27,7 @@ class ClusterError(RequestError):
 
 
 class InProcess(Executor):
-    """Does what it is given at once, in the process that asks: for debugging and for oracles."""
+    """Executor that computes at once, in the calling process: for debugging and for oracles."""
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Call the function now; the future that is returned is done."""

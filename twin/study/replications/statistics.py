@@ -141,7 +141,7 @@ def paired_difference(
 
 @dataclass(frozen=True)
 class Precision:
-    """How many replications are enough.
+    """Precision at which there are enough replications.
 
     Attributes:
         relative_half_width: of the interval of the mean that is asked for.

@@ -50,7 +50,7 @@ class TaskTally:
 
 @dataclass(frozen=True)
 class TaskGroups:
-    """Which nodes make up which task; nodes of all chains are numbered through.
+    """Nodes of every task; nodes of all chains are numbered through.
 
     Attributes:
         task: index of each task that has nodes, in the order of its nodes, shape (tasks,).

@@ -45,7 +45,7 @@ class Workload:
 
 @dataclass(frozen=True)
 class BlockResult:
-    """What came of a block of replications.
+    """Result of a block of replications.
 
     Attributes:
         block: which.

@@ -1,4 +1,4 @@
-"""What a study found, as figures, tables and an HTML page.
+"""Report of a study: figures, tables and an HTML page.
 
 Imports study; commands import it.
 """

@@ -1,4 +1,4 @@
-"""Which inputs the makespan depends on: tornado and Sobol indices.
+"""Sensitivity of the makespan to inputs: tornado and Sobol indices.
 
 Imports replications.
 """

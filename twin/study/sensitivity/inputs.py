@@ -13,7 +13,7 @@ from twin.study.replications.workload import Workload
 
 @dataclass(frozen=True)
 class Input:
-    """Something that varies, or might be other than it is.
+    """An input of a plan that varies, or that might be different.
 
     Attributes:
         name: in words.

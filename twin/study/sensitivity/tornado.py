@@ -21,7 +21,7 @@ REPLICATIONS = 200
 
 @dataclass(frozen=True)
 class Influence:
-    """What an input does to the mean makespan.
+    """Effect of an input on the mean makespan.
 
     Attributes:
         name: of the input, in words.
@@ -45,7 +45,7 @@ def influences(
     share: float = SHARE,
     replications: int = REPLICATIONS,
 ) -> list[Influence]:
-    """Return what the inputs do to the mean makespan, the strongest first.
+    """Return the effects of the inputs on the mean makespan, the strongest first.
 
     What the inputs are is in ``inputs_of``.
 
