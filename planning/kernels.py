@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any, TypeVar, cast
 
@@ -15,11 +18,36 @@ from numba.core.caching import FunctionCache
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
+PACKAGES = ("planning", "scheduling", "twin")
+_ROOT = Path(__file__).parents[1]
+
+
+@cache
+def stamp_of_kernels(root: Path) -> str:
+    """Return a hash of every file in the packages below a folder that declares kernels.
+
+    A kernel is compiled into those that call it, from whichever file; numba alone compares the
+    caller's own file, and would go on with what the callee was before.
+    """
+    digest = sha256()
+    for package in PACKAGES:
+        for path in sorted((root / package).rglob("*.py")):
+            source = path.read_bytes()
+            if b"planning.kernels import" in source:
+                digest.update(source)
+    return digest.hexdigest()
+
+
 class _Cache(FunctionCache):
-    """What was compiled before; what cannot be read any more is compiled anew.
+    """Cache of compiled code on disk; what is out of date or unreadable is compiled anew.
 
     Cached files name types and functions by their modules: some may be gone in another version.
     """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)  # type: ignore[no-untyped-call]
+        file = self._cache_file
+        file._source_stamp = (file._source_stamp, stamp_of_kernels(_ROOT))
 
     def _load_overload(self, *signature: Any) -> Any:
         try:
@@ -41,7 +69,7 @@ def inner_kernel(function: Function) -> Function:
 
 def _compiled(function: Function, **options: Any) -> Function:
     dispatcher: Any = njit(nogil=True, **options)(function)
-    dispatcher._cache = _Cache(function)  # type: ignore[no-untyped-call]
+    dispatcher._cache = _Cache(function)
     return cast(Function, dispatcher)
 
 

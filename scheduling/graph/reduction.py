@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from planning.errors import PlanInvariantError
+from planning.kernels import kernel
 from planning.transforms import Indices
 from scheduling.graph.flat_graph import FlatGraph, flatten
 
@@ -62,7 +62,7 @@ class NodeOrder:
         return np.searchsorted(waits_for, nodes, side="left").astype(np.int64)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _clocks(graph: FlatGraph, keep: npt.NDArray[np.bool_]) -> Indices:
     """Return all clocks; ``keep`` becomes False for edges that other paths imply."""
     first, source = graph.first, graph.source

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from planning.kernels import kernel
 from planning.transforms import Array, Indices
 from scheduling.graph.flat_graph import FlatGraph, flatten
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -39,7 +39,7 @@ class Rollout:
         return max(ends, default=0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _longest_paths(
     graph: FlatGraph, duration: npt.NDArray[Any]
 ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:

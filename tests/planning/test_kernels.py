@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from planning.kept_answers import KeptAnswers
-from planning.kernels import inner_kernel, kernel
+from planning.kernels import inner_kernel, kernel, stamp_of_kernels
 from planning.packed import packed
 from planning.transforms import Array, Indices
 
@@ -115,3 +115,25 @@ def test_a_cache_that_cannot_be_read_is_written_anew(tmp_path: Path) -> None:
     index = next(tmp_path.rglob("*.nbi"))
     index.write_bytes(b"cnumba\ngone\n.")
     assert [run(), run()] == ["6 0\n", "6 1\n"]
+
+
+def test_a_change_of_any_file_with_kernels_makes_the_cache_stale(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "planning").mkdir()
+    callee, other = (
+        tmp_path / "planning" / "callee.py",
+        tmp_path / "planning" / "other.py",
+    )
+    callee.write_text("from planning.kernels import inner_kernel\n")
+    other.write_text("import numpy\n")
+
+    def stamp() -> str:
+        stamp_of_kernels.cache_clear()
+        return stamp_of_kernels(tmp_path)
+
+    before = stamp()
+    other.write_text("import scipy\n")
+    assert stamp() == before
+    callee.write_text("from planning.kernels import inner_kernel  # changed\n")
+    assert stamp() != before

@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from planning.kernels import kernel
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations import (
@@ -270,7 +270,7 @@ def choose(n: int, u: Array) -> Indices:
     return chosen
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _locate(
     passed: Nanoseconds,
     low: Indices,

@@ -15,8 +15,8 @@ from functools import cache
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from planning.kernels import kernel
 from planning.transforms import Array
 
 Words = npt.NDArray[np.uint64]
@@ -33,7 +33,7 @@ _DROP = np.uint64(12)
 _SCALE = 2.0**-52
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _high_product(a: np.uint64, b: np.uint64) -> np.uint64:
     """Return the upper 64 bits of the 128-bit product of two words."""
     a0, a1 = a & _LOW, a >> _HALF
@@ -43,7 +43,7 @@ def _high_product(a: np.uint64, b: np.uint64) -> np.uint64:
     return a1 * b1 + (middle >> _HALF) + (other >> _HALF)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def philox_block(counter: Words, key: Words, out: Words) -> None:
     """Write the Philox 4x64-10 image of a counter.
 
@@ -63,7 +63,7 @@ def philox_block(counter: Words, key: Words, out: Words) -> None:
     out[0], out[1], out[2], out[3] = c0, c1, c2, c3
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _uniforms(
     seed: np.uint64,
     replications: Words,

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from planning.kernels import kernel
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds, to_nanoseconds
@@ -142,7 +142,7 @@ def _shares(draws: SkillDraws, contraction: Contraction) -> _Shares:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _add_shares(
     totals: Nanoseconds,
     segment: Indices,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from planning.kernels import kernel
 from twin.durations import Nanoseconds
 from twin.engine.bulk.flat_graph import PrecedenceArrays, last_ends
 
@@ -41,7 +41,7 @@ def explain(
     return waited, critical, critical_edge
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _latest_source(
     graph: PrecedenceArrays, end: Nanoseconds, n: int, r: int
 ) -> tuple[int, int]:
@@ -58,7 +58,7 @@ def _latest_source(
     return found, latest
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _waits(
     graph: PrecedenceArrays,
     start: Nanoseconds,
@@ -80,7 +80,7 @@ def _waits(
             waited[chain, OTHER, r] += start[n, r] - since
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _critical_paths(
     graph: PrecedenceArrays,
     start: Nanoseconds,

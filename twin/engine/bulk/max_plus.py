@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from planning.kernels import kernel
 from twin.durations import Nanoseconds
 from twin.engine.bulk.critical_paths import explain
 from twin.engine.bulk.flat_graph import PrecedenceArrays, last_ends
@@ -87,7 +87,7 @@ def _end_times(graph: PrecedenceArrays, busy: Nanoseconds) -> Nanoseconds:
     return end
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _ends(
     graph: PrecedenceArrays,
     busy: Nanoseconds,
@@ -110,7 +110,7 @@ def _ends(
             end[n, r] += busy[n, r]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _latest_ends(
     graph: PrecedenceArrays,
     busy: Nanoseconds,

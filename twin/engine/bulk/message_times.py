@@ -15,8 +15,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from planning.kernels import kernel
 from twin.durations import Nanoseconds
 from twin.engine.bulk.flat_graph import PrecedenceArrays
 from twin.engine.messages import Messages
@@ -67,7 +67,7 @@ def end_times(
     return end
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _end_times(
     graph: PrecedenceArrays,
     busy: Nanoseconds,
