@@ -50,7 +50,7 @@ ALL = "structures and cells"
 
 @dataclass(frozen=True)
 class Options:
-    """What is asked for.
+    """Options of the command.
 
     Attributes:
         only: names of scenarios, in the order of the report.

@@ -1,4 +1,4 @@
-"""What the APEX-MR paper (Huang et al., RSS 2025) reports, to stand beside our figures."""
+"""Figures of the APEX-MR paper (Huang et al., RSS 2025), to compare ours with."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from twin.host.atomic import replacing, write_json
 
 @dataclass(frozen=True)
 class SkillTimes:
-    """What decides how long skills take.
+    """Source of skill durations in a report.
 
     Attributes:
         name: short.

@@ -1,4 +1,4 @@
-"""Algorithm 1 of APEX-MR as a compiled double loop: what the dual-tree search is measured against.
+"""Algorithm 1 of APEX-MR as a compiled double loop, to compare the dual-tree search with.
 
 The same bodies, capsules, separating planes and exact decision as the product; only the tree is
 missing. Each node is held against all earlier nodes of the other robot, latest first, one pair

@@ -1,4 +1,4 @@
-"""How many full runs a second the event engine executes in one process.
+"""Rate of the event engine: full runs a second in one process.
 
     python -m benchmarks.engine_rate scenarios/lego/cliff.yaml --runs 300
 
@@ -48,7 +48,7 @@ DISTURBED = Disturbances(
 
 @dataclass(frozen=True)
 class Rate:
-    """How fast one kind of run is.
+    """Rate of one kind of run.
 
     Attributes:
         what: kind of run.

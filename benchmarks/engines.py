@@ -1,4 +1,4 @@
-"""How many replications a second both engines manage, in one process.
+"""Rates of both engines: replications a second in one process.
 
     python -m benchmarks.engines
 
@@ -42,7 +42,7 @@ STUDIES = (1_000, 10_000, 100_000)
 
 @dataclass(frozen=True)
 class Rates:
-    """How fast the engines are with one plan.
+    """Rates of both engines with one plan.
 
     Attributes:
         scenario: its name.
@@ -63,7 +63,7 @@ class Rates:
 
     @property
     def ratio(self) -> float:
-        """How many times faster many replications side by side are."""
+        """Speed-up of many replications side by side."""
         return MANY / self.makespans_s / self.events_per_s
 
 

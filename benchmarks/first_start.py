@@ -1,4 +1,4 @@
-"""What a first run costs: kernels compiled and cached, against runs that find them there.
+"""Cost of a first run, which compiles and caches kernels, against runs that find them there.
 
     python -m benchmarks.first_start [SCENARIO] [--warm N] [--json FILE]
 

@@ -1,4 +1,4 @@
-"""What a result was measured on, for the heads of result files."""
+"""Description of the machine, for the heads of result files."""
 
 from __future__ import annotations
 

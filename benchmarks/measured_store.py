@@ -1,4 +1,4 @@
-"""What was measured already, so that hours of measuring can be interrupted."""
+"""Store of measurements, so that hours of measuring can be interrupted."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ SPREAD_SHARE = 0.23
 """Largest deviation from a median in the paper's text, as a share of the median."""
 
 PACKAGED = Path(twin.durations.__file__).parent / "packaged"
-"""Where the timings are in the package."""
+"""Folder of the timings in the package."""
 
 ROWS = 60
 SEED = 10

@@ -1,4 +1,4 @@
-"""How long planning takes, beside a tenth of what the APEX-MR paper reports.
+"""Planning times, against a tenth of those in the APEX-MR paper.
 
     python -m benchmarks.planning_times [STRUCTURE ...]
 
@@ -55,7 +55,7 @@ class _Clocks(StageWatch):
 
 @dataclass(frozen=True)
 class PlanningTime:
-    """What planning a structure took.
+    """Planning times of a structure.
 
     Attributes:
         structure: its name.

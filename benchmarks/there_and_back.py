@@ -1,4 +1,4 @@
-"""Long motion plans from short ones: built, taken apart by the same motions reversed, built...
+"""Long motion plans from short ones, by assembly and reversed assembly in alternation.
 
 Run backwards, a plan without collisions has none, and every object is back where it started. So
 a plan of n steps gives plans of 2n, 3n, ... steps with the orders a real one has.

@@ -1,4 +1,4 @@
-"""Timing graphs on disk: what a benchmark of engines needs of a plan, in one small file."""
+"""Timing graphs on disk, one small file each, for benchmarks of the engines."""
 
 from __future__ import annotations
 

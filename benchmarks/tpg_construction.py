@@ -1,4 +1,4 @@
-"""Building the temporal plan graph: the dual-tree search against Algorithm 1's double loop.
+"""Time to build the temporal plan graph: dual-tree search against Algorithm 1's double loop.
 
     python -m benchmarks.tpg_construction [SCENARIO]
 
@@ -47,7 +47,7 @@ _ONE_BLOCK = 1 << 40
 """Segments in a leaf where there is to be no tree."""
 
 REPEATS = 2
-"""How often each way is measured; the quickest counts."""
+"""Repetitions of each measurement; the quickest counts."""
 
 Result = TypeVar("Result")
 
@@ -75,7 +75,7 @@ class Search:
 
 @dataclass(frozen=True)
 class Built:
-    """What building the graph of a plan took.
+    """Times to build the graph of a plan.
 
     Attributes:
         nodes: of all robots.

@@ -1,4 +1,4 @@
-"""What each part of the construction planner is worth: it is left out, and plans are compared.
+"""Ablations of the construction planner: each part is left out, and plans are compared.
 
     python -m benchmarks.construction.ablations                    # all of it, an hour of one core
     python -m benchmarks.construction.ablations --models tower wall
@@ -49,7 +49,7 @@ PARTS = {
     "rounds planned once": "rounds.py",
     "no easy placement": "easy_placement.py",
 }
-"""What is left out, by variant: a file of planning/construction/."""
+"""Part left out by each variant: a file of planning/construction/."""
 
 Row = dict[str, Any]
 

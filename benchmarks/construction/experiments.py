@@ -54,7 +54,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Options:
-    """What is asked for.
+    """Options of the command.
 
     Attributes:
         cases: in the order in which they are measured.

@@ -1,4 +1,4 @@
-"""What Hartmann et al. report, and the cases that are measured here."""
+"""Figures that Hartmann et al. report, and the cases that are measured here."""
 
 from __future__ import annotations
 

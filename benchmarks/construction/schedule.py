@@ -1,4 +1,4 @@
-"""What every robot does when in a planned construction, for charts."""
+"""Schedule of a planned construction, for charts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was measured of constructions already, so that hours of measuring can be interrupted."""
+"""Store of measured constructions, so that hours of measuring can be interrupted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What construction.md says first: the aims of the method here, and whether they are met."""
+"""Summary at the head of construction.md: aims of the method, and whether they are met."""
 
 from __future__ import annotations
 

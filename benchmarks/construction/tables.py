@@ -110,7 +110,7 @@ def against_fixed(rows: Sequence[Row]) -> Lines:
 
 
 def durations(rows: Sequence[Row]) -> Lines:
-    """Return what each of the five T gave for the first seed."""
+    """Return the baseline's plans with each of the five T, for the first seed."""
     out = [
         "### The five values of T, first seed",
         "",
@@ -135,7 +135,7 @@ def durations(rows: Sequence[Row]) -> Lines:
 
 
 def checks(rows: Sequence[Row]) -> Lines:
-    """Return what became of the plans: checks, graphs, runs."""
+    """Return the results of checks, graphs and runs of the plans."""
     out = [
         "## Checks and execution",
         "",
@@ -182,7 +182,7 @@ def checks(rows: Sequence[Row]) -> Lines:
 
 
 def not_planned(rows: Sequence[Row]) -> Lines:
-    """Return what was not planned, and why; and faults that were found."""
+    """Return the cases that were not planned, with reasons, and the faults that were found."""
     out = []
     for row in rows:
         what = f"{row['model']}, {row['robots']} robots, seed {row['seed']}"

@@ -1,4 +1,4 @@
-"""Says when kernels are compiled, and how many: the first run has to wait for them."""
+"""Display of kernel compilation: how many are compiled, as a first run has to wait for them."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ _FIRST, _LAST = "pick", "place-down"
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that is wrong with a plan.
+    """A fault of a plan.
 
     Attributes:
         t: when [s].
@@ -55,7 +55,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class FineCheck:
-    """The outcome.
+    """Outcome of a fine check.
 
     Attributes:
         measured: distances that were measured; pairs too far apart to touch are not counted.

@@ -1,4 +1,4 @@
-"""Does everything keep its distance? The fine check's bodies, spans and least distances.
+"""Clearances in the fine check: bodies, spans of time and least distances.
 
 In a span of time nobody takes or puts down anything, and no skill begins or ends: so it is
 settled for all of it what moves with whom, what rests, and what may touch.
