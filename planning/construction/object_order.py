@@ -13,7 +13,7 @@ ROOM = 1.0
 """Robots that place parts nearer to each other than this are in each other's way [m]."""
 
 _PACE = 0.8
-"""How fast a part is fetched and brought, by and large [m/s]."""
+"""Rough speed of fetching and bringing a part [m/s]."""
 
 _ALIKE = 1.0
 """Parts that can be in place within this time of each other are equally good [s]."""

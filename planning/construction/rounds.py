@@ -33,7 +33,7 @@ class Placer(Protocol):
     def place_next(
         self, building: Building, parts: list[Part], turn: int, most_loss: float
     ) -> Solution | None:
-        """Return how one of the parts is placed, None where that failed."""
+        """Plan the placement of one of the parts; None where that failed."""
 
 
 class Round(NamedTuple):

@@ -154,7 +154,7 @@ class ConstructionSearch:
     def place_next(
         self, building: Building, parts: list[Part], turn: int, most_loss: float
     ) -> Solution | None:
-        """Return how a part is placed: the first one, or another one where that is easier.
+        """Plan the placement of the first part, or of another one where that is easier.
 
         Args:
             building: the state before.
@@ -178,7 +178,7 @@ class ConstructionSearch:
     def _place(
         self, building: Building, part: Part, effort: int = 0
     ) -> Solution | None:
-        """Return how a part is placed, None where nobody can do it.
+        """Plan the placement of a part; None where no robot can do it.
 
         Args:
             building: the state before.
@@ -196,6 +196,6 @@ class ConstructionSearch:
         return None
 
     def _solve(self, building: Building, attempt: Attempt) -> Solution | None:
-        """Return how a part can be brought to its place, None where that failed."""
+        """Plan how a part is brought to its place; None where that failed."""
         self.spent += 1 if attempt.hasty else 3
         return self.solver.solve(building, attempt)

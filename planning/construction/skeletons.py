@@ -43,5 +43,5 @@ def skeletons(robots: Sequence[str]) -> Iterator[Skeleton]:
 
 
 def robots_of(skeleton: Skeleton) -> tuple[str, ...]:
-    """Return who acts in a sequence, in order of first appearance."""
+    """Return the robots that act in a sequence, in order of first appearance."""
     return tuple(dict.fromkeys(action.robot for action in skeleton))

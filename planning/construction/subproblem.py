@@ -89,7 +89,7 @@ class SubproblemSolver:
     watch: Stopwatch = field(default_factory=Stopwatch)
 
     def solve(self, building: Building, attempt: Attempt) -> Solution | None:
-        """Return how a part can be brought to its place, None where that failed."""
+        """Plan how a part is brought to its place; None where that failed."""
         settings = self.attempt_settings(attempt)
         part, team = attempt.part, attempt.robots
         rng = np.random.default_rng(attempt.seed)
@@ -120,7 +120,7 @@ class SubproblemSolver:
         return self.settings.harder(attempt.effort)
 
     def soonest(self, building: Building, part: Part) -> Soonest:
-        """Return when a part may be picked and placed.
+        """Return the earliest times at which a part may be picked and placed.
 
         What touches it in its place has to be there, too: contacts in place are never looked
         at, and so nobody would see that another robot still has it in hand. So it is with what
@@ -250,7 +250,7 @@ class SubproblemSolver:
 
 
 def _standing(robot: str, q: Array) -> SkillMotion:
-    """Return a skill that is nothing but standing somewhere."""
+    """Return a skill in which the robot only stands."""
     return SkillMotion(robot, q[None], 0, np.zeros(1))
 
 

@@ -54,7 +54,7 @@ def entity(robot: str, group: str) -> str:
 
 
 def robot_bodies(robot: PlacedRobot, held: Sequence[Held] = ()) -> RobotBodies:
-    """Return what moves with a robot that holds some objects.
+    """Return the bodies that move with a robot and the objects it holds.
 
     Args:
         robot: the placed robot.

@@ -146,7 +146,7 @@ class CompositeChecker:
         return ends
 
     def motions(self, path: Array) -> dict[str, TaskMotion] | None:
-        """Return what each robot does on a composite polyline, times from 0.
+        """Return the motion of each robot on a composite polyline, times from 0.
 
         Args:
             path: shape (w, n).

@@ -54,7 +54,7 @@ def path_duration(path: Array, speed: SpeedModel) -> float:
 
 
 def path_times(path: Array, speed: SpeedModel) -> Array:
-    """Return when a polyline, shape (w, n), passes its waypoints, from 0, shape (w,) [s]."""
+    """Return the times at which a polyline, shape (w, n), passes its waypoints, shape (w,) [s]."""
     steps = [speed.duration(a, b) for a, b in zip(path, path[1:], strict=False)]
     return np.concatenate([[0.0], np.cumsum(steps)])
 

@@ -165,7 +165,7 @@ class _GripOptions:
         self._home: dict[str, Array] = {r.name: r.home for r in cell.robots}
 
     def pick(self, grip: Transform) -> SkillPath | Obstruction:
-        """Return how the part is picked."""
+        """Return the pick of the part."""
         assembly = self.assembly
         targets = pick_targets(
             assembly.grips.frame,
@@ -178,7 +178,7 @@ class _GripOptions:
         return self._resolve(targets, contacts, lying, self._in_hand(grip))
 
     def place(self, grip: Transform) -> SkillPath | Obstruction:
-        """Return how the part is put in its place."""
+        """Return the place of the part."""
         assembly = self.assembly
         targets = place_targets(
             assembly.grips.frame, self.goal @ grip, assembly.approach, assembly.leave
@@ -188,7 +188,7 @@ class _GripOptions:
         return self._resolve(targets, contacts, self._in_hand(grip), lying)
 
     def at_home(self, grip: Transform) -> Obstruction | None:
-        """Return what is in the way of standing at HOME with the part."""
+        """Return the obstruction at HOME with the part in hand, None where there is none."""
         objects = {**self._around, self.part.name: (self.part, self._in_hand(grip))}
         attachments = {name: at for name, (_, at) in objects.items()}
         checker = SceneChecker(

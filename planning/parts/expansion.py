@@ -15,7 +15,7 @@ from planning.tasks.work import AssemblyWork
 
 
 def pick_place_work(candidates: PickPlaceCandidates) -> AssemblyWork:
-    """Return what the planner needs of candidates that have been found."""
+    """Return the assembly work of part candidates, for assignment and motion planning."""
     return AssemblyWork(
         candidates.problem,
         partial(_expand_step, candidates),

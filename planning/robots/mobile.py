@@ -8,7 +8,7 @@ from planning.cell.robot_model import RobotModel
 
 
 def is_mobile(model: RobotModel) -> bool:
-    """Return whether a robot drives: its first joints are slides along x and y, and a turn about z."""
+    """Tell whether a robot drives: its first joints slide along x and y and turn about z."""
     axis, prismatic = model.chain.axis[:3], model.chain.prismatic[:3]
     return (
         model.dof > 3

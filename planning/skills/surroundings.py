@@ -174,7 +174,7 @@ class SkillTrial:
 
 
 def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:
-    """Return what first stands in the way of a skill, None when nothing does.
+    """Return the first obstruction of a skill, None where there is none.
 
     Checked are the goals of the transits before it, every stretch of its reference path, and
     its last configuration, from which the next transit starts.

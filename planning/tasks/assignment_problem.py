@@ -127,7 +127,7 @@ class AssignmentProblem:
         return out
 
     def compatible(self, primary: int, support: int) -> bool:
-        """Return whether a primary and a support candidate of a step can go together."""
+        """Tell whether a primary and a support candidate of a step are compatible."""
         first, second = self.primaries[primary], self.supports[support]
         if first.step != second.step or first.robot == second.robot:
             return False
@@ -143,7 +143,7 @@ class AssignmentProblem:
 
 
 def explain_rejections(problem: AssignmentProblem, step: int, *, most: int = 12) -> str:
-    """Return why each candidate of a step fell out, grouped by reason, one line each.
+    """Return the reasons for which candidates of a step were rejected, a line each.
 
     Args:
         problem: with its rejections.

@@ -33,7 +33,7 @@ def allowed_pairs(
     last_task: Mapping[str, int],
     allowed: Iterable[AllowedContact],
 ) -> frozenset[frozenset[str]]:
-    """Return what may touch while one robot does a task and the others stand.
+    """Return the allowed contacts while one robot does a task and the others stand.
 
     Args:
         cell: the cell.

@@ -104,7 +104,7 @@ def trace_objects(tpg: TemporalPlanGraph, ranks: Sequence[Indices]) -> ObjectHis
 def handlings_in_order(
     tpg: TemporalPlanGraph, ranks: Sequence[Indices]
 ) -> list[NodeHandling]:
-    """Return what changes hands, in the total order of the nodes."""
+    """Return all handlings, in the total order of the nodes."""
     return sorted(tpg.handlings, key=lambda h: (ranks[h.robot][h.node], h.waypoint))
 
 

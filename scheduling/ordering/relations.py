@@ -67,7 +67,7 @@ class TaskRelations:
         return self.of_chain[chain][place]
 
     def rest(self, number: int) -> Rest:
-        """Return where an object lies between two units."""
+        """Return the rest of an object between two units."""
         return self.graph.history.rests[number]
 
     def stairs(self, earlier: int, later: int) -> Stair | None:

@@ -62,13 +62,13 @@ class Resting:
 def planned_key(
     tpg: TemporalPlanGraph, chain: int, node: int
 ) -> tuple[float, int, int]:
-    """Return what the total order sorts nodes by: planned start, task, node."""
+    """Return the sort key of the total order: planned start, task, node."""
     c = tpg.chains[chain]
     return float(c.planned_start[node]), int(c.task[node]), node
 
 
 def handled_objects(tpg: TemporalPlanGraph) -> dict[str, list[NodeHandling]]:
-    """Return what happens to every object, in planned order."""
+    """Return the handlings of every object, in planned order."""
     found: dict[str, list[NodeHandling]] = {item.name: [] for item in tpg.cell.objects}
     for handling in tpg.handlings:
         found[handling.object].append(handling)
@@ -80,7 +80,7 @@ def handled_objects(tpg: TemporalPlanGraph) -> dict[str, list[NodeHandling]]:
 def object_histories(
     tpg: TemporalPlanGraph, flange: Callable[[int, int], Transform]
 ) -> tuple[list[Carried], list[Resting]]:
-    """Return who carries what when, and what rests where.
+    """Return the histories of all objects: carried by robots, or at rest.
 
     Fixtures count as resting for ever. An object that is passed from hand to hand rests, in the
     hand of the robot that stands, until that robot moves (or from when it stood still).

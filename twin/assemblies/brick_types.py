@@ -26,7 +26,7 @@ def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
 
 
 def cell_of(item: StockSection | StepSection | PressCellSection) -> Cell:
-    """Return where a brick of the stock or of a step is, or is held."""
+    """Return the cell of a brick of the stock or of a step."""
     x, y, z = item.at
     return Cell(x, y, z, item.turned)
 

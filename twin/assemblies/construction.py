@@ -50,7 +50,7 @@ class ConstructionKind(AssemblyKind):
         return True
 
     def steps(self) -> int:
-        """Return how many parts are placed."""
+        """Return the number of parts."""
         return len(self.parts)
 
     def supply(self) -> str:
@@ -116,7 +116,7 @@ class ConstructionKind(AssemblyKind):
         return tuple(_own_part(part) for part in self.section.parts)
 
     def problem(self, cell: Workcell, settings: MotionSettings) -> ConstructionProblem:
-        """Return what is to be built, checked as far as lower bounds go.
+        """Return the construction problem, checked as far as lower bounds go.
 
         Args:
             cell: built of the same scenario.

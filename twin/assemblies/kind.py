@@ -56,7 +56,7 @@ class AssemblyKind(Protocol):
         ...
 
     def supply(self) -> str:
-        """Return in words what there is to build with."""
+        """Return a description of the supply."""
         ...
 
     def names(self) -> Iterable[tuple[KeyPath, str]]:
@@ -72,7 +72,7 @@ class AssemblyKind(Protocol):
         return None
 
     def problems(self, document: YamlDocument) -> list[Problem]:
-        """Return what cannot be as it is written."""
+        """Return the problems of the section."""
         return []
 
     def fixtures(self) -> tuple[Fixture, ...]:

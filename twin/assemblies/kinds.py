@@ -17,7 +17,7 @@ _KINDS = {
 
 
 def assembly_kind(section: AssemblySection) -> AssemblyKind:
-    """Return what the twin needs of the assembly that a section describes."""
+    """Return the assembly kind of a section."""
     module, name = _KINDS[section.kind]
     found: AssemblyKind = getattr(import_module(module), name)(section)
     return found

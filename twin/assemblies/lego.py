@@ -54,7 +54,7 @@ class LegoKind(AssemblyKind):
     section: LegoSection
 
     def steps(self) -> int:
-        """Return how many bricks are placed."""
+        """Return the number of bricks that are placed."""
         structure = build_structure(self.section)
         return len(self.section.steps if structure is None else structure)
 
@@ -86,7 +86,7 @@ class LegoKind(AssemblyKind):
         )
 
     def problems(self, document: YamlDocument) -> list[Problem]:
-        """Return what cannot be as it is written."""
+        """Return the problems of the section."""
         from twin.assemblies.brick_checks import find_lego_problems
 
         return find_lego_problems(self.section, document)
@@ -160,7 +160,7 @@ def build_structure(lego: LegoSection) -> tuple[PlacedBrick, ...] | None:
 
 
 def sequencing_rules(lego: LegoSection, *, robots: int) -> SequencingRules:
-    """Return what a sequence may do: what the file allows, and the robots can do.
+    """Return the rules of a sequence: what the file allows, and the robots can do.
 
     Args:
         lego: the section.

@@ -34,7 +34,7 @@ class PickPlaceKind(AssemblyKind):
     section: PickPlaceSection
 
     def steps(self) -> int:
-        """Return how many parts are placed."""
+        """Return the number of parts."""
         return len(self.section.steps)
 
     def supply(self) -> str:
@@ -47,7 +47,7 @@ class PickPlaceKind(AssemblyKind):
             yield ("assembly", "parts", i, "name"), part.name
 
     def problems(self, document: YamlDocument) -> list[Problem]:
-        """Return what cannot be as it is written: each step moves a part of its own."""
+        """Return the problems of the section: each step moves a part of its own."""
         return mark_problems(document, self._check_steps())
 
     def objects(self) -> tuple[CellObject, ...]:

@@ -78,7 +78,7 @@ class _Watched:
 
 
 def tracks_of(world: AuditWorld, stretch: Stretch) -> tuple[list[Track], list[Track]]:
-    """Return what moves with robots and what is at rest, fixtures first."""
+    """Return the tracks of shapes moved by robots, and of those at rest, fixtures first."""
     moving = []
     for shape in world.robot_shapes:
         assert shape.robot is not None

@@ -21,7 +21,7 @@ def straight_line_s(
     *,
     past_home: bool = False,
 ) -> float:
-    """Return how long the robot with most to do would take if it never waited [s].
+    """Return the time that the busiest robot needs with straight transits and no waits [s].
 
     Its skills take as long as they did in the run, its transits are straight joint lines, the
     shortest there are, whatever is in the way.

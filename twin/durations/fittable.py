@@ -47,7 +47,7 @@ class Family(Protocol):
         ...
 
     def section(self, theta: Array) -> Mapping[str, Any]:
-        """Return how a scenario names the distribution of parameters of shape (p,)."""
+        """Return the scenario section of the distribution with parameters of shape (p,)."""
         ...
 
 
@@ -64,7 +64,7 @@ class FittableModel(DurationModel):
 
     @classmethod
     def section(cls, theta: Array) -> Mapping[str, Any]:
-        """Return how a scenario names it."""
+        """Return its scenario section."""
         values = (rounded(value) for value in theta)
         kind = cls.model_fields["kind"].default
         return {"kind": kind, **dict(zip(cls.parameters, values, strict=True))}

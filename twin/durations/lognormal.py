@@ -108,7 +108,7 @@ class Lognormal(FittableModel):
 
     @classmethod
     def section(cls, theta: Array) -> Mapping[str, Any]:
-        """Return how a scenario names it."""
+        """Return its scenario section."""
         mu, sigma = theta
         return {
             "kind": "lognormal",

@@ -71,7 +71,7 @@ class ShiftedFamily:
         return self.base.cdf(x - theta[:, :1], theta[:, 1:])
 
     def section(self, theta: Array) -> Mapping[str, Any]:
-        """Return how a scenario names it."""
+        """Return its scenario section."""
         return {
             "kind": "shifted",
             "offset_s": rounded(theta[0]),

@@ -89,7 +89,7 @@ class Simulator:
 
     @classmethod
     def of_model(cls, tpg: TemporalPlanGraph, model: ExecutionModel) -> Simulator:
-        """Return what executes a TPG as a model says."""
+        """Return the simulator of a TPG under an execution model."""
         return cls(
             tpg,
             model.durations,

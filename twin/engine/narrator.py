@@ -58,7 +58,7 @@ class Narrator:
         return self._handlings.get((chain, node), ())
 
     def standstills(self, chain: int, node: int) -> Sequence[Standstill]:
-        """Return why a robot stands before a node moves."""
+        """Return the standstills of a robot before a node moves."""
         return self._standstills.get((chain, node), ())
 
     def handle(self, chain: int, node: int, name: str, holder: str | None) -> None:
@@ -139,7 +139,7 @@ def waiting_cause(
     *,
     sequential: bool = False,
 ) -> str:
-    """Return what a node that a robot has not received is waiting for, in words."""
+    """Return the cause for which a node has not been released, in words."""
     waited_for = [
         f"{tpg.chains[k].robot} to complete node {n} "
         f"({tpg.tasks[int(tpg.chains[k].task[n])].label})"

@@ -21,7 +21,7 @@ FORMATS = (
 )
 
 FOLDER = "exports"
-"""Where exports of a run go by default, in its folder."""
+"""Default folder of exports, in that of the run."""
 
 
 def exported_files(

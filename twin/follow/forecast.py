@@ -113,7 +113,7 @@ class Forecaster:
         self._kind_of = [kinds.get(t.object) if t.object else None for t in tpg.tasks]
 
     def forecast(self, run: FollowedRun, now_ns: int | None = None) -> Forecast:
-        """Return how a run will end, seen from a time.
+        """Forecast the end of a run from a time.
 
         Args:
             run: its state.

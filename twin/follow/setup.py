@@ -17,7 +17,7 @@ from twin.uncertainty.skill_durations import SkillDurations
 def followed_execution(
     folder: Path, tpg: TemporalPlanGraph, scenario: Path | None = None
 ) -> tuple[str, ExecutionModel]:
-    """Return how a run of a plan was meant to go, and the name of its scenario.
+    """Return the execution model of a followed run, and the name of its scenario.
 
     Args:
         folder: of the plan; its manifest says, where there is one.

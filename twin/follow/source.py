@@ -12,7 +12,7 @@ from typing import BinaryIO
 from planning.errors import OutputError
 
 POLL_S = 0.1
-"""How often to look for more [s]."""
+"""Polling interval [s]."""
 
 _PIECE = 1 << 20
 

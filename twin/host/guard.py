@@ -58,7 +58,7 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
 
 
 def describe(error: TwinError) -> str:
-    """Return what to print for an error: with excerpts where it has any."""
+    """Return the message of an error, with excerpts where it has any."""
     report = getattr(error, "report", None)
     return str(report()) if callable(report) else str(error)
 

@@ -198,7 +198,7 @@ def shorten(
 
 
 def planned_shortcuts(scenario: Scenario) -> int:
-    """Return how many shortcuts are tried: as many as the scenario says, or by its steps.
+    """Return the number of shortcut candidates: the scenario's, or by its steps.
 
     What is executed slot by slot stays as it was planned.
     """
@@ -210,7 +210,7 @@ def planned_shortcuts(scenario: Scenario) -> int:
 
 
 def default_shortcuts(scenario: Scenario) -> int:
-    """Return how many shortcuts suit the size of an assembly."""
+    """Return the default number of shortcut candidates for the size of an assembly."""
     kind = assembly_kind(scenario.assembly)
     if kind.at_once:
         return 0  # its planner has shortened the paths already
@@ -218,7 +218,7 @@ def default_shortcuts(scenario: Scenario) -> int:
 
 
 def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionSettings:
-    """Return how the planning section of a scenario wants tasks turned into motions."""
+    """Return the motion settings of a scenario's planning section."""
     section = scenario.planning
     speeds = _speeds(scenario, cell)
     planners = {

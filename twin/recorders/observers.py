@@ -31,7 +31,7 @@ class Observers:
         self._recorders = list(recorders)
 
     def __bool__(self) -> bool:
-        """Return whether anybody is left to watch."""
+        """Tell whether any recorder is left."""
         return bool(self._recorders)
 
     def record(self, event: Event) -> None:

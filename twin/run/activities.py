@@ -42,7 +42,7 @@ class Activity:
 def robot_activities(
     tpg: TemporalPlanGraph, events: Sequence[Event], *, nodes: bool = False
 ) -> dict[str, tuple[Activity, ...]]:
-    """Return what each robot with work did, without gaps, until its last node was complete.
+    """Return the activities of each robot with work, without gaps, until its last node ends.
 
     Args:
         tpg: the graph that was executed.

@@ -135,7 +135,7 @@ class DeadlockError(TwinError):
 
 
 def waypoint_offsets_ns(chain: NodeChain, duration_ns: Nanoseconds) -> Nanoseconds:
-    """Return when a chain passes each waypoint, counted from its node's first motion.
+    """Return the time at which a chain passes each waypoint, from its node's first motion.
 
     Args:
         chain: p waypoints in its nodes.

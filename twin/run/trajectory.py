@@ -169,7 +169,7 @@ def _until(motion: Trajectory, end_ns: int) -> Trajectory:
 
 
 def object_placements(tpg: TemporalPlanGraph, run: Run) -> tuple[Placement, ...]:
-    """Return where every object was: at the start, and from every change on, by time.
+    """Return the placements of every object: at the start, and from every change on, by time.
 
     An object that comes up later has no row before it does.
     """

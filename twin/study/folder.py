@@ -70,7 +70,7 @@ def write_request(folder: Path, request: StudyRequest, cell: Workcell) -> None:
 
 
 def read_request(folder: Path) -> StudyRequest:
-    """Return what a study was asked.
+    """Return the request of a study.
 
     Raises:
         OutputError: the folder is not one of a study, or its manifest is damaged.

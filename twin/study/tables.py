@@ -88,7 +88,7 @@ def cell_blocks(folder: Path, cell: int) -> Iterator[BlockResult]:
 
 
 def cell_tally(folder: Path, cell: int) -> TaskTally:
-    """Return what is kept of the tasks of a cell, of all its blocks together."""
+    """Return the task tally of a cell, over all its blocks."""
     results = cell_blocks(folder, cell)
     return reduce(TaskTally.plus, (result.tally for result in results))
 

@@ -64,7 +64,7 @@ def standing_states(tpg: TemporalPlanGraph) -> Iterator[StandingState]:
 
 
 def run_until_still(tpg: TemporalPlanGraph, frozen: int, node: int) -> tuple[int, ...]:
-    """Return how many nodes of each chain get done if one node never is.
+    """Return the number of nodes of each chain that complete if one node never does.
 
     Args:
         tpg: the graph.

@@ -19,7 +19,7 @@ def scenario_execution(
     policy: Policy | None = None,
     antithetic: bool = False,
 ) -> ExecutionModel:
-    """Return how a plan is executed according to a scenario.
+    """Return the execution model of a scenario.
 
     Args:
         scenario: durations, disturbances, messages and policy are taken from it.

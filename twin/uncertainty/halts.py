@@ -67,7 +67,7 @@ class Halts:
         return max(t_ns, self._ends[k]) if k >= 0 else t_ns
 
     def advance(self, t_ns: int, busy_ns: int) -> int:
-        """Return when work that begins at a time is done.
+        """Return the end of work that begins at a time.
 
         Args:
             t_ns: when it begins; the robot is not stopped then.
@@ -98,7 +98,7 @@ class Halts:
         return [stop for stop in self._stops if stop.start_ns <= until_ns]
 
     def next_edge(self, t_ns: int) -> int:
-        """Return when a stop next begins or ends after a time; never is far away."""
+        """Return the next begin or end of a stop after a time; never is a time far away."""
         self._extend(t_ns + 1)
         k = bisect_right(self._edges, t_ns)
         if k == len(self._edges) and self._breakdowns is not None:
@@ -107,7 +107,7 @@ class Halts:
         return self._edges[k] if k < len(self._edges) else _NEVER
 
     def intervals(self, until_ns: int) -> tuple[tuple[int, int], ...]:
-        """Return when the robot was stopped before a time: start and end, without overlaps."""
+        """Return the intervals of stops before a time: start and end, without overlaps."""
         self._extend(until_ns)
         return tuple(
             (start, min(end, until_ns))

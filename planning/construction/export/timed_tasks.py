@@ -1,4 +1,4 @@
-"""Tasks with timed paths of a planned construction: where both planning routes meet."""
+"""Conversion of a planned construction to tasks with timed paths."""
 
 from __future__ import annotations
 

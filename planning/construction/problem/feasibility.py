@@ -17,7 +17,7 @@ from planning.parts.contact_graph import Lying, near_to, standing
 from planning.transforms import translation
 
 _CLEAR = 1e-4
-"""What is nearer than this touches [m]."""
+"""Distance below which two boxes touch [m]."""
 
 
 def require_buildable(problem: ConstructionProblem) -> ReachBounds:

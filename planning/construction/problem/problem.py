@@ -120,7 +120,7 @@ class ConstructionProblem:
         return tuple(self.cell.robot(name) for name in self.team)
 
     def tool_pose(self, part: Part, at: Transform, grip: int, turn: float) -> Transform:
-        """Return where the tool is when it touches a part.
+        """Return the pose of the tool when it touches a part.
 
         Args:
             part: what is touched.

@@ -56,7 +56,7 @@ class ReachBounds:
         )
 
     def sampler(self, robot: str) -> ReachSampler:
-        """Return what draws configurations of a robot."""
+        """Return the sampler of configurations of a robot."""
         if robot not in self._samplers:
             placed = self.problem.cell.robot(robot)
             self._samplers[robot] = ReachSampler(placed, self.problem.frame)
@@ -88,7 +88,7 @@ class ReachBounds:
         )
 
     def can_hand_over(self, giver: str, taker: str, part: Part) -> bool:
-        """Return whether there is a pose in which both reach a part.
+        """Tell whether there is a pose in which both reach a part.
 
         The giver holds it by a grip by which it could have picked it; the taker by any.
         """
@@ -234,7 +234,7 @@ def _firsts(named: Iterable[tuple[str, object]]) -> dict[str, int]:
 
 @lru_cache(maxsize=4)
 def reach_bounds(problem: ConstructionProblem) -> ReachBounds:
-    """Return who reaches what: worked out once for the checks and for planning."""
+    """Return the reachability of parts by robots, cached for checks and planning."""
     return ReachBounds(problem)
 
 

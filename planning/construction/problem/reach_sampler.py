@@ -49,7 +49,7 @@ _LEAN = 0.5
 """A radian of the tool's direction weighs as much as that [m]."""
 
 _STRAY = 1.5
-"""How far beside the way between two places a base may be drawn, by and large [m]."""
+"""Typical distance of a drawn base from the line between two places [m]."""
 
 _UPRIGHT = 0.05
 

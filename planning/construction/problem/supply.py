@@ -83,7 +83,7 @@ SupplyLayout = Spiral | Rows
 def lay_out(
     parts: Sequence[ModelPart], layout: SupplyLayout, *, near: bool = False
 ) -> dict[str, Transform]:
-    """Return where every part lies at the start: flat, its first face up.
+    """Return the start pose of every part: flat, its first face up.
 
     Args:
         parts: the model.

@@ -42,18 +42,18 @@ class FixedWorld:
 
     @property
     def end(self) -> float:
-        """The time from which on nothing moves any more [s]."""
+        """Time from which on nothing moves any more [s]."""
         return max((line.end for line in self.robots.values()), default=0.0)
 
     def free_from(self, robot: str) -> float:
-        """Return when a robot has done its work: T_r of eq. (2) [s].
+        """Return the time at which a robot has done its work: T_r of eq. (2) [s].
 
         A way out of others' way may follow, see ``without_way_out``.
         """
         return self.robots[robot].busy_until
 
     def state_at(self, t: float) -> WorldState:
-        """Return where everything is at time ``t`` [s]."""
+        """Return the state of the cell at time ``t`` [s]."""
         attachments: dict[str, Attachment] = {}
         for item in self.cell.objects:
             found = self.objects[item.name].at(t)
@@ -66,12 +66,12 @@ class FixedWorld:
         )
 
     def with_robot(self, timeline: RobotTimeline) -> FixedWorld:
-        """Return the world in which a robot does something else."""
+        """Return the world with another timeline of a robot."""
         self.cell.robot(timeline.robot)
         return replace(self, robots={**self.robots, timeline.robot: timeline})
 
     def with_object(self, timeline: ObjectTimeline) -> FixedWorld:
-        """Return the world in which something else happens to an object."""
+        """Return the world with another timeline of an object."""
         self.cell.object(timeline.object)
         return replace(self, objects={**self.objects, timeline.object: timeline})
 

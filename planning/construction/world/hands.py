@@ -10,14 +10,14 @@ from planning.construction.world.timeline import ObjectTimeline
 from planning.transforms import Transform
 
 Hand = tuple[tuple[str, bytes], ...]
-"""What a robot holds: names of objects, and their poses in the flange frame as bytes."""
+"""Objects held by a robot: names, and poses in the flange frame as bytes."""
 
 HandChange = tuple[float, Hand]
 """From when on a robot holds what [s]."""
 
 
 def hand_changes(objects: Mapping[str, ObjectTimeline], robot: str) -> list[HandChange]:
-    """Return what a robot holds from which times on, the first from ever (minus infinity)."""
+    """Return the objects that a robot holds from each time on, the first from minus infinity."""
     spans: list[tuple[float, float, str, bytes]] = []
     for name, line in objects.items():
         for k, change in enumerate(line.changes):

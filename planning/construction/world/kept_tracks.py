@@ -14,7 +14,7 @@ from planning.construction.world.swept_track import SweptTrack, sweep_track
 from planning.construction.world.timeline import RobotTimeline
 
 _KEPT = 64
-"""How many timelines are remembered: a few of each robot of the largest teams."""
+"""Number of cached timelines: a few of each robot of the largest teams."""
 
 _Key = tuple[RobotTimeline, tuple[HandChange, ...]]
 
@@ -36,7 +36,7 @@ class SweptTracks:
         changes: Sequence[HandChange],
         item: Callable[[str], CellObject],
     ) -> SweptTrack:
-        """Return what a robot sweeps from the cell of time on that ``start`` is in, for ever.
+        """Return the swept track of a robot from the cell of time on that ``start`` is in.
 
         Args:
             start: [s].

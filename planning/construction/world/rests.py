@@ -28,7 +28,7 @@ class Rest(NamedTuple):
 
 
 def rests_of(world: FixedWorld, name: str) -> list[Rest]:
-    """Return where and when an object lies, in order."""
+    """Return the rests of an object, in order."""
     item = world.cell.object(name)
     changes = world.objects[name].changes
     out: list[Rest] = []

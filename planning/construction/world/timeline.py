@@ -63,7 +63,7 @@ class RobotTimeline:
         return float(self.time[-1])
 
     def at(self, t: float) -> Array:
-        """Return where the robot is at time ``t``, shape (n,)."""
+        """Return the configuration at time ``t``, shape (n,)."""
         k = int(np.searchsorted(self.time, t, side="right"))
         if k == 0 or k == len(self.time):
             return np.array(self.path[min(k, len(self.time) - 1)])
@@ -141,7 +141,7 @@ class ObjectTimeline:
     changes: tuple[ObjectChange, ...] = ()
 
     def at(self, t: float) -> Attachment | None:
-        """Return where it is at time ``t``, None before the first change."""
+        """Return its attachment at time ``t``, None before the first change."""
         found = None
         for change in self.changes:
             if change.time > t + SAME:

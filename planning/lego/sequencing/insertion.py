@@ -92,7 +92,7 @@ class InsertionRules:
         self.filled = filled_places(structures.bricks)
 
     def at(self, names: Names, brick: str, *, up: bool) -> InsertionSite:
-        """Return where a brick is put into a partial structure.
+        """Return the insertion site of a brick in a partial structure.
 
         Args:
             names: the partial structure with the brick in place.
@@ -134,7 +134,7 @@ class InsertionSite:
                 yield Insertion(way, press, support, report.score)
 
     def bears(self, press: Press, support: Support | None = None) -> StabilityReport:
-        """Return whether the structure bears a press, room for the tools set aside.
+        """Tell whether the structure bears a press, room for the tools set aside.
 
         Args:
             press: the grip.
@@ -152,7 +152,7 @@ class InsertionSite:
         return (insertion.press, *others)
 
     def obstacle(self) -> str | None:
-        """Return why the brick can in no case be inserted this way, None if it may be."""
+        """Return the reason why the brick cannot be inserted this way, None if it may be."""
         above, below = self._above, self._below
         if self.up:
             if below:
@@ -168,7 +168,7 @@ class InsertionSite:
         return tuple(p for p in self._ordered_presses() if self._blocked(p) is None)
 
     def blocker(self) -> str:
-        """Return what leaves no room for the first press of the brick."""
+        """Return the obstacle to the first press of the brick."""
         found = map(self._blocked, presses(self.item.brick))
         return next((name for name in found if name is not None), "nothing")
 

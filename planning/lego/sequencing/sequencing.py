@@ -236,7 +236,7 @@ class _Sequencer:
         )
 
     def explain(self, parts: Names, *, complete: bool) -> str:
-        """Return why none of the bricks of a dead end can be removed."""
+        """Return the reasons why no brick of a dead end can be removed."""
         names = parts | self.fixed
         whys = [
             (self._place(brick), *self._why_not(names, brick))

@@ -124,7 +124,7 @@ class _StepChoices:
         )
 
     def why_not(self) -> str:
-        """Return why no grip and support will do, and what would."""
+        """Return the reason why no grip and support suffices, and some that would."""
         report = self.site.bears(self.grips[0], self.supports[0])
         held = "" if self.supports[0] is None else " in spite of its support"
         side = "below" if self.step.up else "above"

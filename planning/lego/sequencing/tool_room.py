@@ -39,7 +39,7 @@ TOUCH = 0.0005
 """Overlap that counts as touching [m]."""
 
 KEPT = 0.0006
-"""What planning keeps between a robot and what it must not touch, and a bit [m]."""
+"""Clearance that planning keeps around a robot, and a little more [m]."""
 
 _FRAMES: Mapping[str, Transform] = MappingProxyType(
     {
@@ -135,7 +135,7 @@ def blocking(boxes: Array, bricks: BrickBoxes, *, clearance: float = 0.0) -> str
 def place_down_blocked(
     item: PlacedBrick, press: Press, others: BrickBoxes
 ) -> str | None:
-    """Return what leaves no room to put a brick down, None when there is room.
+    """Return the obstacle to putting a brick down, None when there is room.
 
     Args:
         item: the brick and its goal.
@@ -148,7 +148,7 @@ def place_down_blocked(
 
 
 def place_up_blocked(item: PlacedBrick, press: Press, others: BrickBoxes) -> str | None:
-    """Return what leaves no room to bring a brick in from below, None when there is room."""
+    """Return the obstacle to bringing a brick in from below, None when there is room."""
     contact = side_contact_pose(_top(item), item.brick, press)
     targets = place_up_targets(_FRAMES, contact)
     boxes = _tool_boxes(targets.subgoals)

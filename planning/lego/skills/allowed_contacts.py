@@ -28,7 +28,7 @@ Seat = tuple[Cell, BrickType, Transform]
 def contacts_at_rest(
     robot: str, brick: str, seat: Seat, others: Bricks, fixtures: Iterable[Fixture]
 ) -> Pairs:
-    """Return what a brick and the tool on it may touch where the brick is picked or placed.
+    """Return the allowed contacts of a brick, and of the tool on it, at its pick or place.
 
     That is each other; the bricks around; the fixtures that the brick stands on, plate, and
     table if level; for the tool the bricks beside: its lever wall reaches down along the gripped

@@ -28,7 +28,7 @@ SUPPORTS = ("support-bottom", "support-top")
 
 
 def lego_work(candidates: LegoCandidates) -> AssemblyWork:
-    """Return what the planner needs of candidates that have been found."""
+    """Return the assembly work of LEGO candidates, for assignment and motion planning."""
     return AssemblyWork(
         candidates.problem,
         partial(_expand_step, candidates),

@@ -60,7 +60,7 @@ class HandoverOptions:
     def handover(
         self, giver: str, receiver: str, step: int, grasp: int
     ) -> HandoverOption | Obstruction:
-        """Return how the brick of a step passes from one robot to another.
+        """Return the handover of a step's brick from one robot to another.
 
         Tried are the places of ``receive_poses`` in order; the first that works is taken.
         """

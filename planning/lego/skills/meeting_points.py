@@ -80,7 +80,7 @@ def receive_poses(receiver: Transform, giver: Transform) -> tuple[ReceivePose, .
 
 
 def giver_rest(giver: Transform) -> Subgoal:
-    """Return where the giver waits before and after a handover: flange pointing down.
+    """Return the giver's pose before and after a handover: flange pointing down.
 
     Args:
         giver: base pose of the giving robot in the world.

@@ -92,7 +92,7 @@ class SkillOptions:
         self._known: dict[tuple[Any, ...], SkillOption | Obstruction] = {}
 
     def pick(self, robot: str, stock: str, grasp: int) -> SkillOption | Obstruction:
-        """Return how a robot picks a stock brick with a grip."""
+        """Return a free pick of a stock brick by a robot with a grip."""
         key = ("pick", robot, stock, grasp)
         if key not in self._known:
             self._known[key] = self._pick(self.world.cell.robot(robot), stock, grasp)
@@ -101,7 +101,7 @@ class SkillOptions:
     def place(
         self, robot: str, step: int, grasp: int, beside: StandingSupport | None = None
     ) -> SkillOption | Obstruction:
-        """Return how a robot places the brick of a step, down or up.
+        """Return a free place of a step's brick by a robot, down or up.
 
         Args:
             robot: who places.
@@ -117,7 +117,7 @@ class SkillOptions:
     def support(
         self, robot: str, step: int, choice: int = 0
     ) -> SkillOption | Obstruction:
-        """Return how a robot supports a step, from the first pre-pose that works.
+        """Return a free support of a step by a robot, from the first pre-pose that works.
 
         Args:
             robot: who supports.
@@ -212,7 +212,7 @@ class SkillOptions:
         )
 
     def held_for_place(self, robot: str, step: int, grasp: int) -> Attachment:
-        """Return how a robot holds the brick that it is about to place."""
+        """Return the attachment of the brick that a robot is about to place."""
         frames, kind, top, press = self._handled(robot, step, grasp)
         if self.world.step(step).up:
             contact = side_contact_pose(top, kind, press)
@@ -280,7 +280,7 @@ class SkillOptions:
         )
 
     def supported(self, robot: str, step: int, choice: int = 0) -> Pairs:
-        """Return what a supporting tool may touch, the brick of the step included."""
+        """Return the allowed contacts of a supporting tool, the step's brick included."""
         world = self.world
         bricks = {**world.cells_during(step), **world.goal_cells([step])}
         return supporting(robot, world.supports(step)[choice], bricks)

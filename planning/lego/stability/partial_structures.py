@@ -118,7 +118,7 @@ class PartialStructures:
         )
 
     def standing(self, names: Names) -> StabilityReport:
-        """Return whether a partial structure stands by itself.
+        """Tell whether a partial structure stands by itself.
 
         The score is a bound, from above when the structure is stable, else from below.
         """
@@ -134,7 +134,7 @@ class PartialStructures:
         loads: Sequence[Load],
         holds: Sequence[Hold] = (),
     ) -> StabilityReport:
-        """Return whether a partial structure bears a brick being pressed into place.
+        """Tell whether a partial structure bears a brick being pressed into place.
 
         The brick's own joints push but do not pull yet.
 

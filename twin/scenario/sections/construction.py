@@ -178,7 +178,7 @@ class RowsSection(Section):
 
 
 SupplySection = Annotated[SpiralSection | RowsSection, Field(discriminator="layout")]
-"""Where the parts lie at the start; ``layout`` says how."""
+"""Layout of the parts at the start, by ``layout``."""
 
 
 class PadSection(Section):

@@ -158,7 +158,7 @@ def _drawings(
 
 
 def mark_of_spot(document: YamlDocument, path: KeyPath, spot: Spot | None) -> Mark:
-    """Return where a character of a drawing is written.
+    """Return the place of a character of a drawing in the file.
 
     In a block (``|``) the text starts on the line after the mark; elsewhere the mark of the whole
     value has to do.

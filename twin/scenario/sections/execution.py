@@ -24,7 +24,7 @@ class ReferenceDuration(Section):
 
 
 SkillSection = Annotated[Distribution | ReferenceDuration, Field(discriminator="kind")]
-"""How long a skill takes: drawn from a distribution, or that of its reference path."""
+"""Duration of a skill: drawn from a distribution, or that of its reference path."""
 
 
 class ExecutionSection(Disturbances):

@@ -28,7 +28,7 @@ AssemblySection = Annotated[
     LegoSection | PickPlaceSection | GoalsSection | ConstructionSection,
     Field(discriminator="kind"),
 ]
-"""What is built; ``kind`` says which of them it is."""
+"""Assembly of a scenario, by ``kind``."""
 
 
 class PlanningSection(Section):
