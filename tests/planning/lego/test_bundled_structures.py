@@ -39,19 +39,7 @@ def test_every_bundled_structure_is_held_to_something() -> None:
     assert {path.stem for path in FOLDER.glob("*.yaml")} == set(KINDS)
 
 
-SEARCHED_LONG = {"bridge", "fish"}
-"""Structures whose sequence takes many seconds to find; the others are found in few."""
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.expensive)
-        if name in SEARCHED_LONG
-        else name
-        for name in KINDS
-    ],
-)
+@pytest.mark.parametrize("name", KINDS)
 def test_kinds_of_steps(name: str) -> None:
     lego = load(name)
     assembly, structure = build_lego(lego), build_structure(lego)
