@@ -56,6 +56,15 @@ class Measured(_Sample):
         """The durations in rising order, shape (n,), read-only [s]."""
         return readonly(np.sort(self.values))
 
+    # The sorted array is no part of what is compared: arrays have no one truth value.
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Measured):
+            return NotImplemented
+        return (self.values, self.scale) == (other.values, other.scale)
+
+    def __hash__(self) -> int:
+        return hash((self.values, self.scale))
+
 
 class Empirical(_Sample):
     """Drawn from measured times: a column of a CSV file, relative to the scenario file."""

@@ -28,6 +28,7 @@ from twin.durations import (
     Lognormal,
     Measured,
     Packaged,
+    Retries,
     Uniform,
     packaged_timings,
     to_nanoseconds,
@@ -73,6 +74,17 @@ def test_empirical_gives_the_values_measured_each_as_often() -> None:
     assert values.tolist() == [1.0, 2.0, 3.0, 8.0]
     assert (counts / len(PROBABILITIES)).tolist() == [0.2, 0.4, 0.2, 0.2]
     assert model.mean == pytest.approx(3.2)
+
+
+def test_models_of_one_file_are_equal_after_draws_too(tmp_path: Path) -> None:
+    (tmp_path / "times.csv").write_text("duration_s\n3\n1\n2\n")
+    times = Empirical(csv="times.csv")
+    for section in (times, Retries(attempt=times, probability=0.5)):
+        one, two = (section.located(tmp_path) for _ in range(2))
+        assert one.mean == two.mean
+        assert one == two
+        assert {one: "known"}[two] == "known"
+        assert one != two.scaled(2.0)
 
 
 @given(
