@@ -80,7 +80,7 @@ class FixedTimeSolver(SubproblemSolver):
         world = building.world.without_way_out(robot)
         building = replace(building, world=world)
         scenes = StepScenes(self.problem, self.contacts, world, part, (robot,))
-        opens = self.soonest(building, part)
+        opens = self.earliest_times(building, part)
         solver = FixedTimeKeyframes(scenes, self.bounds, opens, settings.keyframes, rng)
         legs = LegPlanner(settings.rrt, rng, self.watch)
         holds = holds_of(self.bounds, robot, part)
@@ -111,8 +111,8 @@ class FixedTimeSolver(SubproblemSolver):
         leg = self._first(begin, pick)
         if leg is None or leg.lost >= attempt.lost:
             return None
-        building, key, start, soonest, lost = leg
-        late = start - soonest
+        building, key, start, earliest, lost = leg
+        late = start - earliest
         pose = self.problem.held_in_flange(robot, part, *hold)
         building = building.worked(
             key.motion, "pick", part.name, start, robot, pose, hold.grip
@@ -120,8 +120,8 @@ class FixedTimeSolver(SubproblemSolver):
         leg = self._first(building.world.robots[robot].end, place)
         if leg is None or lost + leg.lost >= attempt.lost:
             return None
-        building, key, start, soonest, more = leg
-        late = start - max(opens.place, soonest - late)
+        building, key, start, earliest, more = leg
+        late = start - max(opens.place, earliest - late)
         building = building.worked(
             key.motion, "place-down", part.name, start, None, part.goal, hold.grip
         )
@@ -146,7 +146,7 @@ class FixedTimeSolver(SubproblemSolver):
                 travel = leg.start - begin - leg.lost
                 slots = max(int(np.ceil(travel / self.duration - 1e-9)), 1)
                 return leg._replace(
-                    soonest=begin + self.duration,
+                    earliest=begin + self.duration,
                     lost=leg.start - begin - slots * self.duration,
                 )
         return None

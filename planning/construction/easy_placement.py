@@ -110,4 +110,4 @@ class EasyPlacement:
         lost: float,
     ) -> Attempt:
         own = [*seed, self.problem.team.index(skeleton[0].robot)]
-        return Attempt(part, skeleton, own, hasty=True, latest=latest, lost=lost)
+        return Attempt(part, skeleton, own, low_effort=True, latest=latest, lost=lost)

@@ -26,14 +26,14 @@ class Leg(NamedTuple):
         building: the state then.
         keyframe: which skill.
         start: when it begins [s].
-        soonest: how soon speeds and the world at the goals would have let it begin [s].
+        earliest: how soon speeds and the world at the goals would have let it begin [s].
         lost: how much later it begins than speeds alone would allow [s].
     """
 
     building: Building
     keyframe: Keyframe
     start: float
-    soonest: float
+    earliest: float
     lost: float
 
 
@@ -51,7 +51,7 @@ class LegPlanner:
     rng: np.random.Generator
     watch: Stopwatch
 
-    def unhurried(self, spare: float) -> LegPlanner:
+    def allowing_delay(self, spare: float) -> LegPlanner:
         """Return a planner of legs that may arrive late, by most of a given time [s]."""
         enough = max(self.settings.good_enough_s, 0.7 * spare)
         return replace(self, settings=self.settings._replace(good_enough_s=enough))

@@ -197,5 +197,5 @@ class ConstructionSearch:
 
     def _solve(self, building: Building, attempt: Attempt) -> Solution | None:
         """Plan how a part is brought to its place; None where that failed."""
-        self.spent += 1 if attempt.hasty else 3
+        self.spent += 1 if attempt.low_effort else 3
         return self.solver.solve(building, attempt)

@@ -9,7 +9,7 @@ import numpy as np
 
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.keyframes.keyframes import Keyframe, Keyframes
-from planning.construction.keyframes.solver import KeyframeSolver, Soonest
+from planning.construction.keyframes.solver import EarliestTimes, KeyframeSolver
 from planning.construction.keyframes.step_scenes import StepScenes
 from planning.construction.legs import LegPlanner
 from planning.construction.object_order import ready_at
@@ -34,7 +34,7 @@ class Attempt:
         skeleton: who does what.
         seed: of all random numbers.
         effort: how much harder than usual is tried, from 0.
-        hasty: only paths that are easy to find are looked for.
+        low_effort: only paths that take little search are looked for.
         latest: the part must be in its place by then [s].
         lost: a way with which robots lose as much time as that is of no use [s].
     """
@@ -43,7 +43,7 @@ class Attempt:
     skeleton: Skeleton
     seed: Sequence[int]
     effort: int = 0
-    hasty: bool = False
+    low_effort: bool = False
     latest: float = np.inf
     lost: float = np.inf
 
@@ -99,8 +99,10 @@ class SubproblemSolver:
             world = world.without_way_out(robot)
         building = Building(world, building.work, building.placed)
         scenes = StepScenes(self.problem, self.contacts, world, part, team)
-        soonest = self.soonest(building, part)
-        solver = KeyframeSolver(scenes, self.bounds, soonest, settings.keyframes, rng)
+        earliest_times = self.earliest_times(building, part)
+        solver = KeyframeSolver(
+            scenes, self.bounds, earliest_times, settings.keyframes, rng
+        )
         options = solver.alone(*team) if len(team) == 1 else solver.handed_over(*team)
         legs = LegPlanner(settings.rrt, rng, self.watch)
         for _ in range(settings.holds):
@@ -115,11 +117,11 @@ class SubproblemSolver:
 
     def attempt_settings(self, attempt: Attempt) -> SubproblemSettings:
         """Return the effort for an attempt."""
-        if attempt.hasty:
-            return self.settings.hasty()
+        if attempt.low_effort:
+            return self.settings.low_effort()
         return self.settings.harder(attempt.effort)
 
-    def soonest(self, building: Building, part: Part) -> Soonest:
+    def earliest_times(self, building: Building, part: Part) -> EarliestTimes:
         """Return the earliest times at which a part may be picked and placed.
 
         What touches it in its place has to be there, too: contacts in place are never looked
@@ -131,7 +133,7 @@ class SubproblemSolver:
         touching = {name for pair in self.contacts.at_goal(part) for name in pair}
         there = [end for name, end in building.placed.items() if name in touching]
         ready = ready_at(self.problem, part.name, building.placed)
-        return Soonest(max(lifted, default=0.0), max([ready, *there]))
+        return EarliestTimes(max(lifted, default=0.0), max([ready, *there]))
 
     def _bring(
         self,
@@ -153,7 +155,7 @@ class SubproblemSolver:
         problem, part, team = self.problem, attempt.part, attempt.robots
         robot, hold = team[0], keyframes.holds[0]
         latest = attempt.latest - problem.seconds.place
-        leg = legs.unhurried(self._spare(robot, keyframes)).leg(
+        leg = legs.allowing_delay(self._spare(robot, keyframes)).leg(
             building,
             robot,
             keyframes.picks,
@@ -163,8 +165,8 @@ class SubproblemSolver:
         )
         if leg is None or leg.lost >= attempt.lost:
             return None
-        building, pick, start, soonest, lost = leg
-        late = start - soonest
+        building, pick, start, earliest, lost = leg
+        late = start - earliest
         pose = problem.held_in_flange(robot, part, *hold)
         building = building.worked(
             pick.motion, "pick", part.name, start, robot, pose, hold.grip
@@ -185,9 +187,9 @@ class SubproblemSolver:
         )
         if leg is None or lost + leg.lost >= attempt.lost:
             return None
-        building, place, start, soonest, more = leg
+        building, place, start, earliest, more = leg
         opens = min(place.earliest for place in keyframes.places)
-        late = start - max(opens, soonest - late)
+        late = start - max(opens, earliest - late)
         building = building.worked(
             place.motion, "place-down", part.name, start, None, part.goal, hold.grip
         )

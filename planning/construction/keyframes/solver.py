@@ -30,7 +30,7 @@ Phase = tuple[SpaceTimeChecker, SpaceTimeChecker]
 """The checks before and after a touch."""
 
 
-class Soonest(NamedTuple):
+class EarliestTimes(NamedTuple):
     """Earliest times at which a part may be picked and placed.
 
     Attributes:
@@ -49,14 +49,14 @@ class KeyframeSolver:
     Attributes:
         scenes: checks of the sub-problem.
         bounds: who reaches what.
-        soonest: when the part may be picked and placed.
+        earliest_times: when the part may be picked and placed.
         settings: effort.
         rng: what is drawn from.
     """
 
     scenes: StepScenes
     bounds: ReachBounds
-    soonest: Soonest
+    earliest_times: EarliestTimes
     settings: KeyframeSettings
     rng: np.random.Generator
 
@@ -205,7 +205,7 @@ class KeyframeSolver:
             problem.tool_pose(scenes.part, start, *hold),
             None,
             phase,
-            max(self.soonest.pick, begin),
+            max(self.earliest_times.pick, begin),
             problem.seconds.pick,
         )
         picks = islice(found, self.settings.picks)
@@ -225,7 +225,7 @@ class KeyframeSolver:
             problem.tool_pose(scenes.part, scenes.part.goal, *hold),
             scenes.part.insertion,
             phase,
-            max(self.soonest.place, begin),
+            max(self.earliest_times.place, begin),
             problem.seconds.place,
         )
         places = islice(found, self.settings.places)
@@ -238,7 +238,7 @@ class KeyframeSolver:
     def free_place(self) -> Array:
         """Return the spans from which on nothing that is fixed runs into the part in its place."""
         checker, q = self.scenes.lying
-        begin = max(self.soonest.place, checker.start)
+        begin = max(self.earliest_times.place, checker.start)
         # It counts as lying there from the beginning of the skill that places it.
         return arrival_windows([(checker, q)], np.inf, begin)
 

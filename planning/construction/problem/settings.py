@@ -102,7 +102,7 @@ class SubproblemSettings:
     rrt: RrtSettings = _RRT
     holds: int = 2
 
-    def hasty(self) -> SubproblemSettings:
+    def low_effort(self) -> SubproblemSettings:
         """Return the settings with which only paths that are easy to find are looked for."""
         rrt = self.rrt._replace(iterations=0, patience=0, most_loss_s=_EASY_S)
         return replace(self, rrt=rrt, holds=1)

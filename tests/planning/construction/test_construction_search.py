@@ -317,7 +317,7 @@ def test_parts_without_joints_come_one_after_another_where_they_touch() -> None:
         PlannerSettings().subproblem,
     )
     late = replace(nothing_built(problem), placed={"p1": 100.0})
-    ready = [solver.soonest(late, part).place for part in problem.parts]
+    ready = [solver.earliest_times(late, part).place for part in problem.parts]
     assert ready == [100.0, 100.0, 100.0, 0.0]
 
 
@@ -363,7 +363,7 @@ def test_robots_at_one_stack_keep_clear_of_what_others_have_just_taken() -> None
 class _Told(SubproblemSolver):
     """Says what a test wants of every part that is to be placed easily, see ``tell``."""
 
-    hasty = True
+    low_effort = True
     """Whether ways are in fact only looked for where they are easy to find."""
 
     def tell(
@@ -373,8 +373,10 @@ class _Told(SubproblemSolver):
         raise AssertionError("each test has its own")
 
     def solve(self, building: Building, attempt: Attempt) -> Solution | None:
-        assert attempt.hasty
-        found = super().solve(building, replace(attempt, hasty=self.hasty, lost=np.inf))
+        assert attempt.low_effort
+        found = super().solve(
+            building, replace(attempt, low_effort=self.low_effort, lost=np.inf)
+        )
         part = attempt.part
         assert found is None or found.building.placed[part.name] <= attempt.latest
         told = self.tell(building, part, attempt.robots[0], found)
@@ -440,7 +442,7 @@ def test_parts_that_keep_each_other_from_their_places_end_the_search() -> None:
 class _Lossy(_Told):
     """Says of every part that so much time is lost with it, and notes what was tried."""
 
-    hasty = False  # it is of no interest here what is easy
+    low_effort = False  # it is of no interest here what is easy
     losses: dict[str, float]
     tried: dict[int, list[str]]
 
