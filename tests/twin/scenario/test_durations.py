@@ -236,6 +236,12 @@ WRONG = {
         "1, attempt",
         "must be less than 1, not 1",
     ),
+    "unknown key beside one called as the kind": (
+        "{kind: retries, retries: 2, retre: {kind: fixed, value_s: 4}, probability: 0.1,"
+        " attempt: {kind: fixed, value_s: 4}}",
+        "",
+        "unknown key 'retre'; did you mean 'retry'?",
+    ),
     "unknown skill": ("{kind: packaged, skill: pik}", "pik}", "did you mean 'pick'?"),
 }
 

@@ -185,6 +185,8 @@ def _free_keys(
     """Return the keys that the mapping at ``path`` may have and does not have yet."""
     valid = list(_node_at(schema, path).get("properties", {}))
     given = _value_at(document, document.nearest(path))
+    if not isinstance(given, dict):  # a tag that is also a key, as of ``retries``
+        return valid
     return [key for key in valid if key not in given] or valid
 
 
