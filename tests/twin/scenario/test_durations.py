@@ -239,7 +239,7 @@ WRONG = {
     "unknown key beside one called as the kind": (
         "{kind: retries, retries: 2, retre: {kind: fixed, value_s: 4}, probability: 0.1,"
         " attempt: {kind: fixed, value_s: 4}}",
-        "",
+        "retre",
         "unknown key 'retre'; did you mean 'retry'?",
     ),
     "unknown skill": ("{kind: packaged, skill: pik}", "pik}", "did you mean 'pick'?"),

@@ -94,7 +94,7 @@ def schema_problems(
         if error["type"] == "extra_forbidden":
             *parent, name = error["loc"]
             valid = _free_keys(document, schema, tuple(parent))
-            at = document.nearest(tuple(parent))
+            at = _mapping_at(document, tuple(parent))
             if key := meant_key(str(name), valid):
                 meant.add((*at, key))
             mark = document.mark_of((*at, name), key=True)
@@ -179,14 +179,20 @@ def _value_at(document: YamlDocument, path: KeyPath) -> Any:
     return value
 
 
+def _mapping_at(document: YamlDocument, path: KeyPath) -> KeyPath:
+    """Return the path of the innermost mapping; a tag may also be a key, as ``retries`` is."""
+    at = document.nearest(path)
+    while not isinstance(_value_at(document, at), dict):
+        at = at[:-1]
+    return at
+
+
 def _free_keys(
     document: YamlDocument, schema: dict[str, Any], path: KeyPath
 ) -> list[str]:
     """Return the keys that the mapping at ``path`` may have and does not have yet."""
     valid = list(_node_at(schema, path).get("properties", {}))
-    given = _value_at(document, document.nearest(path))
-    if not isinstance(given, dict):  # a tag that is also a key, as of ``retries``
-        return valid
+    given = _value_at(document, _mapping_at(document, path))
     return [key for key in valid if key not in given] or valid
 
 
