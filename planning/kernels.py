@@ -38,6 +38,18 @@ def stamp_of_kernels(root: Path) -> str:
     return digest.hexdigest()
 
 
+_UNREADABLE = (
+    AttributeError,
+    EOFError,
+    ImportError,
+    KeyError,
+    TypeError,
+    UnpicklingError,
+    ValueError,
+)
+"""Errors of reading a cache that another version wrote, or that was cut off."""
+
+
 class _Cache(FunctionCache):
     """Cache of compiled code on disk; what is out of date or unreadable is compiled anew.
 
@@ -52,7 +64,7 @@ class _Cache(FunctionCache):
     def _load_overload(self, *signature: Any) -> Any:
         try:
             return super()._load_overload(*signature)  # type: ignore[no-untyped-call]
-        except (AttributeError, ImportError, EOFError, UnpicklingError):
+        except _UNREADABLE:
             self.flush()  # type: ignore[no-untyped-call]
             return None
 

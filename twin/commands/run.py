@@ -163,7 +163,7 @@ def _chosen(
     content = resolved(load_scenario(path))
     policy = variant.get("policy")
     if policy is not None and policy not in POLICIES:
-        raise ScenarioError(f"--policy: unknown policy {policy!r}", choices=POLICIES)
+        raise ScenarioError(f"policy: there is no {policy!r}", choices=POLICIES)
     if robots is not None:
         choose_robots(content["cell"], robots)
     if seed is not None:
