@@ -24,16 +24,17 @@ _ROOT = Path(__file__).parents[1]
 
 @cache
 def stamp_of_kernels(root: Path) -> str:
-    """Return a hash of every file in the packages below a folder that declares kernels.
+    """Return a hash of every file in the packages below a folder that has a part in compiled code.
 
-    A kernel is compiled into those that call it, from whichever file; numba alone compares the
-    caller's own file, and would go on with what the callee was before.
+    These are the files that declare kernels, and those that tell numba how to compile. A kernel
+    is compiled into those that call it, from whichever file; numba alone compares the caller's
+    own file, and would go on with what the callee was before.
     """
     digest = sha256()
     for package in PACKAGES:
         for path in sorted((root / package).rglob("*.py")):
             source = path.read_bytes()
-            if b"planning.kernels import" in source:
+            if b"planning.kernels import" in source or b"from numba" in source:
                 digest.update(source)
     return digest.hexdigest()
 

@@ -48,9 +48,24 @@ class RobotBodies:
 _KNOWN: KeptAnswers[RobotBodies] = KeptAnswers(4000)
 
 
+GROUPS = ("arm", "tool")
+"""Groups of a robot's bodies, each an entity of its own."""
+
+
 def entity(robot: str, group: str) -> str:
     """Return the name by which allowed contacts speak of a robot's arm or tool."""
     return f"{robot}/{group}"
+
+
+def entity_numbers(robots: Iterable[str], things: Iterable[str]) -> dict[str, int]:
+    """Return the numbers of entities by their names: arm and tool of each robot, then things.
+
+    Args:
+        robots: names of the robots.
+        things: names of objects and fixtures.
+    """
+    names = [entity(robot, group) for robot in robots for group in GROUPS]
+    return {name: number for number, name in enumerate([*names, *things])}
 
 
 def robot_bodies(robot: PlacedRobot, held: Sequence[Held] = ()) -> RobotBodies:

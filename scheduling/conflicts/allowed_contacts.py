@@ -9,13 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.cell.workcell import Clearances
-from planning.geometry.robot_bodies import entity
+from planning.geometry.robot_bodies import GROUPS
 from planning.kernels import inner_kernel
 from planning.packed import packed
 from planning.tasks.task import AllowedContact
 from planning.transforms import Array, Indices
-
-GROUPS = ("arm", "tool")
 
 ALWAYS = -1
 """Stands for a task that is part of every allowed contact: the thing is no robot's node."""
@@ -41,17 +39,6 @@ class ContactTable(NamedTuple):
     tasks: Indices
     clearance: Array
     robots: int
-
-
-def entity_numbers(robots: Iterable[str], objects: Iterable[str]) -> dict[str, int]:
-    """Return the numbers of the entities that can be part of an occupancy, by their names.
-
-    Args:
-        robots: names of the robots.
-        objects: names of the objects that are handled.
-    """
-    names = [entity(robot, group) for robot in robots for group in GROUPS]
-    return {name: number for number, name in enumerate([*names, *objects])}
 
 
 def contact_table(

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from planning.cell.workcell import PlacedRobot
+from planning.geometry.robot_bodies import entity_numbers
 from planning.parallel import side_by_side
 from planning.transforms import Indices
 from scheduling.conflicts.allowed_contacts import (
     ContactTable,
     contact_table,
-    entity_numbers,
 )
 from scheduling.conflicts.conflict_search import search_conflicts
 from scheduling.conflicts.object_spans import (

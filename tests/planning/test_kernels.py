@@ -137,3 +137,6 @@ def test_a_change_of_any_file_with_kernels_makes_the_cache_stale(
     assert stamp() == before
     callee.write_text("from planning.kernels import inner_kernel  # changed\n")
     assert stamp() != before
+    before = stamp()
+    other.write_text("from numba.extending import lower_getattr_generic\n")
+    assert stamp() != before

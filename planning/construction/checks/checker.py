@@ -15,7 +15,7 @@ from planning.construction.checks.motion_checks import (
 )
 from planning.construction.checks.scene import StillBoxes, lay_out
 from planning.construction.world.fixed_world import FixedWorld
-from planning.construction.world.fleet import Carrier, entity_numbers, make_carrier
+from planning.construction.world.fleet import Carrier, cell_entities, make_carrier
 from planning.construction.world.hands import hand_changes
 from planning.construction.world.motion_pieces import STEP, cut_timeline
 from planning.construction.world.rests import Rest, rests_of
@@ -75,7 +75,7 @@ class SpaceTimeChecker:
         )
         self.begin_of_joint = np.repeat(self.begin, [m.dof for m in self.models])
         self._held = self._held_by_movers() if held is None else held
-        numbers = entity_numbers(cell)
+        numbers = cell_entities(cell)
         movers = [self._mover(name) for name in self.robots]
         swept = self._swept()
         # The scene does not keep them alive.

@@ -18,7 +18,7 @@ from planning.construction.export.piece_conflicts import (
     contact_rules,
 )
 from planning.construction.export.planned_task import PlannedTask, world_of
-from planning.construction.world.fleet import entity_numbers
+from planning.construction.world.fleet import cell_entities
 from planning.construction.world.hands import hand_changes
 from planning.construction.world.motion_pieces import STEP, Pieces, cut_timeline
 from planning.construction.world.swept_track import sweep_track
@@ -108,7 +108,7 @@ def _cut(cell: Workcell, tasks: Sequence[PlannedTask]) -> _Cut:
     """Cut all motions until those at the same time stay apart."""
     world = world_of(cell, tasks)
     cuts: dict[str, set[float]] = {robot.name: set() for robot in cell.robots}
-    numbers, near = entity_numbers(cell), cell.clearances
+    numbers, near = cell_entities(cell), cell.clearances
     rules = contact_rules(
         numbers,
         list(numbers)[: 2 * len(cell.robots)],

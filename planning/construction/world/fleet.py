@@ -10,7 +10,7 @@ import numpy as np
 from planning.cell.compiled_robot import robot_kernel
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.geometry.hull_table import HullTable
-from planning.geometry.robot_bodies import entity
+from planning.geometry.robot_bodies import entity, entity_numbers
 from planning.kernels import inner_kernel
 from planning.packed import packed, packed_at
 from planning.transforms import Array, Indices, Transform
@@ -98,11 +98,10 @@ def set_motion(hulls: HullTable, q_a: Array, q_b: Array) -> None:
         hulls.q_b[0, j] = q_b[j]
 
 
-def entity_numbers(cell: Workcell) -> dict[str, int]:
+def cell_entities(cell: Workcell) -> dict[str, int]:
     """Return the number of every entity: arm and tool of each robot, fixtures, objects."""
-    names = [f"{r.name}/{group}" for r in cell.robots for group in ("arm", "tool")]
-    names += [f.name for f in cell.fixtures] + [o.name for o in cell.objects]
-    return {name: k for k, name in enumerate(names)}
+    things = [f.name for f in cell.fixtures] + [o.name for o in cell.objects]
+    return entity_numbers((robot.name for robot in cell.robots), things)
 
 
 def _firsts(counts: Sequence[int]) -> Indices:
