@@ -23,7 +23,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Uniform, packaged_timings
 from twin.engine.engine import Simulator
 from twin.engine.messages import Messages
-from twin.recorders.memory import MemoryRecorder
+from twin.recorders.observers import MemoryRecorder
 from twin.run.run_record import Run
 from twin.scenario.file import load_scenario
 from twin.uncertainty.contraction import contract

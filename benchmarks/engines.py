@@ -26,8 +26,7 @@ from twin.durations import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.bulk.max_plus import completions, makespans
 from twin.engine.engine import Simulator
-from twin.host.progress import StageDisplay
-from twin.host.stage_watch import StageWatch
+from twin.host.progress import StageDisplay, StageWatch
 from twin.planning.pipeline import order_motions, plan_in_turns
 from twin.scenario.duration_models import skill_durations
 from twin.scenario.file import load_scenario

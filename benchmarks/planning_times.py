@@ -26,7 +26,7 @@ from pathlib import Path
 from benchmarks.apex_mr_paper import STRUCTURES, TABLE_II
 from benchmarks.machine import date_line, load_line, machine_line
 from planning.kinematics.kinematics import forget_solutions
-from twin.host.stage_watch import StageWatch
+from twin.host.progress import StageWatch
 from twin.planning.pipeline import order_motions, plan_in_turns
 from twin.scenario.file import load_scenario
 

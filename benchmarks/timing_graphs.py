@@ -16,8 +16,7 @@ from pathlib import Path
 
 from benchmarks.timing_graph_files import save_timing_graph
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.host.progress import Report, StageDisplay, report_nothing
-from twin.host.stage_watch import StageWatch
+from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
 from twin.planning.pipeline import order_motions, plan_in_turns
 from twin.scenario.file import load_scenario
 from twin.study.replications.timing_graph import timing_graph

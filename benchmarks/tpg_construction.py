@@ -35,7 +35,7 @@ from scheduling.conflicts.occupancy import Occupancy, chain_occupancy
 from scheduling.graph.reduction import order_and_reduce
 from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.host.stage_watch import StageWatch
+from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_in_turns
 from twin.scenario.file import load_scenario
 

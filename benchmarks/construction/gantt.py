@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from benchmarks.construction.schedule import CARRY, DRIVE, HOME
 from benchmarks.construction.store import Row
 from twin.host.atomic import replacing
-from twin.run.lanes import LANE_COLOURS
+from twin.run.activities import LANE_COLOURS
 
 _INK = "#2b2f36"
 _LANE_IN = 0.26

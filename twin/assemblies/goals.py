@@ -14,7 +14,7 @@ from planning.errors import ScenarioError
 from planning.goals.robot_goals import RobotGoal
 from planning.transforms import readonly
 from twin.assemblies.kind import AssemblyKind, PlannedMotions
-from twin.host.stage_watch import StageWatch
+from twin.host.progress import StageWatch
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection

@@ -9,7 +9,7 @@ from planning.motion.sequential import MotionSettings, plan_sequential
 from planning.tasks.highs_solver import HighsAssignmentSolver
 from planning.tasks.work import AssemblyWork, StepExpansions
 from twin.assemblies.kind import PlannedMotions
-from twin.host.stage_watch import StageWatch
+from twin.host.progress import StageWatch
 
 ASSIGNMENT, MOTION = "who does what", "motions"
 """Names of the stages for progress displays."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
-from twin.host.stage_watch import StageWatch
+from twin.host.progress import StageWatch
 from twin.scenario.document.problems import Problem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 

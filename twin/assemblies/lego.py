@@ -21,7 +21,7 @@ from planning.lego.bricks.assembly import (
 from planning.lego.bricks.contacts import PlacedBrick
 from twin.assemblies.brick_types import brick_types, cell_of
 from twin.assemblies.kind import AssemblyKind, PlannedMotions
-from twin.host.stage_watch import StageWatch
+from twin.host.progress import StageWatch
 from twin.scenario.document.problems import Problem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.drawn_structure import read_structure

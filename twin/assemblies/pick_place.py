@@ -12,7 +12,7 @@ from planning.cell.workcell import CellObject, Workcell
 from planning.parts.assembly import GripRules, PickPlaceAssembly
 from planning.transforms import readonly
 from twin.assemblies.kind import AssemblyKind, PlannedMotions
-from twin.host.stage_watch import StageWatch
+from twin.host.progress import StageWatch
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.section import plain_values
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument

@@ -21,7 +21,10 @@ from planning.errors import RobotModelError
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform, quat_wxyz
 from twin.audit.exact_urdf import ShapeLink, one_shape_a_link
-from twin.audit.quiet_pybullet import pybullet
+from twin.host.silence import silenced
+
+with silenced():  # it greets on standard error
+    import pybullet
 
 BASE = -1
 

@@ -40,8 +40,7 @@ def compare(
     can beat, and planning time by stage; leaves compare.json and compare.png.
     """
     from twin.host.atomic import write_json
-    from twin.host.compilation import compilation_shown
-    from twin.host.progress import StageDisplay
+    from twin.host.progress import StageDisplay, compilation_shown
     from twin.run.folder import CHART, COMPARISON, run_folder
     from twin.scenario.build_workcell import build_workcell
     from twin.scenario.file import load_scenario
@@ -89,5 +88,5 @@ def compare(
     elif not quiet:
         from twin.comparison.table import print_comparison
 
-        print_comparison(figures, folder, heading=heading, compiled=compiled.count > 0)
+        print_comparison(figures, folder, heading=heading, compiled=compiled() > 0)
     return COMPLETED

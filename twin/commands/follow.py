@@ -76,8 +76,8 @@ def follow(
     from scheduling.graph.plan_files import load_plan
     from twin.follow.follow import follow as follow_run
     from twin.follow.forecast import Forecaster
-    from twin.follow.setup import followed_execution
     from twin.follow.state import FollowedRun
+    from twin.trial.simulation import followed_execution
 
     tpg = load_plan(plan)
     name, model = followed_execution(plan, tpg, scenario)
@@ -103,7 +103,7 @@ def _lines(events: Path, *, wait: bool) -> Iterator[str | None]:
 
 
 def _shown(run: FollowedRun, title: str, *, as_json: bool) -> RunListener:
-    from twin.follow.lines import JsonLines, PlainLines
+    from twin.follow.display import JsonLines, PlainLines
 
     def write(line: str) -> None:
         typer.echo(line)

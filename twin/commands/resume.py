@@ -46,7 +46,7 @@ def resume(
         typer.echo(json.dumps({"folder": str(folder), **summary}, indent=2))
     elif not quiet:
         from twin.run.folder import RECORDING
-        from twin.run.table import print_summary
+        from twin.run.summary import print_summary
 
         if done.trial is None:
             typer.echo(f"{folder}: the run has come to its end already")

@@ -81,8 +81,7 @@ def run(
     quiet: Quiet = False,
 ) -> int:
     """Plan a scenario, execute it in the twin, check it, and show the figures."""
-    from twin.host.compilation import compilation_shown
-    from twin.host.progress import StageDisplay
+    from twin.host.progress import StageDisplay, compilation_shown
     from twin.run.folder import run_folder
 
     base = scenario.parent
@@ -121,10 +120,10 @@ def run(
     if as_json:
         typer.echo(json.dumps({"folder": str(folder), **trial.summary}, indent=2))
     elif not quiet:
-        from twin.run.table import print_summary
+        from twin.run.summary import print_summary
 
         print_summary(
-            trial.summary, folder, recording=recording, compiled=compiled.count > 0
+            trial.summary, folder, recording=recording, compiled=compiled() > 0
         )
     if trial.run.outcome == "aborted":
         print_error(f"interrupted; what happened until then is in {folder}")

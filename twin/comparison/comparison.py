@@ -15,8 +15,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.assemblies.kind import PlannedMotions
 from twin.comparison.bounds import straight_line_ratio, straight_line_s
 from twin.durations import NANOSECONDS
-from twin.host.progress import Report, report_nothing
-from twin.host.stage_watch import StageWatch
+from twin.host.progress import Report, StageWatch, report_nothing
 from twin.planning.pipeline import (
     default_shortcuts,
     order_motions,

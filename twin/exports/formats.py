@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
 
 from planning.errors import OutputError
 from twin.exports.recorded_run import RecordedRun
 from twin.host.atomic import replacing
 
-FORMATS = (
-    "csv",
-    "parquet",
-    "perfetto",
-    "joint-trajectory",
-    "graphml",
-    "dot",
-    "task-graph",
-    "mermaid",
-)
+_WRITERS = {
+    "csv": "tables.csv_files",
+    "parquet": "tables.parquet_files",
+    "perfetto": "perfetto.perfetto_files",
+    "joint-trajectory": "joint_trajectory.joint_trajectory_files",
+    "graphml": "graphs.graphml_files",
+    "dot": "graphs.dot_files",
+    "task-graph": "graphs.task_graph_files",
+    "mermaid": "mermaid.mermaid_files",
+}
+FORMATS = tuple(_WRITERS)
+
+_OF_NODES = frozenset({"perfetto", "graphml", "dot"})
+"""Formats that can show every node of the temporal plan graph, not one entry a task."""
 
 FOLDER = "exports"
 """Default folder of exports, in that of the run."""
@@ -38,40 +43,13 @@ def exported_files(
     Raises:
         OutputError: there is no such format, or the run lacks a file that it is made of.
     """
-    match name:
-        case "csv":
-            from twin.exports.tables import csv_files
-
-            return csv_files(run)
-        case "parquet":
-            from twin.exports.tables import parquet_files
-
-            return parquet_files(run)
-        case "perfetto":
-            from twin.exports.perfetto import perfetto_files
-
-            return perfetto_files(run, nodes=nodes)
-        case "joint-trajectory":
-            from twin.exports.joint_trajectory import joint_trajectory_files
-
-            return joint_trajectory_files(run)
-        case "graphml":
-            from twin.exports.graphs import graphml_files
-
-            return graphml_files(run, nodes=nodes)
-        case "dot":
-            from twin.exports.graphs import dot_files
-
-            return dot_files(run, nodes=nodes)
-        case "task-graph":
-            from twin.exports.task_graph import task_graph_files
-
-            return task_graph_files(run)
-        case "mermaid":
-            from twin.exports.mermaid import mermaid_files
-
-            return mermaid_files(run)
-    raise OutputError(f"unknown format {name!r}", choices=FORMATS)
+    if name not in _WRITERS:
+        raise OutputError(f"unknown format {name!r}", choices=FORMATS)
+    module, function = _WRITERS[name].split(".")
+    write = getattr(import_module(f"twin.exports.{module}"), function)
+    options = {"nodes": nodes} if name in _OF_NODES else {}
+    files: Mapping[str, bytes] = write(run, **options)
+    return files
 
 
 def export_run(

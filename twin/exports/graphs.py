@@ -1,17 +1,21 @@
-"""The temporal plan graph as GraphML and DOT.
+"""The temporal plan graph as GraphML and DOT, the task graph of APEX-MR IV-A as GraphML.
 
-By default a node is a task, and an edge joins two tasks when any of their nodes are joined; as a
-robot may wait in the middle of a task, two tasks may then wait for each other. With ``--nodes``
-every node is there, and the graph has no cycles.
+By default a node of the temporal plan graph is a task, and an edge joins two tasks when any of
+their nodes are joined; as a robot may wait in the middle of a task, two tasks may then wait for
+each other. With ``--nodes`` every node is there, and the graph has no cycles. The task graph is
+the input of scheduling: it knows no motion conflicts, but where objects are.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from io import BytesIO
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import networkx as nx
+import numpy as np
 
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
@@ -20,7 +24,7 @@ from scheduling.graph.temporal_plan_graph import (
 )
 from twin.durations.nanoseconds import NANOSECONDS
 from twin.exports.recorded_run import RecordedRun
-from twin.run.lanes import CAUSES, LANE_COLOURS, OTHER_COLOUR
+from twin.run.activities import CAUSES, LANE_COLOURS, OTHER_COLOUR
 
 if TYPE_CHECKING:
     Graph = nx.DiGraph[str]
@@ -64,75 +68,45 @@ def run_graph(run: RecordedRun, *, nodes: bool) -> Graph:
         run: the run.
         nodes: every node, not one a task.
     """
+    tpg = run.tpg
     graph: Graph = nx.DiGraph(name=run.scenario)
-    (_add_nodes if nodes else _add_tasks)(graph, run)
+    names: list[list[str]] = []
+    once = {} if nodes else {"count": 1, "conflicts": 0}
+    for chain, (start, end) in zip(tpg.chains, run.node_times_ns, strict=True):
+        opens = np.diff(chain.task, prepend=-1) != 0
+        opens |= nodes
+        names.append([])
+        for low, high in pairwise([*np.flatnonzero(opens).tolist(), len(chain)]):
+            index = int(chain.task[low])
+            name = f"{chain.robot}/{low}" if nodes else task_name(index)
+            own: dict[str, Any] = {"nodes": high - low}
+            if nodes:
+                own = {"node": low, "skill": bool(chain.skill[low])}
+            own["duration_s"] = float(chain.duration[low:high].sum())
+            if nodes:
+                own["planned_start_s"] = float(chain.planned_start[low])
+            if start[low] >= 0:
+                own["start_s"] = int(start[low]) / NANOSECONDS
+            if end[high - 1] >= 0:
+                own["end_s"] = int(end[high - 1]) / NANOSECONDS
+            graph.add_node(name, **task_attributes(tpg, index), **own)
+            if low:
+                graph.add_edge(names[-1][-1], name, type=1, cause=SAME_ROBOT, **once)
+            names[-1] += [name] * (high - low)
+    for edge, cause in zip(tpg.edges.tolist(), tpg.cause.tolist(), strict=True):
+        before, source, after, target = edge
+        ends = names[before][source], names[after][target]
+        if nodes:
+            graph.add_edge(*ends, type=2, cause=CAUSES[cause])
+            continue
+        if not graph.has_edge(*ends):
+            graph.add_edge(*ends, type=2, cause=CONFLICT, count=0, conflicts=0)
+        data = graph.edges[ends]
+        data["count"] += 1
+        data["conflicts"] += int(cause == MOTION_CONFLICT)
+        if cause != MOTION_CONFLICT:
+            data["cause"] = DEPENDENCY
     return graph
-
-
-def _add_nodes(graph: Graph, run: RecordedRun) -> None:
-    tpg = run.tpg
-    for chain, times in zip(tpg.chains, run.node_times_ns, strict=True):
-        for k in range(len(chain)):
-            index = int(chain.task[k])
-            graph.add_node(
-                f"{chain.robot}/{k}",
-                **task_attributes(tpg, index),
-                node=k,
-                skill=bool(chain.skill[k]),
-                duration_s=float(chain.duration[k]),
-                planned_start_s=float(chain.planned_start[k]),
-                **_executed(int(times[0][k]), int(times[1][k])),
-            )
-            if k:
-                graph.add_edge(
-                    f"{chain.robot}/{k - 1}",
-                    f"{chain.robot}/{k}",
-                    type=1,
-                    cause=SAME_ROBOT,
-                )
-    for (before, source, after, target), cause in _edges(tpg):
-        graph.add_edge(
-            f"{tpg.chains[before].robot}/{source}",
-            f"{tpg.chains[after].robot}/{target}",
-            type=2,
-            cause=CAUSES[cause],
-        )
-
-
-def _add_tasks(graph: Graph, run: RecordedRun) -> None:
-    tpg = run.tpg
-    for chain, times in zip(tpg.chains, run.node_times_ns, strict=True):
-        previous = None
-        for index in dict.fromkeys(chain.task.tolist()):
-            mine = chain.task == index
-            name = task_name(index)
-            graph.add_node(
-                name,
-                **task_attributes(tpg, index),
-                nodes=int(mine.sum()),
-                duration_s=float(chain.duration[mine].sum()),
-                **_executed(int(times[0][mine][0]), int(times[1][mine][-1])),
-            )
-            if previous is not None:
-                graph.add_edge(
-                    previous, name, type=1, cause=SAME_ROBOT, count=1, conflicts=0
-                )
-            previous = name
-    for (before, source, after, target), cause in _edges(tpg):
-        first = task_name(int(tpg.chains[before].task[source]))
-        second = task_name(int(tpg.chains[after].task[target]))
-        conflict = int(cause == MOTION_CONFLICT)
-        if not graph.has_edge(first, second):
-            graph.add_edge(first, second, type=2, cause=CONFLICT, count=0, conflicts=0)
-        edge = graph.edges[first, second]
-        edge["count"] += 1
-        edge["conflicts"] += conflict
-        if not conflict:
-            edge["cause"] = DEPENDENCY
-
-
-def _edges(tpg: TemporalPlanGraph) -> list[tuple[list[int], int]]:
-    return list(zip(tpg.edges.tolist(), tpg.cause.tolist(), strict=True))
 
 
 def task_name(index: int) -> str:
@@ -151,16 +125,6 @@ def task_attributes(tpg: TemporalPlanGraph, index: int) -> dict[str, Any]:
         "label": task.label,
         "object": task.object or "",
     }
-
-
-def _executed(start_ns: int, end_ns: int) -> dict[str, float]:
-    """Return when something started and was completed, nothing where it did not [s]."""
-    out = {}
-    if start_ns >= 0:
-        out["start_s"] = start_ns / NANOSECONDS
-    if end_ns >= 0:
-        out["end_s"] = end_ns / NANOSECONDS
-    return out
 
 
 def _dot(graph: Graph, name: str) -> str:
@@ -201,3 +165,69 @@ def _quoted(text: str) -> str:
     """Return a DOT string: only quotes, backslashes and line ends mean anything in it."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
     return f'"{escaped}"'
+
+
+def task_graph_files(run: RecordedRun) -> Mapping[str, bytes]:
+    """Return ``task_graph.graphml``."""
+    return {"task_graph.graphml": graphml(task_graph(run.tpg, run.scenario))}
+
+
+def task_graph(tpg: TemporalPlanGraph, name: str = "") -> Graph:
+    """Return the task graph of a plan, with plain values as attributes.
+
+    Nodes are tasks (``type`` task, with the attributes of the temporal plan graph's) and the
+    stays of objects (``type`` object: at the start, in the hands of whom it is given to, in its
+    place), with ``object``, ``holder`` and the position ``x_m``, ``y_m``, ``z_m`` in the world or
+    in the holder's flange. Edges have a ``kind``: ``order`` between consecutive tasks of a robot,
+    ``dependency`` from a task to one that waits for it, ``attached`` from an object to the task
+    that begins with it in hand, ``detached`` from a task to the object that it leaves behind,
+    hands over or lets come up.
+
+    Args:
+        tpg: the plan.
+        name: of the graph.
+    """
+    graph: Graph = nx.DiGraph(name=name)
+    last: dict[str, str] = {}
+    for task in tpg.tasks:
+        node = task_name(task.index)
+        graph.add_node(node, type="task", **task_attributes(tpg, task.index))
+        if task.robot in last:
+            graph.add_edge(last[task.robot], node, kind="order")
+        last[task.robot] = node
+    for first, second in tpg.dependencies.tolist():
+        graph.add_edge(task_name(first), task_name(second), kind="dependency")
+    _add_objects(graph, tpg)
+    return graph
+
+
+def _add_objects(graph: Graph, tpg: TemporalPlanGraph) -> None:
+    """Add a node for every stay of an object, with its edges."""
+    stays: Counter[str] = Counter()
+    holders: dict[str, str | None] = {}
+
+    def add_stay(name: str, holder: str | None, position: list[float]) -> str:
+        node = f"{name} {stays[name]}"
+        stays[name] += 1
+        x, y, z = position
+        graph.add_node(
+            node, type="object", object=name, holder=holder or "", x_m=x, y_m=y, z_m=z
+        )
+        return node
+
+    for item in tpg.cell.objects:
+        if not item.later:
+            add_stay(item.name, None, item.start[:3, 3].tolist())
+    for handling in tpg.handlings:
+        index = int(tpg.chains[handling.robot].task[handling.node])
+        name, taker = handling.object, handling.holder
+        if holders.get(name) is None and taker is not None:
+            resting = f"{name} {stays[name] - 1}"
+            graph.add_edge(resting, task_name(index), kind="attached")
+        else:
+            stay = add_stay(name, taker, handling.pose[:3, 3].tolist())
+            graph.add_edge(task_name(index), stay, kind="detached")
+            later = (t for t in tpg.tasks if t.robot == taker and t.index > index)
+            if (task := next(later, None)) is not None:
+                graph.add_edge(stay, task_name(task.index), kind="attached")
+        holders[name] = taker

@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Any
 
-from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
+import numpy as np
+
+from planning.transforms import Indices
+from twin.durations.nanoseconds import NANOSECONDS, to_nanoseconds
 from twin.exports.recorded_run import RecordedRun
-from twin.run.lanes import CAUSES
+from twin.run.activities import CAUSES
 from twin.run.run_record import waypoint_offsets_ns
 from twin.uncertainty.contraction import Contraction, contract
 
@@ -29,15 +31,11 @@ def joint_trajectory_files(run: RecordedRun) -> Mapping[str, bytes]:
     """Return ``joint_trajectories.json``."""
     found = contract(run.tpg)
     after = _after(found)
-    segments: list[dict[str, Any]] = []
-    for k, chain in enumerate(run.tpg.chains):
-        durations = to_nanoseconds(chain.duration)
-        offsets = waypoint_offsets_ns(chain, durations)
-        for index, (first, end) in enumerate(pairwise(found.first[k].tolist())):
-            nodes = range(first, end)
-            segments.append(
-                _segment(run, k, index, nodes, after[k, index], durations, offsets)
-            )
+    segments = [
+        segment
+        for k, first in enumerate(found.first)
+        for segment in _segments(run, k, first, after)
+    ]
     document = {
         "format": FORMAT,
         "version": VERSION,
@@ -70,71 +68,70 @@ def _after(found: Contraction) -> dict[tuple[int, int], list[dict[str, str]]]:
     return out
 
 
-def _segment(
+def _segments(
     run: RecordedRun,
     k: int,
-    index: int,
-    nodes: range,
-    after: list[dict[str, str]],
-    durations: Nanoseconds,
-    offsets: Nanoseconds,
-) -> dict[str, Any]:
+    bounds: Indices,
+    after: Mapping[tuple[int, int], list[dict[str, str]]],
+) -> Iterator[dict[str, Any]]:
+    """Yield the segments of a chain; ``bounds`` are their first nodes, and one more."""
     tpg, chain = run.tpg, run.tpg.chains[k]
-    task = tpg.tasks[int(chain.task[nodes[0]])]
-    begin = _begin_of_nodes(durations, nodes)
-    points = [_point(_configuration_before(chain, nodes[0]), 0)]
-    arrival: dict[tuple[int, int], int] = {}
-    for node in nodes:
-        arrival[node, 0] = begin[node]
-        low, high = int(chain.first[node]), int(chain.first[node + 1])
-        for number, waypoint in enumerate(range(low, high), start=1):
-            t_ns = begin[node] + int(offsets[waypoint])
-            arrival[node, number] = t_ns
-            points.append(_point(chain.waypoints[waypoint].tolist(), t_ns))
-    start, end = run.node_times_ns[k]
-    return {
-        "id": segment_id(chain.robot, index),
-        "robot": chain.robot,
-        "task": {
-            "index": task.index,
-            "kind": task.kind,
-            "step": task.step,
-            "label": task.label,
-            "object": task.object,
-        },
-        "nodes": [nodes[0], nodes[-1]],
-        "after": [
-            *(
-                [{"segment": segment_id(chain.robot, index - 1), "cause": "same robot"}]
-                if index
-                else []
-            ),
-            *after,
-        ],
-        "executed_s": [_seconds(int(start[nodes[0]])), _seconds(int(end[nodes[-1]]))],
-        "handlings": _handlings(tpg, k, arrival),
-        "joint_trajectory": {
-            "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
-            "joint_names": list(tpg.cell.robot(chain.robot).model.joint_names),
-            "points": points,
-        },
-    }
-
-
-def _begin_of_nodes(durations: Nanoseconds, nodes: range) -> dict[int, int]:
-    """Return when each node of a segment begins, counted from the segment's start [ns]."""
-    out, clock = {}, 0
-    for node in nodes:
-        out[node] = clock
-        clock += int(durations[node])
-    return out
-
-
-def _configuration_before(chain: NodeChain, node: int) -> list[float]:
-    waypoint = int(chain.first[node]) - 1
-    q = chain.start if waypoint < 0 else chain.waypoints[waypoint]
-    values: list[float] = q.tolist()
-    return values
+    durations = to_nanoseconds(chain.duration)
+    begin = np.cumsum(durations) - durations
+    passed = np.repeat(begin, np.diff(chain.first))
+    passed += waypoint_offsets_ns(chain, durations)
+    stands = np.vstack([chain.start[None], chain.waypoints])
+    started, ended = run.node_times_ns[k]
+    for index, (first, end) in enumerate(pairwise(bounds.tolist())):
+        zero = int(begin[first])
+        low, high = int(chain.first[first]), int(chain.first[end])
+        times = [0, *(passed[low:high] - zero).tolist()]
+        handlings = []
+        for item in tpg.handlings:
+            if item.robot == k and first <= item.node < end:
+                t_ns = int(begin[item.node])
+                if item.waypoint:
+                    t_ns = int(passed[chain.first[item.node] + item.waypoint - 1])
+                handlings.append(
+                    {
+                        "object": item.object,
+                        "holder": item.holder,
+                        "time_from_start": _duration(t_ns - zero),
+                    }
+                )
+        waits = list(after.get((k, index), ()))
+        if index:
+            previous = segment_id(chain.robot, index - 1)
+            waits.insert(0, {"segment": previous, "cause": "same robot"})
+        task = tpg.tasks[int(chain.task[first])]
+        yield {
+            "id": segment_id(chain.robot, index),
+            "robot": chain.robot,
+            "task": {
+                "index": task.index,
+                "kind": task.kind,
+                "step": task.step,
+                "label": task.label,
+                "object": task.object,
+            },
+            "nodes": [first, end - 1],
+            "after": waits,
+            "executed_s": [
+                _seconds(int(started[first])),
+                _seconds(int(ended[end - 1])),
+            ],
+            "handlings": handlings,
+            "joint_trajectory": {
+                "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
+                "joint_names": list(tpg.cell.robot(chain.robot).model.joint_names),
+                "points": [
+                    _point(q, t_ns)
+                    for q, t_ns in zip(
+                        stands[low : high + 1].tolist(), times, strict=True
+                    )
+                ],
+            },
+        }
 
 
 def _point(q: list[float], t_ns: int) -> dict[str, Any]:
@@ -145,20 +142,6 @@ def _point(q: list[float], t_ns: int) -> dict[str, Any]:
         "effort": [],
         "time_from_start": _duration(t_ns),
     }
-
-
-def _handlings(
-    tpg: TemporalPlanGraph, k: int, arrival: Mapping[tuple[int, int], int]
-) -> list[dict[str, Any]]:
-    return [
-        {
-            "object": item.object,
-            "holder": item.holder,
-            "time_from_start": _duration(arrival[item.node, item.waypoint]),
-        }
-        for item in tpg.handlings
-        if item.robot == k and (item.node, item.waypoint) in arrival
-    ]
 
 
 def _duration(t_ns: int) -> dict[str, int]:

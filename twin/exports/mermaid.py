@@ -13,8 +13,7 @@ from datetime import datetime, timedelta
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.exports.recorded_run import RecordedRun
-from twin.run.activities import STANDING, Activity, robot_activities
-from twin.run.lanes import WAITING
+from twin.run.activities import STANDING, WAITING, Activity, robot_activities
 
 # Mermaid knows calendar times only: the chart starts at midnight of some day.
 _START = datetime(2000, 1, 1)

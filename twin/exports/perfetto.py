@@ -13,8 +13,7 @@ from typing import Any
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.exports.recorded_run import RecordedRun
-from twin.run.activities import STANDING, Activity, robot_activities
-from twin.run.lanes import CAUSES
+from twin.run.activities import CAUSES, STANDING, Activity, robot_activities
 
 PROCESS = 1
 
@@ -83,40 +82,22 @@ def _slice(tpg: TemporalPlanGraph, tid: int, item: Activity) -> dict[str, Any]:
 def _arrows(run: RecordedRun) -> list[dict[str, Any]]:
     """Return start and finish of an arrow for each type-2 edge that was satisfied."""
     tpg, times = run.tpg, run.node_times_ns
-    out: list[tuple[int, dict[str, Any]]] = []
+    out: list[dict[str, Any]] = []
     for number, (edge, cause) in enumerate(
         zip(tpg.edges.tolist(), tpg.cause.tolist(), strict=True)
     ):
         before, source, after, target = edge
-        end, start = int(times[before][1][source]), int(times[after][0][target])
+        begun, end = int(times[before][0][source]), int(times[before][1][source])
+        start = int(times[after][0][target])
         if end < 0 or start < 0:
             continue
-        for ph, chain, t_ns in (
-            ("s", before, _inside(times, before, source)),
-            ("f", after, start),
-        ):
-            out.append(
-                (
-                    t_ns,
-                    {
-                        "ph": ph,
-                        "id": number,
-                        "name": CAUSES[cause],
-                        "cat": "type-2",
-                        "ts": _microseconds(t_ns),
-                        "pid": PROCESS,
-                        "tid": chain + 1,
-                        **({"bp": "e"} if ph == "f" else {}),
-                    },
-                )
-            )
-    return [event for _, event in sorted(out, key=lambda item: item[0])]
-
-
-def _inside(times: Any, chain: int, node: int) -> int:
-    """Return the last instant within a node [ns]: at its very end the next slice begins."""
-    start, end = int(times[chain][0][node]), int(times[chain][1][node])
-    return max(start, end - 1)
+        arrow = {"id": number, "name": CAUSES[cause], "cat": "type-2", "pid": PROCESS}
+        # At the very end of a node the next slice begins: the arrow starts within its own.
+        ts = _microseconds(max(begun, end - 1))
+        out.append({"ph": "s", **arrow, "ts": ts, "tid": before + 1})
+        ts = _microseconds(start)
+        out.append({"ph": "f", **arrow, "ts": ts, "tid": after + 1, "bp": "e"})
+    return sorted(out, key=lambda event: event["ts"])
 
 
 def _instants(run: RecordedRun, threads: Mapping[str, int]) -> Iterator[dict[str, Any]]:

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from planning.errors import OutputError
-from twin.run.event_log import EventLogError, parse_event, read_log
-from twin.run.events import Event
+from twin.run.events import Event, EventLogError, parse_event, read_log
 from twin.run.folder import EVENTS, SUMMARY
 from twin.scenario.manifest import MANIFEST
 

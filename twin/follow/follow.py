@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from twin.durations import NANOSECONDS
 from twin.follow.forecast import Forecast, Forecaster
 from twin.follow.state import FollowedRun, Violation
-from twin.run.event_log import EventLogError, parse_event
-from twin.run.events import Event
+from twin.run.events import Event, EventLogError, parse_event
 
 
 class RunListener:

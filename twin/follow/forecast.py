@@ -25,7 +25,6 @@ from twin.engine.bulk.message_times import Past, end_times
 from twin.engine.bulk.policy_graph import policy_graph
 from twin.engine.execution_model import ExecutionModel
 from twin.engine.messages import Messages
-from twin.follow.conditional import conditional_quantiles
 from twin.follow.state import FollowedRun, RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, Standstill
@@ -267,3 +266,29 @@ def _attempts(future: NodeTimes, k: int, node: int) -> list[Standstill]:
 
 def _joined(rows: tuple[Nanoseconds, ...]) -> Nanoseconds:
     return np.concatenate([*rows, np.empty(0, dtype=np.int64)]).astype(np.int64)
+
+
+def conditional_quantiles(model: DurationModel, least_s: float, u: Array) -> Array:
+    """Return the quantiles of a duration on condition that it is longer than something.
+
+    Args:
+        model: of the duration.
+        least_s: what it is known to exceed [s].
+        u: probabilities in (0, 1).
+
+    Returns:
+        Same shape as ``u`` [s]; ``least_s`` where the model knows of nothing longer.
+    """
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if not low < middle < high:
+            break
+        if float(model.ppf(np.array([middle]))[0]) > least_s:
+            high = middle
+        else:
+            low = middle
+    if high >= 1.0:
+        return np.full(np.shape(u), least_s)
+    conditional = np.clip(high + (1.0 - high) * u, None, np.nextafter(1.0, 0.0))
+    return np.maximum(model.ppf(conditional), least_s)

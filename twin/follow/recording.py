@@ -22,9 +22,8 @@ from twin.recorders.rerun.robots import (
     entity_path,
     move_robot,
 )
-from twin.run.event_log import EventLogError
-from twin.run.events import Event
-from twin.run.lanes import FAILED, IDLE, RETRYING, STALLED, STOPPED, WAITING
+from twin.run.activities import FAILED, IDLE, RETRYING, STALLED, STOPPED, WAITING
+from twin.run.events import Event, EventLogError
 from twin.run.trajectory import Placement, Trajectory
 from twin.run.viewer import live_viewer
 

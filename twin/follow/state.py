@@ -11,8 +11,8 @@ from scheduling.graph.barriers import with_barriers
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS, Nanoseconds
+from twin.run.activities import CAUSES
 from twin.run.events import Event
-from twin.run.lanes import CAUSES
 from twin.run.run_record import Policy
 
 

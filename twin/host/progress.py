@@ -1,9 +1,12 @@
-"""Progress reports of long-running work, and their display on a terminal."""
+"""Progress of long-running work: reports, seconds a stage, and a display on a terminal."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Self
 
 from rich.console import Console
@@ -29,6 +32,37 @@ def report_nothing(stage: str, done: float, total: float) -> None:
 def of_stage(report: Report, stage: str) -> Callable[[float, float], None]:
     """Return a callback for the progress of one stage: done, and total."""
     return lambda done, total: report(stage, done, total)
+
+
+@dataclass
+class StageWatch:
+    """Measures and reports the stages of planning.
+
+    Attributes:
+        report: told how far each stage has come.
+        seconds: wall-clock seconds that each stage took; a stage entered again adds up.
+    """
+
+    report: Report = report_nothing
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, key: str, label: str | None = None) -> Iterator[None]:
+        """Measure a stage; with a label, show it as one piece of work."""
+        start = time.perf_counter()
+        if label is not None:
+            self.report(label, 0, 1)
+        try:
+            yield
+        finally:
+            elapsed = time.perf_counter() - start
+            self.seconds[key] = self.seconds.get(key, 0.0) + elapsed
+        if label is not None:
+            self.report(label, 1, 1)
+
+    def reporter(self, label: str) -> Callable[[float, float], None]:
+        """Return a callback that shows the progress of a stage: done, and total."""
+        return of_stage(self.report, label)
 
 
 class StageDisplay:
@@ -91,3 +125,34 @@ class StageDisplay:
         elif done == 0:
             self._progress.reset(self._stages[stage], total=total)
         self._progress.update(self._stages[stage], completed=done, total=total)
+
+
+@contextmanager
+def compilation_shown(
+    display: StageDisplay, *, silent: bool
+) -> Iterator[Callable[[], int]]:
+    """Show how many kernels are compiled meanwhile, as a first run has to wait for them.
+
+    Args:
+        display: where they are counted.
+        silent: whether nothing is said of them.
+
+    Yields:
+        What returns their number so far; those that are cached are only loaded.
+    """
+    from planning.kernels import watch_compilation
+
+    count = 0
+
+    def begin() -> None:
+        nonlocal count
+        if count == 0 and not silent:
+            display.say("compiling kernels, once ...")
+        count += 1
+        display.count("compiling kernels", count, done=False)
+
+    def end() -> None:
+        display.count("compiling kernels", count, done=True)
+
+    with watch_compilation(begin, end):
+        yield lambda: count

@@ -24,8 +24,7 @@ from scheduling.ordering.task_conflicts import SweptTaskConflicts
 from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.assemblies.kind import PlannedMotions
 from twin.assemblies.kinds import assembly_kind
-from twin.host.progress import Report, report_nothing
-from twin.host.stage_watch import StageWatch
+from twin.host.progress import Report, StageWatch, report_nothing
 from twin.scenario.build_workcell import build_workcell
 from twin.scenario.duration_models import skill_models
 from twin.scenario.sections.scenario import Scenario

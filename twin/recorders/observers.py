@@ -1,12 +1,14 @@
-"""Recorders, which observe the events of a run; none can stop it."""
+"""Recorders, which observe the events of a run (none can stop it): in a file, in memory."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Protocol
 
-from twin.run.events import Event
+from planning.errors import OutputError
+from twin.run.events import Event, event_line, lock_log
 
 _log = logging.getLogger(__name__)
 
@@ -60,3 +62,42 @@ def _close(recorder: Recorder) -> None:
 def _warn(recorder: Recorder, error: Exception, where: str) -> None:
     name = type(recorder).__name__
     _log.warning("%s failed %s and records no more: %s", name, where, error)
+
+
+class JsonlRecorder:
+    """Appends every event to a file at once: a killed run leaves a readable log."""
+
+    def __init__(self, path: Path) -> None:
+        """Open a new log; OutputError when that cannot be done."""
+        try:
+            self._file = path.open("w", buffering=1, encoding="utf-8", newline="\n")
+        except OSError as error:
+            raise OutputError(f"{path}: cannot write the event log: {error}") from error
+        lock_log(self._file, path)
+
+    def record(self, event: Event) -> None:
+        """Write an event."""
+        self._file.write(event_line(event))
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+class MemoryRecorder:
+    """Keeps every event.
+
+    Attributes:
+        events: what happened so far, in order.
+    """
+
+    def __init__(self) -> None:
+        """Start with no events."""
+        self.events: list[Event] = []
+
+    def record(self, event: Event) -> None:
+        """Keep an event."""
+        self.events.append(event)
+
+    def close(self) -> None:
+        """Do nothing."""

@@ -1,13 +1,51 @@
-"""Activities of robots over time, told by the events of a run: the lanes of charts."""
+"""Activities of robots over time, told by the events of a run: the lanes of charts.
+
+The states that a lane can have come with their colours, the causes of edges in words.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from planning.tasks.task import TRANSIT
+from scheduling.graph.temporal_plan_graph import (
+    MOTION_CONFLICT,
+    TASK_DEPENDENCY,
+    TemporalPlanGraph,
+)
 from twin.run.events import Event
-from twin.run.lanes import FAILED, RETRYING, STALLED, STOPPED, WAITING
+
+WAITING = "waiting"
+STALLED = "stalled"
+STOPPED = "stopped"
+RETRYING = "retrying"
+FAILED = "failed"
+IDLE = "idle"
+
+LANE_COLOURS: dict[str, tuple[int, int, int]] = {
+    TRANSIT: (151, 166, 186),
+    "pick": (238, 170, 51),
+    "place-down": (46, 139, 87),
+    "place-up": (111, 190, 110),
+    "handover": (178, 84, 160),
+    "support-bottom": (47, 111, 178),
+    "support-top": (105, 170, 222),
+    WAITING: (226, 229, 233),
+    STALLED: (206, 54, 48),
+    STOPPED: (120, 22, 30),
+    RETRYING: (232, 118, 72),
+    FAILED: (28, 28, 32),
+    IDLE: (242, 243, 245),
+}
+"""Colour (r, g, b), 0 to 255, of every state of a lane."""
+
+CAUSES = {TASK_DEPENDENCY: "task dependency", MOTION_CONFLICT: "motion conflict"}
+"""Causes of type-2 edges in words."""
+
+OTHER_COLOUR = (140, 120, 100)
+"""Colour of a task kind without one of its own."""
+
 
 STANDING = frozenset({WAITING, STALLED, STOPPED, RETRYING, FAILED})
 """States in which a robot does not get on with its work."""

@@ -1,9 +1,15 @@
-"""Events of a run."""
+"""Events of a run, and the log ``events.jsonl``: its lines, written and read."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
-from typing import Literal
+from decimal import Decimal
+from pathlib import Path
+from typing import IO, Any, Literal, get_args
+
+from planning.errors import OutputError, TwinError
+from twin.durations import NANOSECONDS
 
 EventKind = Literal[
     "released",
@@ -42,3 +48,102 @@ class Event:
     node: int = -1
     object: str = ""
     detail: str = ""
+
+
+_KINDS = frozenset(get_args(EventKind))
+
+
+class EventLogError(TwinError):
+    """A line of an event log is no event."""
+
+
+def event_line(event: Event) -> str:
+    """Return an event as one line of JSON with keys in fixed order.
+
+    ``t_s`` is written in full, nine decimals: the exact time in seconds.
+    """
+    seconds, rest = divmod(event.t_ns, NANOSECONDS)
+    return (
+        f'{{"t_s": {seconds}.{rest:09d}, "robot": {json.dumps(event.robot)}, '
+        f'"kind": "{event.kind}", "task": {event.task}, "node": {event.node}, '
+        f'"object": {json.dumps(event.object)}, "detail": {json.dumps(event.detail)}}}\n'
+    )
+
+
+def lock_log(file: IO[Any], path: Path) -> None:
+    """Keep other processes from writing a log while this one does, until it is closed.
+
+    Where a file system or an operating system knows no locks nothing is done.
+
+    Raises:
+        OutputError: another process holds it.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        file.close()
+        raise OutputError(f"{path}: a running process writes this log") from error
+    except OSError:
+        return
+
+
+def read_log(path: Path) -> tuple[str, ...]:
+    """Return the whole lines of an event log, each with its newline; a torn last one is left out.
+
+    Raises:
+        OutputError: it cannot be read.
+    """
+    try:
+        content = path.read_bytes()
+        text = content[: content.rfind(b"\n") + 1].decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise OutputError(f"{path}: not UTF-8 (byte {error.start})") from error
+    except OSError as error:
+        raise OutputError(f"{path}: cannot read the event log: {error}") from error
+    return tuple(line + "\n" for line in text.split("\n")[:-1])
+
+
+def parse_event(line: str) -> Event:
+    """Return the event of one line; its time is exact.
+
+    Raises:
+        EventLogError: the line is no event.
+    """
+    try:
+        row = json.loads(line, parse_float=Decimal)
+    except json.JSONDecodeError as error:
+        raise EventLogError(f"not JSON: {error.msg}: {_excerpt(line)}") from error
+    if not isinstance(row, dict):
+        raise EventLogError(f"not an object: {_excerpt(line)}")
+    try:
+        seconds = row["t_s"]
+        robot, kind = row["robot"], row["kind"]
+    except KeyError as error:
+        raise EventLogError(f"no {error.args[0]!r}: {_excerpt(line)}") from error
+    if kind not in _KINDS:
+        raise EventLogError(f"unknown kind {kind!r}", choices=get_args(EventKind))
+    if not isinstance(seconds, int | Decimal) or isinstance(seconds, bool):
+        raise EventLogError(f"t_s is no number: {_excerpt(line)}")
+    if not Decimal(seconds).is_finite() or seconds < 0:
+        raise EventLogError(f"t_s must be at least 0: {_excerpt(line)}")
+    task, node = row.get("task", -1), row.get("node", -1)
+    if not all(isinstance(value, int) for value in (task, node)):
+        raise EventLogError(f"task and node must be whole numbers: {_excerpt(line)}")
+    return Event(
+        t_ns=round(Decimal(seconds) * NANOSECONDS),
+        robot=str(robot),
+        kind=kind,
+        task=task,
+        node=node,
+        object=str(row.get("object", "")),
+        detail=str(row.get("detail", "")),
+    )
+
+
+def _excerpt(line: str) -> str:
+    line = line.strip()
+    return repr(line if len(line) <= 60 else f"{line[:57]}...")

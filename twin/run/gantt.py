@@ -13,9 +13,14 @@ from matplotlib.patches import Patch
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.host.pictures import INK, save_png, style_axes
-from twin.run.activities import Activity, robot_activities
+from twin.run.activities import (
+    LANE_COLOURS,
+    OTHER_COLOUR,
+    WAITING,
+    Activity,
+    robot_activities,
+)
 from twin.run.events import Event
-from twin.run.lanes import LANE_COLOURS, OTHER_COLOUR, WAITING
 from twin.run.run_record import Run
 
 _TASKS_A_ROW = 36

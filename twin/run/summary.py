@@ -1,12 +1,15 @@
-"""The figures of a run: ``summary.json``."""
+"""The figures of a run: ``summary.json``, and their table on a terminal."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.table import Table
 
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import dependency_edges
@@ -73,3 +76,103 @@ def lower_bound_s(tpg: TemporalPlanGraph, run: Run) -> float:
     busy = [d + s for d, s in zip(run.duration_ns, run.stall_ns, strict=True)]
     ends = [e[-1] for e in earliest_times(free, busy).end if len(e)]
     return float(np.max(ends, initial=0)) / NANOSECONDS
+
+
+_MOST_VIOLATIONS = 10
+
+_STAGES = {
+    "sequence": "which brick when",
+    "assignment": "who does what",
+    "motion": "motions",
+    "synchronous": "who moves at once",
+    "tpg": "what waits for what",
+    "shortcut": "shortcuts",
+}
+
+
+def print_summary(
+    summary: Mapping[str, Any],
+    folder: Path,
+    *,
+    recording: bool,
+    compiled: bool = False,
+) -> None:
+    """Print the summary of a run to standard output.
+
+    Args:
+        summary: the content of ``summary.json``.
+        folder: of the run.
+        recording: whether there is one to replay.
+        compiled: whether kernels were compiled in the planning stages.
+    """
+    console = Console(highlight=False)
+    table = Table(
+        show_header=False, title=f"{summary['scenario']}", title_justify="left"
+    )
+    table.add_column(style="bold")
+    table.add_column(justify="right")
+    table.add_column(style="dim")
+    for row in summary_rows(summary, compiled=compiled):
+        table.add_row(*row)
+    console.print(table)
+    audit = summary["audit"]
+    for entry in (audit or {}).get("violations", [])[:_MOST_VIOLATIONS]:
+        console.print(
+            f"[red]{entry['first']} - {entry['second']}[/red]: {1000 * entry['depth_m']:.2f} mm "
+            f"deep, from {entry['t_start']:.3f} s to {entry['t_end']:.3f} s {entry['detail']}",
+            soft_wrap=True,
+        )
+    if summary.get("failure"):
+        console.print(f"[red]failed[/red]: {summary['failure']}", soft_wrap=True)
+    console.print(f"results: {folder}", soft_wrap=True)
+    if recording:
+        console.print(f"replay:  twin replay {folder}", soft_wrap=True)
+
+
+def summary_rows(
+    summary: Mapping[str, Any], *, compiled: bool = False
+) -> list[tuple[str, str, str]]:
+    """Return the table's rows: what, how much, and a remark."""
+    rows = [("outcome", str(summary["outcome"]), f"seed {summary['seed']}")]
+    makespan = float(summary["makespan_s"])
+    if summary["outcome"] == "completed":
+        rows += _makespan_rows(summary, makespan)
+    else:
+        rows.append(("ended after", f"{makespan:.2f} s", ""))
+    for robot, seconds in summary["wait_s"].items():
+        share = f"{100 * seconds / makespan:.1f} % of the time" if makespan > 0 else ""
+        rows.append((f"wait of {robot}", f"{seconds:.2f} s", share))
+    rows.append(("nodes", str(summary["nodes"]), ""))
+    rows.append(("type-2 edges", str(summary["type2_edges"]), ""))
+    for stage, seconds in summary["planning_s"].items():
+        label = f"planning: {_STAGES.get(stage, stage)}"
+        remark = "with compiling" if compiled else ""
+        rows.append((label, f"{seconds:.2f} s", remark))
+    rows.append(_audit_row(summary["audit"]))
+    return rows
+
+
+def _makespan_rows(
+    summary: Mapping[str, Any], makespan: float
+) -> list[tuple[str, str, str]]:
+    sequential = float(summary["makespan_sequential_s"])
+    rows = [("makespan, one task at a time", f"{sequential:.2f} s", "")]
+    if summary["policy"] != "sequential":
+        below = 100 * (1 - makespan / sequential) if sequential > 0 else 0.0
+        label = f"makespan, {summary['policy']}"
+        rows.append((label, f"{makespan:.2f} s", f"{below:.1f} % below"))
+    bound = float(summary["lower_bound_s"])
+    rows.append(("lower bound of these paths", f"{bound:.2f} s", ""))
+    return rows
+
+
+def _audit_row(audit: Mapping[str, Any] | None) -> tuple[str, str, str]:
+    if audit is None:
+        return ("audit", "none", "")
+    count = len(audit["violations"])
+    least = audit["min_distance_m"]
+    remark = f"{audit['configurations']} configurations"
+    if least is not None:
+        remark += f", robots at least {1000 * least:.1f} mm apart"
+    verdict = "clean" if count == 0 else f"{count} violations"
+    return ("audit", verdict, remark)

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.host.progress import Report
-from twin.host.stage_watch import StageWatch
+from twin.host.progress import Report, StageWatch
 from twin.planning.pipeline import order_motions, plan_in_slots, plan_motions, shorten
 from twin.scenario.disturbance_models import needs_event_engine
 from twin.scenario.sections.scenario import Scenario

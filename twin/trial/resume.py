@@ -14,9 +14,8 @@ from pathlib import Path
 from planning.errors import OutputError, TwinError
 from scheduling.graph.plan_files import load_plan
 from twin.host.progress import Report, report_nothing
-from twin.recorders.memory import MemoryRecorder
-from twin.run.event_log import event_line, lock_log, parse_event, read_log
-from twin.run.events import Event
+from twin.recorders.observers import MemoryRecorder
+from twin.run.events import Event, event_line, lock_log, parse_event, read_log
 from twin.run.folder import EVENTS, SUMMARY
 from twin.scenario.manifest import read_manifest
 from twin.trial.trial import SIMULATION, Preparation, Trial, conclude, execute

@@ -13,10 +13,8 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.engine.engine import Simulator
 from twin.host.atomic import write_json
 from twin.host.progress import Report, report_nothing
-from twin.recorders.jsonl import JsonlRecorder
-from twin.recorders.memory import MemoryRecorder
 from twin.recorders.motion_tables import write_motion
-from twin.recorders.observers import Recorder
+from twin.recorders.observers import JsonlRecorder, MemoryRecorder, Recorder
 from twin.run.events import Event
 from twin.run.folder import (
     EVENTS,

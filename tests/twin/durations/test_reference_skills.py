@@ -14,7 +14,7 @@ from planning.tasks.task import TRANSIT
 from scheduling.build_nodes import build_nodes
 from tests.twin.one_draw import sample
 from twin.cli import app
-from twin.host.stage_watch import StageWatch
+from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_in_turns, plan_motions
 from twin.scenario.duration_models import (
     follow_references,

@@ -18,7 +18,7 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.engine.engine import Simulator
 from twin.engine.messages import Messages
-from twin.recorders.memory import MemoryRecorder
+from twin.recorders.observers import MemoryRecorder
 from twin.run.events import Event
 from twin.run.run_record import DeadlockError, Run
 from twin.uncertainty.contraction import contract

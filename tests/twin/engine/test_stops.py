@@ -19,8 +19,8 @@ from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.durations import Fixed, Uniform
 from twin.engine.engine import Simulator
 from twin.engine.messages import Messages
-from twin.recorders.memory import MemoryRecorder
-from twin.run.lanes import FAILED, STOPPED
+from twin.recorders.observers import MemoryRecorder
+from twin.run.activities import FAILED, STOPPED
 from twin.run.run_record import Run
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import (

@@ -11,8 +11,8 @@ from tests.twin.twin_toys import random_tpg
 from twin.durations import Fixed, packaged_timings
 from twin.exports.formats import exported_files
 from twin.exports.recorded_run import RecordedRun
-from twin.recorders.jsonl import JsonlRecorder
 from twin.recorders.motion_tables import objects_table, trajectory_table, write_table
+from twin.recorders.observers import JsonlRecorder
 from twin.run.run_record import Run
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import (

@@ -14,8 +14,7 @@ import pytest
 
 from tests.twin.exports.exported_runs import exported, toy_run
 from twin.exports.recorded_run import RecordedRun
-from twin.run.event_log import event_line
-from twin.run.events import Event
+from twin.run.events import Event, event_line
 
 KEYS = ["t_s", "robot", "kind", "task", "node", "object", "detail"]
 

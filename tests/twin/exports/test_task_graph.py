@@ -17,7 +17,7 @@ from scheduling.build_tpg import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.exports.exported_runs import exported, toy_run
 from tests.twin.twin_toys import toy_cell
-from twin.exports.task_graph import task_graph
+from twin.exports.graphs import task_graph
 
 ADA, BOB, BRICK = "robot_0", "robot_1", "brick_0"
 

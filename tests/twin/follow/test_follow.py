@@ -27,14 +27,13 @@ from tests.twin.turning_arms import SCENARIO, turning_plan
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.cli import app
 from twin.engine.execution_model import ExecutionModel
-from twin.follow.display import TerminalDisplay, run_picture
+from twin.follow.display import JsonLines, PlainLines, TerminalDisplay, run_picture
 from twin.follow.follow import follow
 from twin.follow.forecast import Forecaster
-from twin.follow.lines import JsonLines, PlainLines
 from twin.follow.source import growing_file, piped
 from twin.follow.state import FollowedRun
-from twin.recorders.memory import MemoryRecorder
-from twin.run.event_log import EventLogError, event_line
+from twin.recorders.observers import MemoryRecorder
+from twin.run.events import EventLogError, event_line
 from twin.scenario.build_workcell import build_workcell
 from twin.scenario.file import load_scenario
 from twin.uncertainty.skill_durations import SkillDurations

@@ -16,10 +16,9 @@ from twin.durations import Exponential, Fixed, Lognormal, Measured, Uniform
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.engine.messages import Messages
-from twin.follow.conditional import conditional_quantiles
-from twin.follow.forecast import Forecaster
+from twin.follow.forecast import Forecaster, conditional_quantiles
 from twin.follow.state import FollowedRun
-from twin.recorders.memory import MemoryRecorder
+from twin.recorders.observers import MemoryRecorder
 from twin.run.events import Event
 from twin.uncertainty.disturbances import (
     Breakdowns,

@@ -15,9 +15,8 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.engine.messages import Messages
 from twin.follow.state import FollowedRun
-from twin.recorders.memory import MemoryRecorder
-from twin.run.event_log import EventLogError, event_line, parse_event
-from twin.run.events import Event
+from twin.recorders.observers import MemoryRecorder
+from twin.run.events import Event, EventLogError, event_line, parse_event
 from twin.uncertainty.disturbances import Disturbances, FixedFactor, Speed
 from twin.uncertainty.skill_durations import SkillDurations
 

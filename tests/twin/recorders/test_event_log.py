@@ -14,10 +14,8 @@ from planning.errors import OutputError
 from tests.twin.drawn_runs import VARIED
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
-from twin.recorders.jsonl import JsonlRecorder
-from twin.recorders.memory import MemoryRecorder
-from twin.run.event_log import event_line
-from twin.run.events import Event
+from twin.recorders.observers import JsonlRecorder, MemoryRecorder
+from twin.run.events import Event, event_line
 from twin.uncertainty.disturbances import Disturbances, Stalls
 
 
@@ -87,7 +85,7 @@ from pathlib import Path
 from tests.twin.twin_toys import random_tpg
 from tests.twin.drawn_runs import VARIED
 from tests.twin.simulated import simulate
-from twin.recorders.jsonl import JsonlRecorder
+from twin.recorders.observers import JsonlRecorder
 
 class Kills:
     left = 10

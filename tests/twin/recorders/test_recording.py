@@ -19,7 +19,7 @@ from tests.twin.drawn_runs import VARIED
 from tests.twin.run.lane_oracle import robot_lanes
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
-from twin.recorders.memory import MemoryRecorder
+from twin.recorders.observers import MemoryRecorder
 from twin.recorders.rerun.recorder import write_recording
 from twin.recorders.rerun.robots import frame_times
 from twin.run.gantt import draw_gantt

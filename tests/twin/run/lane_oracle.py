@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.run.lanes import FAILED, IDLE, RETRYING, STALLED, STOPPED, WAITING
+from twin.run.activities import FAILED, IDLE, RETRYING, STALLED, STOPPED, WAITING
 from twin.run.run_record import Run
 
 

@@ -12,10 +12,9 @@ from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
 from tests.twin.run.lane_oracle import Span, robot_lanes
 from tests.twin.twin_toys import two_robot_tpg
 from twin.engine.engine import Simulator
-from twin.recorders.memory import MemoryRecorder
-from twin.run.activities import Activity, robot_activities
+from twin.recorders.observers import MemoryRecorder
+from twin.run.activities import IDLE, STOPPED, WAITING, Activity, robot_activities
 from twin.run.events import Event
-from twin.run.lanes import IDLE, STOPPED, WAITING
 from twin.uncertainty.disturbances import Disturbances
 
 Stretch = tuple[str, int, int, int]

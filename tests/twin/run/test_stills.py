@@ -9,7 +9,7 @@ from matplotlib.image import imread
 
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, toy_cell
-from twin.recorders.memory import MemoryRecorder
+from twin.recorders.observers import MemoryRecorder
 from twin.recorders.rerun.recorder import write_recording
 from twin.run.viewer import ViewerError, render_stills
 from twin.uncertainty.skill_durations import SkillDurations

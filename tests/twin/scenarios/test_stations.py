@@ -16,7 +16,7 @@ from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.verification.graph_structure import check_structure
 from scheduling.verification.verify import verify_plan
 from twin.audit.audit import audit_run
-from twin.exports.task_graph import task_graph
+from twin.exports.graphs import task_graph
 from twin.planning.pipeline import Planned, plan_scenario
 from twin.run.trajectory import object_placements
 from twin.scenario.file import load_scenario

@@ -18,7 +18,7 @@ from scheduling.build_tpg import build_tpg
 from scheduling.graph.plan_files import save_plan
 from tests.twin.turning_arms import SCENARIO, turning_plan
 from twin.cli import app
-from twin.recorders.jsonl import JsonlRecorder
+from twin.recorders.observers import JsonlRecorder
 from twin.scenario.build_workcell import build_workcell
 from twin.scenario.file import load_scenario
 from twin.trial.resume import ResumeError, resume_run
@@ -31,7 +31,7 @@ DISTURBED = """\
 
 KILLED = """
 import os, signal, sys
-from twin.recorders.jsonl import JsonlRecorder
+from twin.recorders.observers import JsonlRecorder
 from twin.cli import app
 
 write = JsonlRecorder.record

@@ -21,9 +21,8 @@ from twin.recorders.rerun.robots import (
     log_robot,
     time_column,
 )
-from twin.run.activities import robot_activities
+from twin.run.activities import IDLE, LANE_COLOURS, robot_activities
 from twin.run.events import Event
-from twin.run.lanes import IDLE, LANE_COLOURS
 from twin.run.run_record import Run
 from twin.run.trajectory import object_placements, robot_trajectories
 
