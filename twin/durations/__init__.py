@@ -3,18 +3,13 @@
 Imports planning and the base of scenario sections; scenario, uncertainty and fit import it.
 """
 
+from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
 from twin.durations.composed import AnyDuration, Distribution, Retries, Shifted
-from twin.durations.exponential import Exponential
-from twin.durations.fixed import Fixed
-from twin.durations.gamma import Gamma
-from twin.durations.lognormal import Lognormal
+from twin.durations.lifetimes import Exponential, Gamma, Weibull
 from twin.durations.measured import Empirical, Measured, Packaged, packaged_timings
 from twin.durations.model import DurationModel, Skill
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
-from twin.durations.normal import TruncatedNormal
-from twin.durations.peaked import Pert, Triangular
-from twin.durations.uniform import Uniform
-from twin.durations.weibull import Weibull
+from twin.durations.normal import Lognormal, TruncatedNormal
 
 __all__ = [
     "NANOSECONDS",

@@ -11,16 +11,11 @@ from pydantic import Field
 
 from planning.errors import ScenarioError
 from planning.transforms import Array, readonly
-from twin.durations.exponential import Exponential
-from twin.durations.fixed import Fixed
-from twin.durations.gamma import Gamma
-from twin.durations.lognormal import Lognormal
+from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
+from twin.durations.lifetimes import Exponential, Gamma, Weibull
 from twin.durations.measured import Empirical, Packaged
 from twin.durations.model import DurationModel
-from twin.durations.normal import TruncatedNormal
-from twin.durations.peaked import Pert, Triangular
-from twin.durations.uniform import Uniform
-from twin.durations.weibull import Weibull
+from twin.durations.normal import Lognormal, TruncatedNormal
 
 _SEQUENCES_LOG2 = 14
 
@@ -50,8 +45,8 @@ class Shifted(DurationModel):
     def _ppf(self, u: Array) -> Array:
         return np.maximum(self.model.ppf(u) + self.offset_s, 0.0)
 
-    def _moments(self) -> tuple[float, float]:
-        return self.model.mean + self.offset_s, self.model.sd
+    def _mean(self) -> float:
+        return self.model.mean + self.offset_s
 
     def _minimum(self) -> float:
         return self.model.minimum + self.offset_s
@@ -105,15 +100,10 @@ class Retries(DurationModel):
         at = np.searchsorted(cumulative, np.asarray(u), side="left")
         return values[np.minimum(at, len(values) - 1)]
 
-    def _moments(self) -> tuple[float, float]:
-        """Return mean and sd, exact: Wald's equations for random sums."""
-        k = np.arange(self.retries + 1)
-        count = float(self.weights @ k)
-        spread = float(self.weights @ (k - count) ** 2)
-        again = self.again
-        mean = self.attempt.mean + count * again.mean
-        variance = self.attempt.sd**2 + count * again.sd**2 + spread * again.mean**2
-        return mean, float(np.sqrt(variance))
+    def _mean(self) -> float:
+        """Return the exact mean, by Wald's equation for random sums."""
+        count = float(self.weights @ np.arange(self.retries + 1))
+        return self.attempt.mean + count * self.again.mean
 
     def _minimum(self) -> float:
         return self.attempt.minimum

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar, Protocol
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -11,63 +13,156 @@ from planning.transforms import Array
 from twin.durations.model import DurationModel
 
 LOG_ROOT_2PI = 0.5 * float(np.log(2 * np.pi))
-
-
-class Family(Protocol):
-    """Distributions that differ in their parameters only.
-
-    ``x`` are samples, shape (b, n), each row rising [s]; ``theta`` are parameters, shape (b, p).
-    SciPy fits one sample at a time; a bootstrap test fits hundreds.
-    """
-
-    @property
-    def title(self) -> str:
-        """In words, such as ``"shifted gamma"``."""
-        ...
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the estimated parameters, in the order of ``theta``."""
-        ...
-
-    def suits(self, x: Array) -> bool:
-        """Tell whether one sample, shape (n,), can come from the family at all."""
-        ...
-
-    def fit(self, x: Array) -> Array:
-        """Return the parameters of each sample."""
-        ...
-
-    def log_density(self, x: Array, theta: Array) -> Array:
-        """Return the logarithm of the density [1/s] at each duration, shape (b, n)."""
-        ...
-
-    def cdf(self, x: Array, theta: Array) -> Array:
-        """Return the probability of not being longer, shape (b, n)."""
-        ...
-
-    def section(self, theta: Array) -> Mapping[str, Any]:
-        """Return the scenario section of the distribution with parameters of shape (p,)."""
-        ...
+_GOLDEN = float((np.sqrt(5.0) - 1) / 2)
+_GRID = 9
+_STEPS = 14
 
 
 class FittableModel(DurationModel):
-    """A distribution whose class is a Family; subclasses say how it is fitted."""
+    """A distribution that can be fitted; its class stands for all those parameters.
+
+    ``x`` are samples, shape (b, n), each row rising [s]; ``theta`` are parameters, shape (b, p).
+    SciPy fits one sample at a time; a bootstrap test fits hundreds.
+
+    Attributes:
+        title: in words, such as ``"gamma"``.
+        parameters: names of the estimated parameters, in the order of ``theta``.
+        takes_zero: whether a duration can be 0.
+    """
 
     title: ClassVar[str]
     parameters: ClassVar[tuple[str, ...]]
+    takes_zero: ClassVar[bool] = False
 
     @classmethod
-    def suits(cls, x: Array) -> bool:
-        """Tell whether all durations are positive, and not all the same."""
-        return bool(0 < x[0] < x[-1])
+    @abstractmethod
+    def fit(cls, x: Array) -> Array:
+        """Return the parameters of each sample."""
+
+    @classmethod
+    def log_density(cls, x: Array, theta: Array) -> Array:
+        """Return the logarithm of the density [1/s] at each duration, shape (b, n)."""
+        return cls._log_density(x, *theta.T[:, :, None])
+
+    @classmethod
+    def cdf(cls, x: Array, theta: Array) -> Array:
+        """Return the probability of not being longer, shape (b, n)."""
+        return cls._cdf(x, *theta.T[:, :, None])
 
     @classmethod
     def section(cls, theta: Array) -> Mapping[str, Any]:
-        """Return its scenario section."""
+        """Return the scenario section of the distribution with parameters of shape (p,)."""
         values = (rounded(value) for value in theta)
         kind = cls.model_fields["kind"].default
         return {"kind": kind, **dict(zip(cls.parameters, values, strict=True))}
+
+    @classmethod
+    @abstractmethod
+    def _log_density(cls, *args: Any, **parameters: Any) -> Array:
+        """Return ``log_density``; takes the durations and each parameter, shape (b, 1)."""
+
+    @classmethod
+    @abstractmethod
+    def _cdf(cls, *args: Any, **parameters: Any) -> Array:
+        """Return ``cdf``; takes the durations and each parameter, shape (b, 1)."""
+
+
+@dataclass(frozen=True)
+class ShiftedFamily:
+    """Another family plus an offset; theta = (offset, theta of the other).
+
+    For each offset the other family is fitted to what is left; the likeliest offset is found on
+    a grid and then by golden section. Offsets stop half a mean distance between neighbours
+    short of the shortest duration: right at it, likelihoods grow without bound.
+
+    Attributes:
+        base: the other family.
+        takes_zero: False, for then there is no room for an offset.
+    """
+
+    base: type[FittableModel]
+    takes_zero: ClassVar[bool] = False
+
+    @property
+    def title(self) -> str:
+        """In words."""
+        return f"shifted {self.base.title}"
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the estimated parameters."""
+        return ("offset_s", *self.base.parameters)
+
+    def fit(self, x: Array) -> Array:
+        """Return the likeliest offset of each sample, and the parameters of the rest."""
+        spread = x[:, -1] - x[:, 0]
+        most = np.maximum(x[:, 0] - 0.5 * spread / x.shape[1], 0.0)
+        grid = most[:, None] * np.linspace(0, 1, _GRID)
+        heights = np.stack([self._likelihood(x, offset) for offset in grid.T], axis=1)
+        best = np.argmax(heights, axis=1)
+        low = np.take_along_axis(grid, np.maximum(best - 1, 0)[:, None], 1)[:, 0]
+        high = np.take_along_axis(grid, np.minimum(best + 1, _GRID - 1)[:, None], 1)
+        offset = golden_section(
+            lambda at: self._likelihood(x, at), low, high[:, 0], _STEPS
+        )
+        # The best of the grid may be better, at an end or where there are several maxima.
+        on_grid = np.take_along_axis(grid, best[:, None], 1)[:, 0]
+        better = self._likelihood(x, offset) >= heights.max(axis=1)
+        offset = np.where(better, offset, on_grid)
+        return np.column_stack([offset, self.base.fit(x - offset[:, None])])
+
+    def log_density(self, x: Array, theta: Array) -> Array:
+        """Return the logarithm of the density [1/s]."""
+        return self.base.log_density(x - theta[:, :1], theta[:, 1:])
+
+    def cdf(self, x: Array, theta: Array) -> Array:
+        """Return the probability of not being longer."""
+        return self.base.cdf(x - theta[:, :1], theta[:, 1:])
+
+    def section(self, theta: Array) -> Mapping[str, Any]:
+        """Return its scenario section."""
+        return {
+            "kind": "shifted",
+            "offset_s": rounded(theta[0]),
+            "model": dict(self.base.section(theta[1:])),
+        }
+
+    def _likelihood(self, x: Array, offset: Array) -> Array:
+        """Return the logarithm of the likelihood of each sample, shape (b,)."""
+        rest = x - offset[:, None]
+        heights = self.base.log_density(rest, self.base.fit(rest))
+        return np.asarray(heights.sum(axis=1))
+
+
+Family = type[FittableModel] | ShiftedFamily
+"""Distributions that differ in their parameters only."""
+
+
+def golden_section(
+    height: Callable[[Array], Array], low: Array, high: Array, steps: int
+) -> Array:
+    """Return where functions are greatest between bounds, if each has one maximum there.
+
+    Args:
+        height: takes an argument for each function and returns their values, shape (b,).
+        low, high: bounds, shape (b,).
+        steps: each makes the interval 0.62 times as long.
+    """
+    width = high - low
+    left, right = high - _GOLDEN * width, low + _GOLDEN * width
+    at_left, at_right = height(left), height(right)
+    for _ in range(steps):
+        down = at_left > at_right
+        low, high = np.where(down, low, left), np.where(down, right, high)
+        width = high - low
+        new = np.where(down, high - _GOLDEN * width, low + _GOLDEN * width)
+        at_new = height(new)
+        left, right = np.where(down, new, right), np.where(down, left, new)
+        at_left, at_right = (
+            np.where(down, at_new, at_right),
+            np.where(down, at_left, at_new),
+        )
+    return np.asarray(0.5 * (low + high))
 
 
 def rounded(value: float) -> float:

@@ -32,9 +32,8 @@ class _Sample(DurationModel, ABC):
         index = np.floor(np.asarray(u) * n).astype(np.int64)
         return self.values_s[np.minimum(index, n - 1)]
 
-    def _moments(self) -> tuple[float, float]:
-        """Return mean and sd of the distribution (not the estimates from a sample)."""
-        return float(np.mean(self.values_s)), float(np.std(self.values_s))
+    def _mean(self) -> float:
+        return float(np.mean(self.values_s))
 
     def _minimum(self) -> float:
         return float(self.values_s[0])

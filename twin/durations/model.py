@@ -1,4 +1,4 @@
-"""Base class of distributions of durations: scenario section, quantiles, moments."""
+"""Base class of distributions of durations: scenario section, quantiles, mean."""
 
 from __future__ import annotations
 
@@ -55,12 +55,7 @@ class DurationModel(Section, ABC):
     @property
     def mean(self) -> float:
         """Expected duration [s]."""
-        return self.scale * self._moments()[0]
-
-    @property
-    def sd(self) -> float:
-        """Standard deviation [s]."""
-        return self.scale * self._moments()[1]
+        return self.scale * self._mean()
 
     @property
     def minimum(self) -> float:
@@ -89,11 +84,10 @@ class DurationModel(Section, ABC):
     def _ppf(self, u: Array) -> Array: ...
 
     @abstractmethod
-    def _moments(self) -> tuple[float, float]:
-        """Return mean and standard deviation [s]."""
+    def _mean(self) -> float: ...
 
-    @abstractmethod
-    def _minimum(self) -> float: ...
+    def _minimum(self) -> float:
+        return 0.0
 
 
 def require_pair(

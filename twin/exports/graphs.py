@@ -22,7 +22,7 @@ from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
     TemporalPlanGraph,
 )
-from twin.durations.nanoseconds import NANOSECONDS
+from twin.durations import NANOSECONDS
 from twin.exports.recorded_run import RecordedRun
 from twin.run.activities import CAUSES, LANE_COLOURS, OTHER_COLOUR
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from planning.transforms import Indices
-from twin.durations.nanoseconds import NANOSECONDS, to_nanoseconds
+from twin.durations import NANOSECONDS, to_nanoseconds
 from twin.exports.recorded_run import RecordedRun
 from twin.run.activities import CAUSES
 from twin.run.run_record import waypoint_offsets_ns

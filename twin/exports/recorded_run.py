@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-    from twin.durations.nanoseconds import Nanoseconds
+    from twin.durations import Nanoseconds
 
 PLAN = "plan.json"
 

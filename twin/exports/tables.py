@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from twin.durations.nanoseconds import NANOSECONDS
+from twin.durations import NANOSECONDS
 from twin.exports.recorded_run import RecordedRun
 from twin.run.folder import OBJECTS, TRAJECTORY
 

@@ -25,8 +25,7 @@ from twin.durations import (
     Uniform,
     Weibull,
 )
-from twin.durations.fittable import Family
-from twin.durations.shifted_fit import ShiftedFamily
+from twin.durations.fittable import Family, ShiftedFamily
 
 FAMILIES: tuple[Family, ...] = (
     Uniform,
@@ -112,7 +111,8 @@ def fit_candidates(
     """
     x = np.sort(values)
     varies = x[-1] - x[0] > _LEAST_SPREAD * x[-1]
-    suiting = [family for family in FAMILIES if varies and family.suits(x)]
+    positive = x[0] > 0
+    suiting = [f for f in FAMILIES if varies and (positive or f.takes_zero)]
     found = []
     for k, family in enumerate(suiting):
         progress(k, len(suiting))

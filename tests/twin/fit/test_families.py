@@ -19,9 +19,7 @@ from twin.durations import (
     Uniform,
     Weibull,
 )
-from twin.durations.fittable import Family
-from twin.durations.golden_section import golden_section
-from twin.durations.shifted_fit import ShiftedFamily
+from twin.durations.fittable import Family, ShiftedFamily, golden_section
 from twin.fit.selection import FAMILIES, section_model
 
 T = np.linspace(0.0, 14.0, 141)[None]

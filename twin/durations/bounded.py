@@ -1,25 +1,79 @@
-"""Triangular and PERT durations, between two bounds with a most likely one, and their fit."""
+"""Fixed, uniform, triangular and PERT durations, between given bounds, and their fits."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import model_validator
 
 from planning.transforms import Array
-from twin.durations.fittable import FittableModel
-from twin.durations.golden_section import golden_section
-from twin.durations.model import Seconds
-from twin.durations.uniform import unbiased_bounds
+from twin.durations.fittable import FittableModel, golden_section
+from twin.durations.model import DurationModel, Seconds
 
 _PERT_WEIGHT = 4.0
 _ROUNDS = 10
 _STEPS = 10
 
 
-class _Peaked(FittableModel, ABC):
+class Fixed(DurationModel):
+    """A constant duration."""
+
+    kind: Literal["fixed"] = "fixed"
+    value_s: Seconds
+
+    def _ppf(self, u: Array) -> Array:
+        return np.full(np.shape(u), self.value_s)
+
+    def _mean(self) -> float:
+        return self.value_s
+
+    def _minimum(self) -> float:
+        return self.value_s
+
+
+class Uniform(FittableModel):
+    """Uniform distribution between two bounds."""
+
+    title: ClassVar = "uniform"
+    parameters: ClassVar = ("low_s", "high_s")
+    takes_zero: ClassVar = True
+
+    kind: Literal["uniform"] = "uniform"
+    low_s: Seconds
+    high_s: Seconds
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Uniform:
+        if self.low_s > self.high_s:
+            raise ValueError("low_s must not exceed high_s")
+        return self
+
+    def _ppf(self, u: Array) -> Array:
+        return self.low_s + np.asarray(u) * (self.high_s - self.low_s)
+
+    def _mean(self) -> float:
+        return 0.5 * (self.low_s + self.high_s)
+
+    def _minimum(self) -> float:
+        return self.low_s
+
+    @classmethod
+    def fit(cls, x: Array) -> Array:
+        """Return bounds a mean distance outside of the extremes, at least 0."""
+        return np.stack(_unbiased_bounds(x), axis=1)
+
+    @classmethod
+    def _log_density(cls, x: Array, low: Array, high: Array) -> Array:
+        inside = (low <= x) & (x <= high)
+        return np.where(inside, -np.log(high - low), -np.inf)
+
+    @classmethod
+    def _cdf(cls, x: Array, low: Array, high: Array) -> Array:
+        return np.asarray(np.clip((x - low) / (high - low), 0.0, 1.0))
+
+
+class _Peaked(FittableModel):
     """Two bounds and the most likely duration between them."""
 
     parameters: ClassVar = ("low_s", "mode_s", "high_s")
@@ -44,7 +98,7 @@ class _Peaked(FittableModel, ABC):
         Bounds stay at least a thousandth of the sample's range outside of it, and at most
         twice the range.
         """
-        low, high = unbiased_bounds(x)
+        low, high = _unbiased_bounds(x)
         middle = np.clip(3 * x.mean(axis=1) - low - high, low, high)
         theta = np.stack([low, middle, high], axis=1)
         spread = x[:, -1] - x[:, 0]
@@ -59,11 +113,6 @@ class _Peaked(FittableModel, ABC):
             ):
                 theta = cls._likelier(x, theta, column, low, high)
         return theta
-
-    @classmethod
-    @abstractmethod
-    def log_density(cls, x: Array, theta: Array) -> Array:
-        """Return the logarithm of the density [1/s]."""
 
     @classmethod
     def _likelier(
@@ -100,24 +149,18 @@ class Triangular(_Peaked):
             self.high_s - np.sqrt((1 - u) * width * right),
         )
 
-    def _moments(self) -> tuple[float, float]:
-        a, c, b = self.low_s, self.mode_s, self.high_s
-        variance = (a * a + b * b + c * c - a * b - a * c - b * c) / 18
-        return (a + c + b) / 3, float(np.sqrt(variance))
+    def _mean(self) -> float:
+        return (self.low_s + self.mode_s + self.high_s) / 3
 
     @classmethod
-    def log_density(cls, x: Array, theta: Array) -> Array:
-        """Return the logarithm of the density [1/s]."""
-        low, mode, high = theta.T[:, :, None]
+    def _log_density(cls, x: Array, low: Array, mode: Array, high: Array) -> Array:
         with np.errstate(divide="ignore", invalid="ignore"):
             rise, fall = (x - low) / (mode - low), (high - x) / (high - mode)
             height = np.where(x < mode, rise, np.where(x > mode, fall, 1.0))
             return np.asarray(np.log(np.maximum(height, 0.0) * 2 / (high - low)))
 
     @classmethod
-    def cdf(cls, x: Array, theta: Array) -> Array:
-        """Return the probability of not being longer."""
-        low, mode, high = theta.T[:, :, None]
+    def _cdf(cls, x: Array, low: Array, mode: Array, high: Array) -> Array:
         x = np.clip(x, low, high)
         with np.errstate(divide="ignore", invalid="ignore"):
             below = (x - low) ** 2 / ((high - low) * (mode - low))
@@ -148,21 +191,15 @@ class Pert(_Peaked):
         share = betaincinv(*self._shapes(), np.asarray(u))
         return np.asarray(self.low_s + share * (self.high_s - self.low_s))
 
-    def _moments(self) -> tuple[float, float]:
+    def _mean(self) -> float:
         weighted = self.low_s + _PERT_WEIGHT * self.mode_s + self.high_s
-        alpha, beta = self._shapes()
-        total = alpha + beta
-        variance = alpha * beta / (total**2 * (total + 1))
-        sd = (self.high_s - self.low_s) * float(np.sqrt(variance))
-        return weighted / (_PERT_WEIGHT + 2), sd
+        return weighted / (_PERT_WEIGHT + 2)
 
     @classmethod
-    def log_density(cls, x: Array, theta: Array) -> Array:
-        """Return the logarithm of the density [1/s]."""
+    def _log_density(cls, x: Array, low: Array, mode: Array, high: Array) -> Array:
         from scipy.special import betaln, xlog1py, xlogy
 
-        low, _, high = theta.T[:, :, None]
-        alpha, beta = _shapes_of(theta)
+        alpha, beta = _shapes_of(low, mode, high)
         share = (x - low) / (high - low)
         inside = (share >= 0) & (share <= 1)
         share = np.where(inside, share, 0.5)
@@ -171,17 +208,24 @@ class Pert(_Peaked):
         return np.where(inside, out, -np.inf)
 
     @classmethod
-    def cdf(cls, x: Array, theta: Array) -> Array:
-        """Return the probability of not being longer."""
+    def _cdf(cls, x: Array, low: Array, mode: Array, high: Array) -> Array:
         from scipy.special import betainc
 
-        low, _, high = theta.T[:, :, None]
         share = np.clip((x - low) / (high - low), 0.0, 1.0)
-        return np.asarray(betainc(*_shapes_of(theta), share))
+        return np.asarray(betainc(*_shapes_of(low, mode, high), share))
 
 
-def _shapes_of(theta: Array) -> tuple[Array, Array]:
+def _unbiased_bounds(x: Array) -> tuple[Array, Array]:
+    """Return bounds of each sample, shape (b,) each: right on average for uniform ones.
+
+    Likelihood would put them on the extremes of the sample, where no new duration could be
+    longer. These are a mean distance between neighbours further out, and at least 0.
+    """
+    gap = (x[:, -1] - x[:, 0]) / (x.shape[1] - 1)
+    return np.maximum(x[:, 0] - gap, 0.0), x[:, -1] + gap
+
+
+def _shapes_of(low: Array, mode: Array, high: Array) -> tuple[Array, Array]:
     """Return the shape parameters of many PERT distributions, shape (b, 1) each."""
-    low, mode, high = theta.T[:, :, None]
-    rise = (mode - low) / (high - low)
+    rise = np.asarray((mode - low) / (high - low))
     return 1 + _PERT_WEIGHT * rise, 1 + _PERT_WEIGHT * (1 - rise)
