@@ -16,9 +16,9 @@ from planning.tasks.assignment_problem import (
     AssignmentProblem,
     PrimaryCandidate,
     Rejection,
+    TaskPlan,
 )
-from planning.tasks.plan import TaskPlan
-from planning.tasks.steps import StepTasks
+from planning.tasks.task import StepTasks
 from planning.tasks.work import AssemblyWork
 from planning.transforms import Array, Transform
 

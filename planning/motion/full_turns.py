@@ -14,8 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.tasks.steps import StepTasks
-from planning.tasks.task import TRANSIT, Task
+from planning.tasks.task import TRANSIT, StepTasks, Task
 from planning.transforms import Array
 
 _SAME = 1e-9

@@ -14,8 +14,13 @@ from planning.motion.full_turns import take_near_turns
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.speed import SpeedModel, path_times, sample_path
 from planning.motion.transit import TransitPlanner
-from planning.tasks.steps import StepTasks, cell_with_steps
-from planning.tasks.task import TRANSIT, AllowedContact, Task
+from planning.tasks.task import (
+    TRANSIT,
+    AllowedContact,
+    StepTasks,
+    Task,
+    cell_with_steps,
+)
 from planning.tasks.world_progress import allowed_pairs, apply_handlings, move_robot
 from planning.transforms import Array
 

@@ -8,9 +8,8 @@ from functools import partial
 from planning.parts.candidates import PickPlaceCandidates, held_pose
 from planning.skills.contacts import gripped, touching
 from planning.skills.step_builder import StepBuilder
-from planning.tasks.plan import TaskPlan
-from planning.tasks.steps import StepTasks
-from planning.tasks.task import Task
+from planning.tasks.assignment_problem import TaskPlan
+from planning.tasks.task import StepTasks, Task
 from planning.tasks.work import AssemblyWork
 
 

@@ -9,8 +9,7 @@ import numpy as np
 from planning.cell.workcell import CellObject
 from planning.skills.contacts import Pairs
 from planning.skills.joint_paths import SkillPath
-from planning.tasks.steps import StepTasks
-from planning.tasks.task import TRANSIT, AllowedContact, Handling, Task
+from planning.tasks.task import TRANSIT, AllowedContact, Handling, StepTasks, Task
 from planning.transforms import Array, Transform, readonly
 
 

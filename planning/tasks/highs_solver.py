@@ -9,8 +9,12 @@ from typing import Any, Protocol
 import pulp
 
 from planning.errors import InfeasibleStepError
-from planning.tasks.assignment_problem import AssignmentProblem, explain_rejections
-from planning.tasks.plan import StepChoice, TaskPlan
+from planning.tasks.assignment_problem import (
+    AssignmentProblem,
+    StepChoice,
+    TaskPlan,
+    explain_rejections,
+)
 
 
 class AssignmentSolver(Protocol):

@@ -8,10 +8,8 @@ from itertools import islice
 
 import numpy as np
 
-from planning.tasks.assignment_problem import AssignmentProblem
-from planning.tasks.plan import TaskPlan, alternatives
-from planning.tasks.steps import StepTasks
-from planning.tasks.task import Task
+from planning.tasks.assignment_problem import AssignmentProblem, TaskPlan, alternatives
+from planning.tasks.task import StepTasks, Task
 from planning.transforms import Indices
 
 

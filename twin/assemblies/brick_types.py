@@ -16,7 +16,7 @@ from twin.scenario.sections.lego import (
 
 def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
     """Return the brick types by name: the library, then those of the scenario."""
-    from planning.lego.bricks.catalogue import BRICKS
+    from planning.lego.bricks.assembly import BRICKS
 
     own = {
         name: BrickType(name, (brick.studs[0], brick.studs[1]), brick.mass_kg)

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Protocol
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from twin.host.progress import StageWatch
 from twin.scenario.document.problems import Problem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.sections.scenario import AssemblySection
 
 if TYPE_CHECKING:
     from planning.motion.motion_plan import MotionPlan
     from planning.motion.sequential import MotionSettings
-    from planning.tasks.plan import TaskPlan
+    from planning.tasks.assignment_problem import TaskPlan
 
 
 @dataclass(frozen=True)
@@ -97,3 +99,19 @@ class AssemblyKind(Protocol):
             TwinError: the assembly cannot be built as it is, or no plan was found.
         """
         ...
+
+
+_KINDS = {
+    "lego": ("twin.assemblies.lego", "LegoKind"),
+    "pick-and-place": ("twin.assemblies.pick_place", "PickPlaceKind"),
+    "goals": ("twin.assemblies.goals", "GoalsKind"),
+    "construction": ("twin.assemblies.construction", "ConstructionKind"),
+}
+"""Module and class by the ``kind`` of a section."""
+
+
+def assembly_kind(section: AssemblySection) -> AssemblyKind:
+    """Return the assembly kind of a section."""
+    module, name = _KINDS[section.kind]
+    found: AssemblyKind = getattr(import_module(module), name)(section)
+    return found

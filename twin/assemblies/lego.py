@@ -73,8 +73,7 @@ class LegoKind(AssemblyKind):
 
     def reserved(self, name: str) -> str | None:
         """Return whether a name is that of a plate, or of a brick that comes up later."""
-        from planning.lego.bricks.objects import STORAGE
-        from planning.lego.bricks.stations import source_of
+        from planning.lego.bricks.objects import STORAGE, source_of
 
         stations = {item.name for item in self.section.stock if item.station}
         if name in {"plate", STORAGE}:

@@ -40,7 +40,7 @@ def apex_mr(
     """Read a task as the authors of APEX-MR publish them."""
     from planning.importers.apex_mr.importer import import_apex_mr
     from planning.lego.sequencing.stable_steps import stable_steps
-    from twin.assemblies.kinds import assembly_kind
+    from twin.assemblies.kind import assembly_kind
     from twin.assemblies.lego import build_lego
     from twin.host.atomic import write_text
     from twin.scenario.document.text import scenario_text

@@ -197,7 +197,7 @@ def _saved_plan(folder: Path, scenario: Scenario, base: Path) -> TemporalPlanGra
 def _announce(scenario: Scenario, folder: Path) -> None:
     from rich.console import Console
 
-    from twin.assemblies.kinds import assembly_kind
+    from twin.assemblies.kind import assembly_kind
 
     console = Console(stderr=True, highlight=False)
     console.print(

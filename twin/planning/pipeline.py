@@ -22,8 +22,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.ordering.reordering import reorder_tasks
 from scheduling.ordering.task_conflicts import SweptTaskConflicts
 from scheduling.shortcuts.shortcutting import shorten_tpg
-from twin.assemblies.kind import PlannedMotions
-from twin.assemblies.kinds import assembly_kind
+from twin.assemblies.kind import PlannedMotions, assembly_kind
 from twin.host.progress import Report, StageWatch, report_nothing
 from twin.scenario.build_workcell import build_workcell
 from twin.scenario.duration_models import skill_models

@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from planning.errors import RobotModelError, ScenarioError
-from twin.assemblies.kinds import assembly_kind
+from twin.assemblies.kind import assembly_kind
 from twin.durations import DurationModel, Empirical
 from twin.scenario.disturbance_models import named_robots
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name

@@ -17,11 +17,11 @@ from planning.lego.bricks.assembly import (
     Press,
     StockBrick,
     Support,
+    brick_type,
 )
-from planning.lego.bricks.catalogue import brick_type
 from planning.lego.bricks.grid import box_pose, box_size, bricks_above, top_pose
 from planning.lego.bricks.grips import MOST_OFFSETS, presses
-from planning.lego.bricks.stations import source_of
+from planning.lego.bricks.objects import source_of
 from planning.transforms import Transform, readonly
 
 Placed = tuple[CellObject, Attachment]
@@ -114,6 +114,10 @@ class BrickWorld:
     def kind(self, brick: str) -> BrickType:
         """Return a brick type of this assembly."""
         return brick_type(brick, self.assembly.bricks)
+
+    def frames(self, robot: str) -> Mapping[str, Transform]:
+        """Return a robot's tool frames in its flange frame."""
+        return self.cell.robot(robot).model.frames
 
     def goal(self, number: int) -> Placed:
         """Return the brick of a step in its place."""

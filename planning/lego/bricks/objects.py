@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Collection, Iterable
+from dataclasses import replace
+
 import numpy as np
 
 from planning.cell.cover import box_body
@@ -12,11 +16,43 @@ from planning.lego.bricks.assembly import (
     LegoAssembly,
     Plate,
     StockBrick,
+    brick_type,
 )
-from planning.lego.bricks.catalogue import brick_type
 from planning.lego.bricks.grid import box_pose, box_size
-from planning.lego.bricks.stations import copy_name
 from planning.transforms import readonly, translation
+
+
+def copy_name(station: str, number: int) -> str:
+    """Return the name of a station's brick, counted from 1 in the order of their picks."""
+    return f"{station}.{number}"
+
+
+def source_of(name: str, stations: Collection[str]) -> str:
+    """Return the station that an object comes from; for any other object its own name."""
+    station, _, number = name.rpartition(".")
+    return station if number.isdecimal() and station in stations else name
+
+
+def object_names(sources: Iterable[str], stations: Collection[str]) -> list[str]:
+    """Return the objects that steps use, given the stock bricks and stations they draw on.
+
+    Args:
+        sources: names in the stock, in the order of the steps.
+        stations: names of the stations among them.
+    """
+    picked: Counter[str] = Counter()
+    names = []
+    for source in sources:
+        picked[source] += 1
+        copy = copy_name(source, picked[source])
+        names.append(copy if source in stations else source)
+    return names
+
+
+def next_copy(item: CellObject, station: str, number: int) -> CellObject:
+    """Return a brick that comes up at a station, made after another one of it."""
+    return replace(item, name=copy_name(station, number), later=True)
+
 
 STORAGE = "storage-plate"
 """Name of the plate of the stock as a fixture, where it is another than ``"plate"``."""

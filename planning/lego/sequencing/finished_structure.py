@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from planning.lego.bricks.assembly import LegoAssembly
-from planning.lego.bricks.catalogue import brick_type
+from planning.lego.bricks.assembly import LegoAssembly, brick_type
 from planning.lego.bricks.contacts import PlacedBrick
 from planning.lego.sequencing.sequencing import (
     SequencedStructure,

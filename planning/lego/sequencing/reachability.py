@@ -7,7 +7,8 @@ to be obstructed when candidates are sought (``candidates``).
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from itertools import product
 
 from planning.cell.workcell import PlacedRobot, Workcell
@@ -15,12 +16,7 @@ from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld
 from planning.lego.skills.options import SkillOptions
-from planning.lego.skills.support import support_bottom_targets, support_top_targets
-from planning.lego.skills.targets import (
-    APPROACH_HEIGHT,
-    HIGH_APPROACH,
-    support_skill,
-)
+from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH
 from planning.skills.joint_paths import SkillPath, resolve_skill
 from planning.skills.subgoals import SkillTargets
 
@@ -59,7 +55,9 @@ class _Reach:
     def __init__(self, world: BrickWorld) -> None:
         self._world = world
         self._options = SkillOptions(world)
-        self._picks: dict[tuple[str, tuple[int, ...]], dict[str, str]] = {}
+        self._not_picking: Callable[[str, tuple[int, ...]], dict[str, str]] = cache(
+            lambda *pick: self._out_of_reach(self._picks(*pick))
+        )
 
     def faults(self, number: int) -> Iterator[str]:
         """Yield what of a step is out of reach."""
@@ -73,7 +71,8 @@ class _Reach:
         if len(placing) == len(robots):
             yield f"no robot reaches where it goes{_reasons(placing)}"
         stock = self._world.usable_stock(number)
-        picking = [self._pick_reasons(name, number) for name in stock]
+        grasps = tuple(self._world.grasps(number))
+        picking = [self._not_picking(name, grasps) for name in stock]
         if stock and all(len(found) == len(robots) for found in picking):
             yield f"no robot reaches {' or '.join(stock)} of the stock{_reasons(picking[0])}"
         if not self._world.supports(number):
@@ -89,12 +88,6 @@ class _Reach:
                 "no two robots reach where it goes and where to support it"
                 f"{_reasons({**placing, **supporting})}"
             )
-
-    def _pick_reasons(self, stock: str, number: int) -> dict[str, str]:
-        key = stock, tuple(self._world.grasps(number))
-        if key not in self._picks:
-            self._picks[key] = self._out_of_reach(self._pick_ways(*key))
-        return self._picks[key]
 
     def _out_of_reach(self, ways: Iterable[Way]) -> dict[str, str]:
         """Return the robots that none of the ways is possible for, each with a reason."""
@@ -117,28 +110,24 @@ class _Reach:
     def _places(self, number: int) -> Iterator[Way]:
         step = self._world.step(number)
         heights = (APPROACH_HEIGHT,) if step.up else (APPROACH_HEIGHT, HIGH_APPROACH)
-        for grasp, robot in product(
-            self._world.grasps(number), self._world.cell.robots
+        attacks = (step.attack, -step.attack)
+        for grasp, robot, height, attack in product(
+            self._world.grasps(number), self._world.cell.robots, heights, attacks
         ):
-            for height, attack in product(heights, (step.attack, -step.attack)):
-                yield (
-                    robot,
-                    self._options.place_targets(
-                        robot.name, number, grasp, attack, height
-                    ),
-                )
+            yield (
+                robot,
+                self._options.place_targets(robot.name, number, grasp, attack, height),
+            )
 
-    def _pick_ways(self, stock: str, grasps: Iterable[int]) -> Iterator[Way]:
+    def _picks(self, stock: str, grasps: Iterable[int]) -> Iterator[Way]:
         for grasp, robot in product(grasps, self._world.cell.robots):
             yield robot, self._options.pick_targets(robot.name, stock, grasp)
 
     def _supports(self, number: int) -> Iterator[Way]:
-        world = self._world
-        find = support_top_targets if world.step(number).up else support_bottom_targets
-        for support, robot in product(world.supports(number), world.cell.robots):
-            targets = find(world.assembly.plate, support)
-            for k in range(len(targets.pre)):
-                yield robot, support_skill(targets, pre=k)
+        choices = range(len(self._world.supports(number)))
+        for choice, robot in product(choices, self._world.cell.robots):
+            for targets in self._options.support_targets(number, choice):
+                yield robot, targets
 
 
 def _reasons(reasons: dict[str, str]) -> str:

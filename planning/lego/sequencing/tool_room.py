@@ -162,7 +162,7 @@ def place_up_blocked(item: PlacedBrick, press: Press, others: BrickBoxes) -> str
 def support_boxes(support: Support, *, top: bool) -> Array:
     """Return boxes around a supporting tool, before and while it supports, (k, 2, 3) [m]."""
     targets = (support_top_targets if top else support_bottom_targets)(GRID, support)
-    return readonly(_tool_boxes((targets.pre[0], targets.support)))
+    return readonly(_tool_boxes(targets[0].subgoals))
 
 
 @lru_cache(maxsize=20_000)
@@ -173,7 +173,7 @@ def support_face(support: Support, *, top: bool) -> Array:
     for a support-top; in the plate's frame, its least and greatest corner.
     """
     targets = (support_top_targets if top else support_bottom_targets)(GRID, support)
-    pose = _tool_pose(targets.support)
+    pose = _tool_pose(targets[0].subgoals[-1])
     (x0, y0, z0), (x1, y1, z1) = _LEVER if top else _TIP
     ends = [[x0, y0, z1], [x1, y1, z1]] if top else [[x1, y0, z0], [x1, y1, z1]]
     corners = np.array(ends) @ pose[:3, :3].T + pose[:3, 3]

@@ -11,16 +11,16 @@ from planning.cell.workcell import Workcell
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld, press_of
-from planning.lego.skills.handover_options import HandoverOption, HandoverOptions
+from planning.lego.skills.handovers import HandoverOption, HandoverOptions
 from planning.lego.skills.options import SkillOption, SkillOptions, StandingSupport
 from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
 from planning.tasks.assignment_problem import (
     AssignmentProblem,
     PrimaryCandidate,
     Rejection,
+    StepChoice,
     SupportCandidate,
 )
-from planning.tasks.plan import StepChoice
 
 _MANY_STEPS = 100
 """Up to so many steps, second best grips and supports are worth the time to find them."""
@@ -44,11 +44,8 @@ class LegoCandidates:
 
     def pick(self, choice: StepChoice) -> SkillPath:
         """Return the pick of a choice; in a place-up the support robot picks."""
-        return _path(
-            self.skills.pick(
-                choice.primary.partner or choice.robot, choice.object, choice.grasp
-            )
-        )
+        robot = choice.primary.partner or choice.robot
+        return _path(self.skills.pick(robot, choice.object, choice.grasp))
 
     def place(self, choice: StepChoice) -> SkillPath:
         """Return the place of a choice, with its support robot standing by."""
@@ -102,11 +99,9 @@ def find_candidates(
         ScenarioError: a step cannot be understood.
     """
     world = BrickWorld(cell, assembly)
-    skills = SkillOptions(world)
-    handovers = HandoverOptions(world, skills)
     if alternatives is None:
         alternatives = 2 if len(assembly.steps) <= _MANY_STEPS else 1
-    collector = _Collector(world, skills, handovers, alternatives)
+    collector = _Collector(world, alternatives)
     for number in range(1, len(assembly.steps) + 1):
         collector.add(number)
     problem = AssignmentProblem(
@@ -119,37 +114,30 @@ def find_candidates(
         unlimited=world.stations,
         rejections=tuple(collector.rejections),
     )
-    return LegoCandidates(world, problem, skills, collector.handovers)
+    return LegoCandidates(world, problem, collector.skills, collector.handovers)
 
 
 class _Collector:
     """Gathers candidates step by step."""
 
-    def __init__(
-        self,
-        world: BrickWorld,
-        skills: SkillOptions,
-        handovers: HandoverOptions,
-        alternatives: int,
-    ) -> None:
+    def __init__(self, world: BrickWorld, alternatives: int) -> None:
         self._most = alternatives
         self.world = world
-        self.skills = skills
-        self.handovers = handovers
+        self.skills = SkillOptions(world)
+        self.handovers = HandoverOptions(self.skills)
         self.primaries: list[PrimaryCandidate] = []
         self.supports: list[SupportCandidate] = []
         self.incompatible: list[tuple[int, int]] = []
         self.rejections: list[Rejection] = []
-        self._names = [robot.name for robot in world.cell.robots]
-        self._home = skills.home
+        self._home = self.skills.home
 
     def add(self, step: int) -> None:
         """Add the candidates of a step: primary robot, giver for a place-up, brick and grip."""
         supports = self._add_supports(step)
         ways: Iterable[tuple[str, str | None]] = (
-            permutations(self._names, 2)
+            permutations(self._home, 2)
             if self.world.step(step).up
-            else product(self._names, [None])
+            else product(self._home, [None])
         )
         for robot, giver in ways:
             count = 0
@@ -169,19 +157,14 @@ class _Collector:
                     cost += self._cost(handover.give)
                     cost += joint_distance(self._home[robot], handover.receive)
                 first = len(self.primaries)
-                after = place.after
                 for stock in self.world.usable_stock(step):
                     pick = self._pick(step, giver or robot, stock, grasp)
                     if pick is not None:
+                        whole = cost + self._cost(pick.path)
+                        after = (place.after | pick.after) - {stock}
                         self.primaries.append(
                             PrimaryCandidate(
-                                step,
-                                robot,
-                                stock,
-                                grasp,
-                                cost + self._cost(pick.path),
-                                giver,
-                                (after | pick.after) - {stock},
+                                step, robot, stock, grasp, whole, giver, after
                             )
                         )
                 count += len(self.primaries) > first
@@ -207,7 +190,7 @@ class _Collector:
     def _add_supports(self, step: int) -> dict[int, StandingSupport]:
         """Add the support candidates of a step; return who stands where by candidate index."""
         out: dict[int, StandingSupport] = {}
-        for robot in self._names:
+        for robot in self._home:
             count = 0
             for choice in range(len(self.world.supports(step))):
                 if count == self._most:
@@ -229,7 +212,6 @@ class _Collector:
         self, robot: str, step: int, grasp: int, supports: dict[int, StandingSupport]
     ) -> SkillOption | None:
         """Return the cheapest place, alone or beside any of the supports."""
-        words = f"{robot} places, {_grip(grasp)}"
         beside: list[StandingSupport | None] = [None]
         if self.world.step(step).up or self.world.supports(step):
             beside = [
@@ -238,30 +220,21 @@ class _Collector:
                 if item.robot != robot
                 and self.world.go_together(step, grasp, item.choice)
             ]
-        reason: Obstruction | None = None
-        places = []
-        for support in beside:
-            option = self.skills.place(robot, step, grasp, support)
-            if isinstance(option, SkillOption):
-                places.append(option)
-            else:
-                reason = reason or option
-        if not places:
-            reason = reason or Obstruction("no other robot can support it")
-            self._reject(step, words, reason)
-            return None
-        return min(places, key=lambda option: self._cost(option.path))
+        found = [self.skills.place(robot, step, grasp, support) for support in beside]
+        places = [option for option in found if isinstance(option, SkillOption)]
+        if places:
+            return min(places, key=lambda option: self._cost(option.path))
+        reasons = [option for option in found if isinstance(option, Obstruction)]
+        alone = Obstruction("no other robot can support it")
+        self._reject(step, f"{robot} places, {_grip(grasp)}", [*reasons, alone][0])
+        return None
 
     def _pick(
         self, step: int, robot: str, stock: str, grasp: int
     ) -> SkillOption | None:
         """Return how a robot picks a brick of the stock in time for a step."""
         found = self.skills.pick(robot, stock, grasp)
-        if (
-            isinstance(found, SkillOption)
-            and found.latest is not None
-            and step > found.latest
-        ):
+        if isinstance(found, SkillOption) and found.latest and step > found.latest:
             found = Obstruction(f"the brick of step {found.latest} is in the way")
         if isinstance(found, Obstruction):
             self._reject(step, f"{robot} picks {stock}, {_grip(grasp)}", found)
@@ -281,14 +254,13 @@ class _Collector:
         for index, item in supports.items():
             if item.robot == robot or not newest:
                 continue
-            if not self.world.go_together(step, grasp, item.choice):
-                self.incompatible += [(p, index) for p in newest]
-                continue
-            option = self.skills.place(robot, step, grasp, item)
-            if isinstance(option, Obstruction):
+            if self.world.go_together(step, grasp, item.choice):
+                option = self.skills.place(robot, step, grasp, item)
+                if isinstance(option, SkillOption):
+                    continue
                 words = f"{robot} places beside {item.robot}, {_grip(grasp)}"
                 self._reject(step, words, option)
-                self.incompatible += [(p, index) for p in newest]
+            self.incompatible += [(p, index) for p in newest]
 
     def _cost(self, path: SkillPath) -> float:
         return joint_distance(self._home[path.robot], path.contact)

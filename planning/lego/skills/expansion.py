@@ -11,15 +11,14 @@ from planning.kinematics.kinematics import frame_pose
 from planning.lego.bricks.assembly import BrickType, Cell, Plate
 from planning.lego.bricks.brick_world import BrickWorld
 from planning.lego.bricks.grid import box_from_top
-from planning.lego.bricks.stations import copy_name, next_copy, object_names, source_of
+from planning.lego.bricks.objects import copy_name, next_copy, object_names, source_of
 from planning.lego.skills.allowed_contacts import contacts_at_rest, supporting
 from planning.lego.skills.candidates import LegoCandidates
 from planning.skills.contacts import gripped
 from planning.skills.joint_paths import SkillPath
 from planning.skills.step_builder import StepBuilder
-from planning.tasks.plan import StepChoice, TaskPlan
-from planning.tasks.steps import StepTasks
-from planning.tasks.task import Task
+from planning.tasks.assignment_problem import StepChoice, TaskPlan
+from planning.tasks.task import StepTasks, Task
 from planning.tasks.work import AssemblyWork
 from planning.transforms import Array, Transform, inverse
 

@@ -6,12 +6,12 @@ the robot, the step and the grip (the place): their product is never checked pai
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
-from typing import Any
 
-from planning.cell.workcell import Attachment, PlacedRobot
+from planning.cell.workcell import Attachment
 from planning.lego.bricks.assembly import BrickType, Press
 from planning.lego.bricks.brick_world import (
     BrickWorld,
@@ -33,7 +33,6 @@ from planning.lego.skills.targets import (
     pick_targets,
     place_down_targets,
     place_up_targets,
-    support_skill,
 )
 from planning.skills.contacts import NOTHING, Pairs, SkillContacts, gripped
 from planning.skills.joint_paths import (
@@ -67,6 +66,10 @@ class SkillOption:
     latest: int | None = None
 
 
+Found = SkillOption | Obstruction
+"""A free execution of a skill, or why there is none."""
+
+
 @dataclass(frozen=True)
 class StandingSupport:
     """A robot at its support while another one places.
@@ -81,71 +84,38 @@ class StandingSupport:
 
 
 class SkillOptions:
-    """Finds picks, places and supports; each is worked out at most once.
+    """Free picks, places and supports, or why there are none; each is worked out at most once.
 
     The scene is the stock at rest and the goals of the earlier steps, other robots at HOME.
+
+    Attributes:
+        world: cell and assembly.
+        home: HOME of each robot, shape (n,).
+        pick: of a robot (name), a brick of the stock (name) and a grip (number).
+        place: of a robot, a step (from 1), a grip, and who stands supporting meanwhile; None
+            when all others are at HOME.
+        support: of a robot, a step, and the number of its support, see ``BrickWorld.supports``.
     """
 
     def __init__(self, world: BrickWorld) -> None:
         self.world = world
         self.home: dict[str, Array] = {r.name: r.home for r in world.cell.robots}
-        self._known: dict[tuple[Any, ...], SkillOption | Obstruction] = {}
+        self.pick: Callable[[str, str, int], Found] = cache(self._pick)
+        self.place: Callable[[str, int, int, StandingSupport | None], Found] = cache(
+            self._place
+        )
+        self.support: Callable[[str, int, int], Found] = cache(self._support)
 
-    def pick(self, robot: str, stock: str, grasp: int) -> SkillOption | Obstruction:
-        """Return a free pick of a stock brick by a robot with a grip."""
-        key = ("pick", robot, stock, grasp)
-        if key not in self._known:
-            self._known[key] = self._pick(self.world.cell.robot(robot), stock, grasp)
-        return self._known[key]
-
-    def place(
-        self, robot: str, step: int, grasp: int, beside: StandingSupport | None = None
-    ) -> SkillOption | Obstruction:
-        """Return a free place of a step's brick by a robot, down or up.
-
-        Args:
-            robot: who places.
-            step: counted from 1.
-            grasp: number of the grip.
-            beside: another robot that stands supporting meanwhile; None when it is at HOME.
-        """
-        key = ("place", robot, step, grasp, beside)
-        if key not in self._known:
-            self._known[key] = self._place(robot, step, grasp, beside)
-        return self._known[key]
-
-    def support(
-        self, robot: str, step: int, choice: int = 0
-    ) -> SkillOption | Obstruction:
-        """Return a free support of a step by a robot, from the first pre-pose that works.
-
-        Args:
-            robot: who supports.
-            step: counted from 1.
-            choice: which of the supports of the step, see ``BrickWorld.supports``.
-
-        Where bricks beside the pre-pose are too near for a transit to end there, the skill
-        starts further back along the tool.
-        """
-        key = ("support", robot, step, choice)
-        if key not in self._known:
-            placed = self.world.cell.robot(robot)
-            self._known[key] = self._support(placed, step, choice)
-        return self._known[key]
-
-    def _pick(
-        self, robot: PlacedRobot, stock: str, grasp: int
-    ) -> SkillOption | Obstruction:
+    def _pick(self, robot: str, stock: str, grasp: int) -> Found:
         world = self.world
         item, top = world.stock[stock], world.start_top(stock)
         kind = world.kind(item.brick)
-        grip = gripped(robot.name, stock)
         seat = (item.cell, kind, world.stock_at_rest[stock][1].pose)
         touching = contacts_at_rest(
-            robot.name, stock, seat, world.stock_beside(stock), world.cell.fixtures
+            robot, stock, seat, world.stock_beside(stock), world.cell.fixtures
         )
         tool = grip_pose(top, kind, press_of(grasp))
-        held = held_box(robot.model.frames, "tool", tool, top)
+        held = held_box(world.frames(robot), "tool", tool, top)
         above = world.above(stock)
         goals = world.goals(range(1, len(world.assembly.steps) + 1))
         here = {k: v for k, v in world.stock_at_rest.items() if k not in above}
@@ -153,12 +123,12 @@ class SkillOptions:
             world.cell,
             {**here, **goals},
             self.home,
-            SkillContacts(NOTHING, touching, grip),
-            (stock, Attachment(robot.name, held)),
+            SkillContacts(NOTHING, touching, gripped(robot, stock)),
+            (stock, Attachment(robot, held)),
             self._refill(stock),
         )
         loose = (world.loose_stock & here.keys()) - {stock} | set(goals)
-        targets = self.pick_targets(robot.name, stock, grasp)
+        targets = self.pick_targets(robot, stock, grasp)
         option = self._resolve(robot, targets, scene, loose)
         if isinstance(option, Obstruction):
             return option
@@ -175,7 +145,7 @@ class SkillOptions:
         """Return the subgoals of picking a stock brick with a grip."""
         world = self.world
         return pick_targets(
-            world.cell.robot(robot).model.frames,
+            world.frames(robot),
             world.kind(world.stock[stock].brick),
             world.start_top(stock),
             press_of(grasp),
@@ -223,55 +193,44 @@ class SkillOptions:
     def _handled(
         self, robot: str, step: int, grasp: int
     ) -> tuple[Mapping[str, Transform], BrickType, Transform, Press]:
-        """Return tool frames, and type, goal of the top face and grip of a step's brick."""
         world = self.world
         kind = world.kind(world.step(step).brick)
-        frames = world.cell.robot(robot).model.frames
-        return frames, kind, world.goal_top(step), press_of(grasp)
+        return world.frames(robot), kind, world.goal_top(step), press_of(grasp)
 
     def around(self, step: int) -> dict[str, Placed]:
         """Return the stock at rest and the goals of the earlier steps."""
-        return {
-            **self.world.stock_at_rest,
-            **self.world.goals(range(1, step)),
-        }
+        return {**self.world.stock_at_rest, **self.world.goals(range(1, step))}
 
     def _place(
         self, robot: str, step: int, grasp: int, beside: StandingSupport | None
-    ) -> SkillOption | Obstruction:
-        world = self.world
-        name = goal_name(step)
-        work = world.step(step)
-        others = world.cells_during(step)
-        kind = world.kind(work.brick)
-        grip = gripped(robot, name)
+    ) -> Found:
+        world, name, work = self.world, goal_name(step), self.world.step(step)
         goal, at_goal = world.goal(step)
-        seat = (work.cell, kind, at_goal.pose)
-        touching = contacts_at_rest(robot, name, seat, others, world.cell.fixtures)
+        seat = (work.cell, world.kind(work.brick), at_goal.pose)
+        touching = contacts_at_rest(
+            robot, name, seat, world.cells_during(step), world.cell.fixtures
+        )
         standing = dict(self.home)
         if beside is not None:
             held = self.support(beside.robot, step, beside.choice)
             assert isinstance(held, SkillOption), held
             standing[beside.robot] = held.path.path[-1]
             touching |= self.supported(beside.robot, step, beside.choice)
+        held_goal = (goal, self.held_for_place(robot, step, grasp))
         scene = SkillScene(
             world.cell,
-            {
-                **self.around(step),
-                name: (goal, self.held_for_place(robot, step, grasp)),
-            },
+            {**self.around(step), name: held_goal},
             standing,
-            SkillContacts(grip, touching, NOTHING),
+            SkillContacts(gripped(robot, name), touching, NOTHING),
             (name, at_goal),
         )
         attacks = [work.attack]
         if grasp_number(work.press or press_of(grasp)) != grasp or not work.press:
             attacks.append(-work.attack)  # that of the step belongs to its own press
         heights = (APPROACH_HEIGHT,) if work.up else (APPROACH_HEIGHT, HIGH_APPROACH)
-        placing = world.cell.robot(robot)
         return _first_option(
             self._resolve(
-                placing,
+                robot,
                 self.place_targets(robot, step, grasp, attack, height),
                 scene,
                 world.loose_stock,
@@ -279,48 +238,49 @@ class SkillOptions:
             for height, attack in product(heights, attacks)
         )
 
-    def supported(self, robot: str, step: int, choice: int = 0) -> Pairs:
+    def supported(self, robot: str, step: int, choice: int) -> Pairs:
         """Return the allowed contacts of a supporting tool, the step's brick included."""
         world = self.world
         bricks = {**world.cells_during(step), **world.goal_cells([step])}
         return supporting(robot, world.supports(step)[choice], bricks)
 
-    def _support(
-        self, robot: PlacedRobot, step: int, choice: int
-    ) -> SkillOption | Obstruction:
+    def support_targets(self, step: int, choice: int) -> tuple[SkillTargets, ...]:
+        """Return the support of a step as subgoals, from each of its pre-poses."""
+        find = (
+            support_top_targets if self.world.step(step).up else support_bottom_targets
+        )
+        return find(self.world.assembly.plate, self.world.supports(step)[choice])
+
+    def _support(self, robot: str, step: int, choice: int) -> Found:
+        """Return a support from the first pre-pose that works.
+
+        Where bricks beside the pre-pose are too near for a transit to end there, the skill
+        starts further back along the tool.
+        """
         world = self.world
-        work = world.step(step)
         if not world.supports(step):
             return Obstruction("the step does not say where to support")
-        plate = world.assembly.plate
-        find = support_top_targets if work.up else support_bottom_targets
-        targets = find(plate, world.supports(step)[choice])
-        held = self.supported(robot.name, step, choice)
-        scene = SkillScene(
-            world.cell,
-            self.around(step),
-            self.home,
-            SkillContacts(NOTHING, held, held),
-        )
-        skills = (
-            _drawn_back(support_skill(targets, pre=k), back)
-            for back, k in product(_DRAWN_BACK, range(len(targets.pre)))
-        )
+        held = self.supported(robot, step, choice)
+        contacts = SkillContacts(NOTHING, held, held)
+        scene = SkillScene(world.cell, self.around(step), self.home, contacts)
         return _first_option(
-            self._resolve(robot, skill, scene, world.loose_stock) for skill in skills
+            self._resolve(robot, _drawn_back(targets, back), scene, world.loose_stock)
+            for back, targets in product(
+                _DRAWN_BACK, self.support_targets(step, choice)
+            )
         )
 
     def _resolve(
         self,
-        robot: PlacedRobot,
+        robot: str,
         targets: SkillTargets,
         scene: SkillScene,
         loose: Iterable[str],
-    ) -> SkillOption | Obstruction:
+    ) -> Found:
         """Return a path clear of everything, or else of everything that will be gone."""
         trials: list[SkillTrial | Obstruction] = []
         reason: Obstruction | None = None
-        for path in skill_postures(robot, targets):
+        for path in skill_postures(self.world.cell.robot(robot), targets):
             if isinstance(path, Obstruction):
                 trials.append(path)
                 reason = nearer_reason(reason, path)
@@ -345,18 +305,15 @@ class SkillOptions:
         assert reason is not None
         return reason
 
-    def _with_obstacles(self, path: SkillPath, gone: Iterable[str]) -> SkillOption:
-        steps: Mapping[str, int] = {
-            goal_name(k): k for k in range(1, len(self.world.assembly.steps) + 1)
-        }
-        later = [steps[name] for name in gone if name in steps]
-        stock = frozenset(name for name in gone if name not in steps)
-        return SkillOption(path, stock, min(later) if later else None)
+    def _with_obstacles(self, path: SkillPath, gone: Collection[str]) -> SkillOption:
+        steps = range(1, len(self.world.assembly.steps) + 1)
+        latest = min((k for k in steps if goal_name(k) in gone), default=None)
+        return SkillOption(
+            path, frozenset(gone).difference(map(goal_name, steps)), latest
+        )
 
 
-def _first_option(
-    tried: Iterable[SkillOption | Obstruction],
-) -> SkillOption | Obstruction:
+def _first_option(tried: Iterable[Found]) -> Found:
     """Return the first way that is free, or else why the first one is not."""
     reason: Obstruction | None = None
     for option in tried:

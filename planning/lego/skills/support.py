@@ -7,12 +7,11 @@ tip reaches its far edge.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import (
+    BRICKS,
     LAYER_HEIGHT,
     STUD_PITCH,
     Cell,
@@ -20,10 +19,9 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.catalogue import BRICKS
 from planning.lego.bricks.grid import plate_corner, top_pose
 from planning.lego.bricks.grips import grip_pose
-from planning.skills.subgoals import Subgoal
+from planning.skills.subgoals import SkillTargets, Subgoal
 from planning.transforms import Transform, rotation, translation
 
 LEVER_WALL = 0.0032
@@ -58,24 +56,9 @@ _LEVEL = np.array(
 _DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
-@dataclass(frozen=True)
-class SupportTargets:
-    """A support pose and the places it may be approached from.
-
-    Attributes:
-        skill: ``"support-bottom"`` or ``"support-top"``.
-        pre: pre-poses, the preferred one first; any of them will do.
-        support: the supporting pose.
-    """
-
-    skill: str
-    pre: tuple[Subgoal, ...]
-    support: Subgoal
-
-
 def support_bottom_targets(
     plate: Plate, support: Support, *, axes: Transform | None = None
-) -> SupportTargets:
+) -> tuple[SkillTargets, ...]:
     """Return the poses of a support from below.
 
     The top of the tool's tip, 16 mm wide, touches the bottom of the bricks in layer z + 1.
@@ -87,7 +70,8 @@ def support_bottom_targets(
             the plate's by default. The published code takes those of the first robot's base.
 
     Returns:
-        The pose, and nine pre-poses 1 mm lower: straight below first, then shifted by 1 mm.
+        The support from each of nine pre-poses 1 mm lower: straight below first, then shifted
+        by 1 mm.
     """
     frame = _axes(plate, axes)
     up = frame[:3, 2] * (LAYER_HEIGHT - STUD_PITCH)
@@ -100,16 +84,15 @@ def support_bottom_targets(
         for j in (0, 1, -1)
         if (i, j) != (0, 0)
     ]
-    pre = tuple(
-        Subgoal("pre", "tool", _shifted(pose, frame, (dx, dy, -BOTTOM_LEAD)))
+    return tuple(
+        _support("support-bottom", pose, frame, (dx, dy, -BOTTOM_LEAD))
         for dx, dy in shifts
     )
-    return SupportTargets("support-bottom", pre, Subgoal("support", "tool", pose))
 
 
 def support_top_targets(
     plate: Plate, support: Support, *, axes: Transform | None = None
-) -> SupportTargets:
+) -> tuple[SkillTargets, ...]:
     """Return the poses of a support from above.
 
     The tool stands on the studs of the bricks in layer z - 1, pointing down.
@@ -121,7 +104,7 @@ def support_top_targets(
             shift off the edge.
 
     Returns:
-        The pose, and one pre-pose 5 mm above it.
+        The support from one pre-pose, 5 mm above it.
     """
     frame = _axes(plate, axes)
     heading = rotation("z", _YAW[_index(support)])
@@ -130,8 +113,7 @@ def support_top_targets(
     lift = frame[:3, 2] * (LEVER_WALL + STUD_HEIGHT - LAYER_HEIGHT)
     pose = _plate_axes(plate) @ heading @ _DOWN
     pose[:3, 3] = contact[:3, 3] + shift + lift
-    pre = Subgoal("pre", "tool", _shifted(pose, frame, (0.0, 0.0, TOP_LEAD)))
-    return SupportTargets("support-top", (pre,), Subgoal("support", "tool", pose))
+    return (_support("support-top", pose, frame, (0.0, 0.0, TOP_LEAD)),)
 
 
 def supported_cell(support: Support) -> tuple[Cell, ...]:
@@ -166,12 +148,14 @@ def _axes(plate: Plate, axes: Transform | None) -> Transform:
     return out
 
 
-def _shifted(
-    pose: Transform, frame: Transform, offset: tuple[float, float, float]
-) -> Transform:
-    out = pose.copy()
-    out[:3, 3] += frame[:3, :3] @ np.asarray(offset)
-    return out
+def _support(
+    skill: str, pose: Transform, frame: Transform, offset: tuple[float, float, float]
+) -> SkillTargets:
+    """Return a support that starts at an offset from its pose, given in a frame's axes."""
+    pre = pose.copy()
+    pre[:3, 3] += frame[:3, :3] @ np.asarray(offset)
+    subgoals = (Subgoal("pre", "tool", pre), Subgoal("support", "tool", pose))
+    return SkillTargets(skill, subgoals)
 
 
 def _index(support: Support) -> int:

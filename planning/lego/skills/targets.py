@@ -15,7 +15,6 @@ from planning.errors import RobotModelError
 from planning.lego.bricks.assembly import BrickType, Press
 from planning.lego.bricks.grid import box_from_top
 from planning.lego.bricks.grips import grip_pose
-from planning.lego.skills.support import SupportTargets
 from planning.skills.subgoals import SkillTargets, Subgoal
 from planning.transforms import Transform, inverse, rotation, translation
 
@@ -167,16 +166,6 @@ def handover_targets(
         Subgoal("leave", "handover_assemble", _lifted(turned @ back)),
     )
     return SkillTargets("handover", subgoals, detach_at=1)
-
-
-def support_skill(targets: SupportTargets, *, pre: int = 0) -> SkillTargets:
-    """Return a support as subgoals: pre, support.
-
-    Args:
-        targets: from ``support.support_bottom_targets`` or ``support_top_targets``.
-        pre: which of the pre-poses to take.
-    """
-    return SkillTargets(targets.skill, (targets.pre[pre], targets.support))
 
 
 def received_top(

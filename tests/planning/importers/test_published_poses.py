@@ -26,7 +26,7 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.grid import top_pose
 from planning.lego.bricks.grips import press_cell, side_contact_pose
-from planning.lego.skills.meeting_points import giver_rest, receive_poses
+from planning.lego.skills.handovers import giver_rest, receive_poses
 from planning.lego.skills.support import support_bottom_targets, support_top_targets
 from planning.lego.skills.targets import (
     handover_targets,
@@ -207,7 +207,7 @@ def test_supports_from_below(task: str) -> None:
     assert supported
     for s in supported:
         targets = support_bottom_targets(s.plate, s.support, axes=WORLD_AXES)
-        assert_reached(s, s.helper, (targets.support,), [8])
+        assert_reached(s, s.helper, targets[0].subgoals[1:], [8])
         # The published search settles on one of the shifted pre-poses.
         tip = dh_product(
             dh_table("tool"),
@@ -215,7 +215,8 @@ def test_supports_from_below(task: str) -> None:
             s.q(7, s.helper),
         )
         nearest = min(
-            targets.pre, key=lambda p: float(np.linalg.norm(p.pose[:, 3] - tip[:, 3]))
+            (way.subgoals[0] for way in targets),
+            key=lambda p: float(np.linalg.norm(p.pose[:, 3] - tip[:, 3])),
         )
         assert_reached(s, s.helper, (nearest,), [7])
 
@@ -231,13 +232,13 @@ def test_handovers_and_place_ups(task: str) -> None:
         assert_reached(s, s.main, up.subgoals, [17, 18, 21, 22, 23, 24])
         # The first candidate is the published place of the handover.
         place = receive_poses(receiver, giver)[0]
-        assert_reached(s, s.main, (place.pre, place.receive), [7, 9])
+        assert_reached(s, s.main, place, [7, 9])
         assert_reached(s, s.helper, (giver_rest(giver),), [8])
-        top = received_top(s.frames, place.receive.pose, s.goal, contact)
+        top = received_top(s.frames, place[1].pose, s.goal, contact)
         give = handover_targets(s.frames, s.brick, top, s.press)
         assert_reached(s, s.helper, give.subgoals, [10, 11, 12, 13])
-        above = support_top_targets(s.plate, s.support, axes=WORLD_AXES)
-        assert_reached(s, s.helper, (*above.pre, above.support), [19, 20])
+        (above,) = support_top_targets(s.plate, s.support, axes=WORLD_AXES)
+        assert_reached(s, s.helper, above.subgoals, [19, 20])
 
 
 @pytest.mark.parametrize("task", TASKS)

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
-from planning.lego.bricks.assembly import Cell, Plate, Press, Support
-from planning.lego.bricks.catalogue import BRICKS
+from planning.lego.bricks.assembly import BRICKS, Cell, Plate, Press, Support
 from planning.lego.bricks.grid import (
     occupied_studs,
 )

@@ -9,8 +9,7 @@ from planning.cell.workcell import PlacedRobot, Workcell
 from planning.geometry.scene_checker import flange_pose
 from planning.motion.full_turns import take_near_turns
 from planning.robots.registry import robot_model
-from planning.tasks.steps import StepTasks
-from planning.tasks.task import TRANSIT, Task
+from planning.tasks.task import TRANSIT, StepTasks, Task
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,7 @@ from planning.motion.sequential import MotionSettings, plan_sequential
 from planning.motion.speed import L1Speed
 from planning.motion.transit import RrtConnect
 from planning.robots.registry import robot_model
-from planning.tasks.steps import StepTasks
-from planning.tasks.task import TRANSIT, AllowedContact, Handling, Task
+from planning.tasks.task import TRANSIT, AllowedContact, Handling, StepTasks, Task
 from planning.transforms import Array, from_rpy, inverse, translation
 
 SIZE = np.array([0.016, 0.032, 0.0096])

@@ -15,8 +15,8 @@ from planning.parts.assembly import GripRules, PickPlaceAssembly
 from planning.parts.candidates import PickPlaceCandidates, find_candidates
 from planning.parts.expansion import pick_place_work
 from planning.robots.registry import robot_model
+from planning.tasks.assignment_problem import TaskPlan
 from planning.tasks.highs_solver import HighsAssignmentSolver
-from planning.tasks.plan import TaskPlan
 from planning.tasks.task import TRANSIT
 from planning.tasks.work import StepExpansions
 from planning.transforms import Transform, from_rpy

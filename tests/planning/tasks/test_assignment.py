@@ -15,10 +15,12 @@ from planning.tasks.assignment_problem import (
     AssignmentProblem,
     PrimaryCandidate,
     Rejection,
+    StepChoice,
     SupportCandidate,
+    TaskPlan,
+    alternatives,
 )
 from planning.tasks.highs_solver import HighsAssignmentSolver
-from planning.tasks.plan import StepChoice, TaskPlan, alternatives
 from tests.planning.tasks.assignment_oracle import plan_violations
 
 ROBOTS = ("ada", "bob", "cy")

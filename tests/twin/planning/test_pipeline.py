@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.lego.bricks.catalogue import brick_type
+from planning.lego.bricks.assembly import brick_type
 from planning.lego.bricks.grid import box_pose
 from scheduling.verification.verify import verify_plan
 from twin.assemblies.in_turns import MOTION

@@ -14,7 +14,7 @@ from planning.construction.problem.problem import ConstructionProblem, SkillSeco
 from planning.errors import ConstructionError, RobotModelError, ScenarioError
 from planning.motion.sequential import MotionSettings
 from twin.assemblies.construction import ConstructionKind
-from twin.assemblies.kinds import assembly_kind
+from twin.assemblies.kind import assembly_kind
 from twin.cli import app
 from twin.planning.pipeline import motion_settings
 from twin.scenario.build_workcell import build_workcell

@@ -9,13 +9,14 @@ from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import (
+    BRICKS,
     LAYER_HEIGHT,
     STUD_PITCH,
     BrickType,
     Cell,
     Plate,
+    brick_type,
 )
-from planning.lego.bricks.catalogue import BRICKS, brick_type
 from planning.lego.bricks.grid import (
     box_from_top,
     box_pose,

@@ -8,8 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
-from planning.lego.bricks.assembly import STUD_PITCH, BrickType, Cell, Plate, Press
-from planning.lego.bricks.catalogue import BRICKS
+from planning.lego.bricks.assembly import (
+    BRICKS,
+    STUD_PITCH,
+    BrickType,
+    Cell,
+    Plate,
+    Press,
+)
 from planning.lego.bricks.grid import top_pose
 from planning.lego.bricks.grips import (
     check_press,

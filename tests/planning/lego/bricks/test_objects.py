@@ -9,13 +9,13 @@ import pytest
 
 from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import (
+    BRICKS,
     Cell,
     LegoAssembly,
     LegoStep,
     Plate,
     StockBrick,
 )
-from planning.lego.bricks.catalogue import BRICKS
 from planning.lego.bricks.objects import plate_fixture, stock_objects
 from planning.transforms import from_rpy
 

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.lego.bricks.assembly import BrickType, Cell
-from planning.lego.bricks.catalogue import BRICKS
+from planning.lego.bricks.assembly import BRICKS, BrickType, Cell
 from planning.lego.bricks.drawing import (
     EMPTY,
     name_bricks,

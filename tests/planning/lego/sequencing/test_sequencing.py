@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from planning.errors import InfeasibleStepError
 from planning.importers.apex_mr.importer import import_apex_mr
 from planning.lego.bricks.assembly import (
+    BRICKS,
     LAYER_HEIGHT,
     STUD_PITCH,
     BrickType,
@@ -22,7 +23,6 @@ from planning.lego.bricks.assembly import (
     StockBrick,
     Support,
 )
-from planning.lego.bricks.catalogue import BRICKS
 from planning.lego.bricks.contacts import PlacedBrick
 from planning.lego.bricks.grid import occupied_studs
 from planning.lego.bricks.grips import press_cell, presses

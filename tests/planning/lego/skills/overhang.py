@@ -10,6 +10,7 @@ import numpy as np
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.lego.bricks.assembly import (
+    BRICKS,
     Cell,
     LegoAssembly,
     LegoStep,
@@ -18,7 +19,6 @@ from planning.lego.bricks.assembly import (
     StockBrick,
     Support,
 )
-from planning.lego.bricks.catalogue import BRICKS
 from planning.lego.bricks.objects import plate_fixture, stock_objects
 from planning.lego.skills.targets import DEFAULT_TWIST
 from planning.robots.registry import robot_model

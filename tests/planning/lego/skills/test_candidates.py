@@ -16,7 +16,7 @@ from planning.lego.bricks.assembly import Cell, LegoStep, Press, StockBrick
 from planning.lego.bricks.brick_world import grasp_number, press_of
 from planning.lego.bricks.grips import grip_pose, presses
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
-from planning.lego.skills.options import SkillOption, StandingSupport
+from planning.lego.skills.options import SkillOption, SkillOptions, StandingSupport
 from planning.skills.joint_paths import Obstruction, SkillPath
 from planning.tasks.highs_solver import HighsAssignmentSolver
 from tests.planning.lego.skills.overhang import STEPS, STOCK, overhang
@@ -71,7 +71,7 @@ def test_costs_are_joint_distances_from_home(found: LegoCandidates) -> None:
     for item in found.problem.primaries:
         if item.partner is not None:
             continue
-        support = found.skills.support(other[item.robot], item.step)
+        support = found.skills.support(other[item.robot], item.step, 0)
         assert isinstance(support, SkillOption)
         place = found.skills.place(
             item.robot, item.step, item.grasp, StandingSupport(other[item.robot])
@@ -95,7 +95,7 @@ def test_postures_stay_within_limits_and_do_not_flip(found: LegoCandidates) -> N
     paths: list[SkillPath] = []
     for step in (1, 2, 3):
         for robot in ("left", "right"):
-            option = found.skills.support(robot, step)
+            option = found.skills.support(robot, step, 0)
             if isinstance(option, SkillOption):
                 paths.append(option.path)
     for item in found.problem.primaries:
@@ -155,18 +155,17 @@ def test_an_arm_that_stands_in_the_way_is_an_obstruction() -> None:
     """The same place with the other arm at its support, and with that arm right there."""
     cell, assembly = overhang()
     found = find_candidates(cell, assembly)
-    support = found.skills.support("left", 1)
+    support = found.skills.support("left", 1, 0)
     assert isinstance(support, SkillOption)
     grasp = grasp_number(Press(1, 0))
     beside = found.skills.place("right", 1, grasp, StandingSupport("left"))
     assert isinstance(beside, SkillOption)
-    own = found.skills.place("left", 1, grasp)
+    own = found.skills.place("left", 1, grasp, None)
     assert isinstance(own, SkillOption)
     stuck = replace(support.path, path=own.path.path[1:2])
-    known = found.skills._known
-    known["support", "left", 1, 0] = replace(support, path=stuck)
-    del known["place", "right", 1, grasp, StandingSupport("left")]
-    blocked = found.skills.place("right", 1, grasp, StandingSupport("left"))
+    again = SkillOptions(found.world)
+    again.support = lambda robot, step, choice: replace(support, path=stuck)
+    blocked = again.place("right", 1, grasp, StandingSupport("left"))
     assert isinstance(blocked, Obstruction)
     assert blocked.by is not None
     assert blocked.by.startswith("left/")

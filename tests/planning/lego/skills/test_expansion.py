@@ -13,12 +13,12 @@ from planning.lego.bricks.grid import box_pose
 from planning.lego.bricks.grips import grip_pose
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.lego.skills.expansion import lego_work
+from planning.tasks.assignment_problem import StepChoice, TaskPlan
 from planning.tasks.highs_solver import HighsAssignmentSolver
-from planning.tasks.plan import StepChoice, TaskPlan
-from planning.tasks.steps import StepTasks
 from planning.tasks.task import (
     SKILLS,
     TRANSIT,
+    StepTasks,
     Task,
 )
 from planning.tasks.work import StepExpansions

@@ -19,16 +19,16 @@ from planning.lego.bricks.assembly import (
 from planning.lego.skills.support import (
     LEVER_WALL,
     STUD_HEIGHT,
-    SupportTargets,
     support_bottom_targets,
     support_top_targets,
     supported_cell,
 )
+from planning.skills.subgoals import SkillTargets
 from planning.transforms import from_rpy, inverse, rotation
 
 HEADING = {0: (1, 0), 1: (0, -1), 2: (0, 1), 3: (-1, 0)}
 QUARTER_TURN = {0: 2, 2: 3, 3: 1, 1: 0}
-Build = Callable[[Plate, Support], SupportTargets]
+Build = Callable[[Plate, Support], tuple[SkillTargets, ...]]
 BUILDERS: tuple[Build, ...] = (support_bottom_targets, support_top_targets)
 
 places = st.tuples(st.integers(4, 40), st.integers(4, 40), st.integers(2, 20))
@@ -50,15 +50,11 @@ def test_orientations_are_quarter_turns_of_each_other(
 ) -> None:
     plate = Plate(np.eye(4))
     support = Support(*place, orientation)
-    here: SupportTargets = build(plate, support)
-    there: SupportTargets = build(plate, _turned_by_a_quarter(support))
+    here = build(plate, support)[0].subgoals
+    there = build(plate, _turned_by_a_quarter(support))[0].subgoals
     quarter = rotation("z", np.pi / 2)
-    np.testing.assert_allclose(
-        there.support.pose, quarter @ here.support.pose, atol=1e-12
-    )
-    np.testing.assert_allclose(
-        there.pre[0].pose, quarter @ here.pre[0].pose, atol=1e-12
-    )
+    for a, b in zip(here, there, strict=True):
+        np.testing.assert_allclose(b.pose, quarter @ a.pose, atol=1e-12)
 
 
 @given(places, orientations)
@@ -67,7 +63,7 @@ def test_the_tip_lies_under_the_supported_studs(
 ) -> None:
     plate = Plate(np.eye(4))
     support = Support(*place, orientation)
-    pose = support_bottom_targets(plate, support).support.pose
+    pose = support_bottom_targets(plate, support)[0].subgoals[-1].pose
     heading = np.array([*HEADING[orientation], 0.0])
     np.testing.assert_allclose(pose[:3, 2], heading, atol=1e-12)
     # The tip is two studs high: it fills up to the bottom of layer z + 1.
@@ -83,9 +79,8 @@ def test_the_tip_lies_under_the_supported_studs(
 def test_the_wall_stands_on_the_studs_from_above(
     place: tuple[int, int, int], orientation: int
 ) -> None:
-    pose = support_top_targets(
-        Plate(np.eye(4)), Support(*place, orientation)
-    ).support.pose
+    (targets,) = support_top_targets(Plate(np.eye(4)), Support(*place, orientation))
+    pose = targets.subgoals[-1].pose
     np.testing.assert_allclose(pose[:3, 2], [0, 0, -1], atol=1e-12)
     np.testing.assert_allclose(pose[:2, 0], HEADING[orientation], atol=1e-12)
     top_of_studs = (place[2] - 1) * LAYER_HEIGHT + STUD_HEIGHT
@@ -98,25 +93,25 @@ def test_support_poses_move_with_the_plate(
 ) -> None:
     support = Support(*place, orientation)
     moved = from_rpy((0.3, -0.2, 1.0), (0.0, 0.0, yaw))
-    a: SupportTargets = build(Plate(np.eye(4)), support)
-    b: SupportTargets = build(Plate(moved), support)
-    np.testing.assert_allclose(
-        inverse(moved) @ b.support.pose, a.support.pose, atol=1e-9
-    )
+    a = build(Plate(np.eye(4)), support)[0].subgoals[-1].pose
+    b = build(Plate(moved), support)[0].subgoals[-1].pose
+    np.testing.assert_allclose(inverse(moved) @ b, a, atol=1e-9)
 
 
 def test_pre_poses_are_apart_and_the_first_is_straight() -> None:
     plate = Plate(np.eye(4))
     bottom = support_bottom_targets(plate, Support(20, 20, 5, 0))
     moves = [
-        tuple(np.round((p.pose - bottom.support.pose)[:3, 3] * 1e3, 6) + 0.0)
-        for p in bottom.pre
+        tuple(np.round((pre.pose - support.pose)[:3, 3] * 1e3, 6) + 0.0)
+        for pre, support in (way.subgoals for way in bottom)
     ]
     assert moves[0] == (0.0, 0.0, -1.0)
     assert len(set(moves)) == 9
     assert {m[2] for m in moves} == {-1.0}
-    top = support_top_targets(plate, Support(20, 20, 5, 1))
-    lift = (top.pre[0].pose - top.support.pose)[:3, 3]
+    ((pre, support),) = (
+        way.subgoals for way in support_top_targets(plate, Support(20, 20, 5, 1))
+    )
+    lift = (pre.pose - support.pose)[:3, 3]
     np.testing.assert_allclose(lift, [0, 0, 0.005], atol=1e-12)
 
 

@@ -10,10 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from planning.errors import RobotModelError
-from planning.lego.bricks.assembly import BrickType, Plate, Press, Support
-from planning.lego.bricks.catalogue import BRICKS
+from planning.lego.bricks.assembly import BRICKS, BrickType, Plate, Press, Support
 from planning.lego.bricks.grips import presses, side_contact_pose
-from planning.lego.skills.meeting_points import giver_rest, receive_poses
+from planning.lego.skills.handovers import giver_rest, receive_poses
 from planning.lego.skills.support import support_bottom_targets
 from planning.lego.skills.targets import (
     DEFAULT_TWIST,
@@ -23,7 +22,6 @@ from planning.lego.skills.targets import (
     place_down_targets,
     place_up_targets,
     received_top,
-    support_skill,
 )
 from planning.skills.subgoals import SkillTargets
 from planning.transforms import Transform, from_rpy, inverse, rotation, translation
@@ -115,9 +113,7 @@ def test_waypoints_and_handlings_of_each_skill() -> None:
     down = place_down_targets(FRAMES, BRICK, TOP, Press(1, 1))
     up = place_up_targets(FRAMES, side_contact_pose(TOP, BRICK, Press(1, 1)))
     give = handover_targets(FRAMES, BRICK, TOP, Press(1, 1))
-    held = support_skill(
-        support_bottom_targets(Plate(np.eye(4)), Support(9, 9, 9, 0)), pre=3
-    )
+    held = support_bottom_targets(Plate(np.eye(4)), Support(9, 9, 9, 0))[3]
     assert names(pick) == ["approach", "above", "attach", "twist", "leave"]
     assert (pick.attach_at, pick.detach_at, pick.lead) == (2, None, 1)
     assert names(down) == [
@@ -218,26 +214,26 @@ def test_a_handover_is_held_out_towards_the_giver(
 ) -> None:
     giver = receiver @ rotation("z", bearing) @ translation(distance, 0.0, 0.0)
     poses = receive_poses(receiver, giver)
-    assert len({p.receive.pose.tobytes() for p in poses}) == len(poses) >= 20
+    assert len({receive.pose.tobytes() for _, receive in poses}) == len(poses) >= 20
     towards = (giver[:3, 3] - receiver[:3, 3]) / distance
-    for pose in poses:
-        tool = pose.receive.pose
+    for pre, receive in poses:
+        tool = receive.pose
         assert tool[:3, 2] @ towards > np.cos(np.radians(10.0)) - 1e-9
         np.testing.assert_allclose(tool[:3, 0], [0, 0, -1], atol=1e-9)
-        back = (inverse(tool) @ pose.pre.pose)[:3, 3]
+        back = (inverse(tool) @ pre.pose)[:3, 3]
         np.testing.assert_allclose(back, [0, 0, -0.075], atol=1e-9)
     # Nearest to the published place first.
     published = np.array([0.45, 0.35])
     off = []
-    for pose in poses:
-        at = pose.receive.pose[:3, 3] - receiver[:3, 3]
+    for _, receive in poses:
+        at = receive.pose[:3, 3] - receiver[:3, 3]
         place = np.array([np.hypot(at[0], at[1]), at[2]])
         off.append(np.abs(place - published).sum())
     assert off[0] == pytest.approx(0.0, abs=1e-9)
     assert all(a <= b + 1e-6 for a, b in itertools.pairwise(off))
     again = receive_poses(receiver, giver)
-    for a, b in zip(poses, again, strict=True):
-        np.testing.assert_array_equal(a.receive.pose, b.receive.pose)
+    for (_, a), (_, b) in zip(poses, again, strict=True):
+        np.testing.assert_array_equal(a.pose, b.pose)
 
 
 @given(bases)

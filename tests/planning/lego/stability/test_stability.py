@@ -9,8 +9,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
-from planning.lego.bricks.assembly import STUD_PITCH, BrickType, Cell
-from planning.lego.bricks.catalogue import BRICKS
+from planning.lego.bricks.assembly import BRICKS, STUD_PITCH, BrickType, Cell
 from planning.lego.bricks.contacts import PlacedBrick, knob_points
 from planning.lego.bricks.grid import footprint, occupied_studs
 from planning.lego.stability.partial_structures import PartialStructures

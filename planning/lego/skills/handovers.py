@@ -1,0 +1,259 @@
+"""Handovers of a brick between two robots: where they meet, and in which postures.
+
+The receiver holds its tool level towards the giver, side studs up; the giver comes down from
+above. The published place is tried first, then others around it in the vertical plane between
+the two bases, nearest to it first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
+
+import numpy as np
+
+from planning.cell.workcell import Attachment, PlacedRobot
+from planning.kinematics.kinematics import inverse_kinematics
+from planning.lego.bricks.brick_world import goal_name, press_of
+from planning.lego.bricks.grips import grip_pose, side_contact_pose
+from planning.lego.skills.options import SkillOptions
+from planning.lego.skills.targets import (
+    handover_targets,
+    held_box,
+    received_top,
+)
+from planning.skills.contacts import NOTHING, SkillContacts, gripped
+from planning.skills.joint_paths import (
+    LARGEST_TURN,
+    Obstruction,
+    SkillPath,
+    resolve_skill,
+)
+from planning.skills.subgoals import Subgoal
+from planning.skills.surroundings import SkillScene, find_obstruction
+from planning.transforms import Array, Transform, rotation, translation
+
+REACH = 0.45
+"""Distance of the receiving tool from the receiver's base axis [m]."""
+
+HEIGHT = 0.35
+"""Height of the receiving tool above the receiver's base [m]."""
+
+DRAW_BACK = 0.075
+"""The receiver waits and comes away this far behind the place of the handover [m]."""
+
+REST = (0.2, 0.0, 0.5)
+"""Where the giver's flange waits before and after, pointing down, in its base frame [m]."""
+
+_REACHES = (0.40, 0.45, 0.50, 0.35)
+_HEIGHTS = (0.35, 0.40, 0.30, 0.45, 0.25)
+_FACING = np.radians(10.0)
+
+# Tool z along the base's x, tool x down: the side studs of the tool look up.
+_LEVEL = rotation("y", np.pi / 2)
+
+
+def receive_poses(
+    receiver: Transform, giver: Transform
+) -> tuple[tuple[Subgoal, Subgoal], ...]:
+    """Return places to receive a brick, in the order in which they should be tried.
+
+    Args:
+        receiver: base pose of the receiving robot in the world.
+        giver: base pose of the giving robot in the world.
+
+    Returns:
+        Candidates (pre, receive), the same list for the same bases: the tool drawn back, where
+        it comes from and goes to with the brick, and held still while the brick is pressed onto
+        its side studs. The first is the published one, 0.45 m in front of the receiver's base
+        and 0.35 m up, towards the giver. Where the base's x axis points to the giver within 10
+        degrees, it gives the direction, as published; the exact bearing follows.
+    """
+    bearing = _bearing(receiver, giver)
+    directions = [bearing]
+    if abs(bearing) < _FACING:
+        directions = [0.0] if abs(bearing) < 1e-9 else [0.0, bearing]
+    half = 0.5 * float(np.linalg.norm((giver - receiver)[:2, 3]))
+    reaches = sorted({*_REACHES, round(half, 3)}, key=lambda r: (abs(r - REACH), r))
+    places = sorted(
+        product(reaches, _HEIGHTS, directions),
+        key=lambda p: (
+            round(abs(p[0] - REACH) + abs(p[1] - HEIGHT), 6),
+            reaches.index(p[0]),
+            _HEIGHTS.index(p[1]),
+            directions.index(p[2]),
+        ),
+    )
+    return tuple(_candidate(receiver, *place) for place in places)
+
+
+def giver_rest(giver: Transform) -> Subgoal:
+    """Return the giver's pose before and after a handover: flange pointing down.
+
+    Args:
+        giver: base pose of the giving robot in the world.
+    """
+    pose = giver @ translation(*REST) @ rotation("x", np.pi)
+    return Subgoal("handover rest", "flange", pose)
+
+
+def _candidate(
+    receiver: Transform, reach: float, height: float, bearing: float
+) -> tuple[Subgoal, Subgoal]:
+    tool = receiver @ rotation("z", bearing) @ translation(reach, 0.0, height) @ _LEVEL
+    pre = Subgoal("pre-receive", "tool", tool @ translation(0.0, 0.0, -DRAW_BACK))
+    return pre, Subgoal("receive", "tool", tool)
+
+
+def _bearing(receiver: Transform, giver: Transform) -> float:
+    """Return the direction of ``giver`` about ``receiver``'s z axis, from its x axis [rad]."""
+    away = receiver[:3, :3].T @ (giver[:3, 3] - receiver[:3, 3])
+    return float(np.arctan2(away[1], away[0]))
+
+
+@dataclass(frozen=True)
+class HandoverOption:
+    """A collision-free handover of a brick.
+
+    Attributes:
+        pre_receive: receiver's tool drawn back, before and after, shape (n,).
+        receive: receiver's configuration while the brick is pressed on, shape (n,).
+        rest: where the giver waits before and after, shape (n,).
+        give: the giver's skill.
+        top: pose in the world of the brick's top face once it has changed hands.
+    """
+
+    pre_receive: Array
+    receive: Array
+    rest: Array
+    give: SkillPath
+    top: Transform
+
+
+class HandoverOptions:
+    """Finds handovers; each is worked out at most once.
+
+    Attributes:
+        handover: of a brick from one robot to another (names), given the step (from 1) and the
+            number of the grip; the first that works of the places of ``receive_poses``.
+    """
+
+    def __init__(self, skills: SkillOptions) -> None:
+        self._skills = skills
+        self.handover: Callable[[str, str, int, int], HandoverOption | Obstruction] = (
+            cache(self._find)
+        )
+
+    def _find(
+        self, giver: str, receiver: str, step: int, grasp: int
+    ) -> HandoverOption | Obstruction:
+        cell = self._skills.world.cell
+        taker, source = cell.robot(receiver), cell.robot(giver)
+        resting = giver_rest(source.base)
+        rests = inverse_kinematics(source, resting.frame, resting.pose, source.home)
+        if not rests:
+            return Obstruction(f"{resting.name} of {giver} is out of reach")
+        reason: Obstruction | None = None
+        for place in receive_poses(taker.base, source.base):
+            for pre, receive in _ready(taker, *place):
+                scene = self._scene(receiver, step, grasp, receive)
+                found = _receiver_clash(scene, taker, pre, source, rests[0]) or (
+                    self._give(scene, source, place[1].pose, step, grasp)
+                )
+                if not isinstance(found, Obstruction):
+                    give, top = found
+                    return HandoverOption(pre, receive, rests[0], give, top)
+                reason = reason or found
+        return reason or Obstruction(f"receive is out of reach of {receiver}")
+
+    def _scene(
+        self, receiver: str, step: int, grasp: int, receive: Array
+    ) -> SkillScene:
+        """Return the scene in which the receiver stands with the brick that it was given."""
+        skills, name = self._skills, goal_name(step)
+        taken = skills.held_for_place(receiver, step, grasp)
+        brick = (skills.world.goal(step)[0], taken)
+        grip = gripped(receiver, name)
+        return SkillScene(
+            skills.world.cell,
+            {**skills.around(step), name: brick},
+            {**skills.home, receiver: receive},
+            SkillContacts(grip, grip, grip),
+            (name, taken),
+        )
+
+    def _give(
+        self,
+        scene: SkillScene,
+        giver: PlacedRobot,
+        tool: Transform,
+        step: int,
+        grasp: int,
+    ) -> tuple[SkillPath, Transform] | Obstruction:
+        """Return the giver's skill and the pose of the brick's top face after it.
+
+        Args:
+            scene: in which the receiver stands with the brick.
+            giver: who gives.
+            tool: pose of the receiver's tool in the world.
+            step: counted from 1.
+            grasp: number of the grip.
+        """
+        world, press = self._skills.world, press_of(grasp)
+        kind, goal = world.kind(world.step(step).brick), world.goal_top(step)
+        assert scene.handed is not None
+        name, taken = scene.handed
+        assert taken.holder is not None
+        contact = side_contact_pose(goal, kind, press)
+        top = received_top(world.frames(taken.holder), tool, goal, contact)
+        frames, twist = giver.model.frames, world.assembly.twist["handover"]
+        held = held_box(frames, "tool", grip_pose(top, kind, press), top)
+        given = (scene.objects[name][0], Attachment(giver.name, held))
+        grip = gripped(giver.name, name)
+        scene = replace(
+            scene,
+            objects={**scene.objects, name: given},
+            contacts=SkillContacts(grip, grip | scene.contacts.during, NOTHING),
+        )
+        targets = handover_targets(frames, kind, top, press, twist=twist)
+        path = resolve_skill(giver, targets, lambda p: find_obstruction(p, scene))
+        return path if isinstance(path, Obstruction) else (path, top)
+
+
+def _receiver_clash(
+    scene: SkillScene,
+    receiver: PlacedRobot,
+    pre: Array,
+    giver: PlacedRobot,
+    rest: Array,
+) -> Obstruction | None:
+    """Return what the receiver touches on its way in, or out with the brick."""
+    assert scene.handed is not None
+    receive = scene.configurations[receiver.name]
+    coming = SkillPath("receive", receiver.name, pre[None], receive[None])
+    empty = replace(
+        scene,
+        objects={k: v for k, v in scene.objects.items() if k != scene.handed[0]},
+        configurations={**scene.configurations, receiver.name: receiver.home},
+        contacts=SkillContacts(NOTHING, NOTHING, NOTHING),
+        handed=None,
+    )
+    if found := find_obstruction(coming, empty):
+        return found
+    leaving = SkillPath("receive", receiver.name, receive[None], pre[None])
+    standing = {**empty.configurations, giver.name: rest}
+    return find_obstruction(
+        leaving, replace(scene, configurations=standing, handed=None)
+    )
+
+
+def _ready(
+    robot: PlacedRobot, pre: Subgoal, receive: Subgoal
+) -> Iterator[tuple[Array, Array]]:
+    """Yield the receiver's (pre, receive) postures, nearest to HOME first."""
+    for start in inverse_kinematics(robot, pre.frame, pre.pose, robot.home):
+        near = inverse_kinematics(robot, receive.frame, receive.pose, start, restarts=0)
+        if near and np.abs(near[0] - start).max() <= LARGEST_TURN:
+            yield start, near[0]
