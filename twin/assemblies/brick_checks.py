@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from planning.lego.bricks.assembly import BrickType, Support
 from planning.lego.bricks.grid import Stud, joined_to_plate
 from planning.lego.skills.support import supported_cell
-from twin.assemblies.brick_types import brick_types, studs_of
 from twin.assemblies.structure_checks import find_structure_problems
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
@@ -17,6 +16,8 @@ from twin.scenario.sections.lego import (
     RulesSection,
     StepSection,
     StockSection,
+    brick_types,
+    studs_of,
 )
 
 Found = Iterator[tuple[KeyPath, str]]

@@ -19,7 +19,6 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.contacts import PlacedBrick
-from twin.assemblies.brick_types import brick_types, cell_of
 from twin.assemblies.kind import AssemblyKind, PlannedMotions
 from twin.host.progress import StageWatch
 from twin.scenario.document.problems import Problem
@@ -32,6 +31,8 @@ from twin.scenario.sections.lego import (
     StepSection,
     StockSection,
     SupportSection,
+    brick_types,
+    cell_of,
 )
 from twin.scenario.sections.poses import build_transform
 

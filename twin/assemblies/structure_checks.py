@@ -9,7 +9,6 @@ from planning.lego.bricks.assembly import BrickType
 from planning.lego.bricks.contacts import PlacedBrick
 from planning.lego.bricks.drawing import Spot
 from planning.lego.bricks.grid import Stud, joined_to_plate, occupied_studs
-from twin.assemblies.brick_types import studs_of
 from twin.scenario.document.problems import Problem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.drawn_structure import (
@@ -17,7 +16,7 @@ from twin.scenario.sections.drawn_structure import (
     mark_of_spot,
     read_structure,
 )
-from twin.scenario.sections.lego import LegoSection
+from twin.scenario.sections.lego import LegoSection, studs_of
 
 Found = Iterator[tuple[KeyPath, Spot | None, str]]
 

@@ -153,7 +153,6 @@ def _chosen(
 ) -> Scenario:
     """Return a scenario with what the options say in place of what the file says."""
     from twin.run.run_record import POLICIES
-    from twin.scenario.disturbance_models import scenario_disturbances
     from twin.scenario.file import load_scenario
     from twin.scenario.sections.cell import choose_robots
     from twin.scenario.sections.scenario import resolved, restored
@@ -173,7 +172,7 @@ def _chosen(
     chosen = restored(content)
     # Names of robots and files of times are looked at now, not after planning.
     names = tuple(robot.name for robot in chosen.cell.robots)
-    scenario_disturbances(chosen.execution, names, path.parent)
+    chosen.execution.disturbances(names, path.parent)
     return chosen
 
 

@@ -10,7 +10,6 @@ from pydantic import BaseModel
 from planning.errors import RobotModelError, ScenarioError
 from twin.assemblies.kind import assembly_kind
 from twin.durations import DurationModel, Empirical
-from twin.scenario.disturbance_models import named_robots
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
@@ -106,7 +105,7 @@ def _check_robots(cell: CellSection, folder: Path) -> Found:
 def _check_robot_names(scenario: Scenario) -> Found:
     """Disturbances happen to robots of the cell."""
     names = [robot.name for robot in scenario.cell.robots]
-    for path, name in named_robots(scenario.execution):
+    for path, name in scenario.execution.named_robots():
         if name not in names:
             yield ("execution", *path), unknown_name("robot", name, names)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,10 @@ from typing import Any
 from twin.scenario.checks import find_problems
 from twin.scenario.document.problems import InvalidScenarioError, Problem
 from twin.scenario.document.validation import parsed, validated
-from twin.scenario.document.yaml_text import Mark
+from twin.scenario.document.yaml_text import Mark, YamlDocument
+from twin.scenario.sections.drawn_structure import StructureSection
+from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.scenario import Scenario
-from twin.scenario.structure_file import check_structure_file, include_structure
 
 
 def load_scenario(path: Path) -> Scenario:
@@ -23,10 +25,10 @@ def load_scenario(path: Path) -> Scenario:
     Raises:
         InvalidScenarioError: with every problem found, each at its line and column.
     """
-    document, included = include_structure(parsed(path, _read_text(path)))
+    document, included = _include_structure(parsed(path, _read_text(path)))
     scenario = validated(document, Scenario, scenario_schema())
     if included is not None:
-        check_structure_file(scenario, included)
+        _check_structure_file(scenario, included)
     problems = [*document.problems, *find_problems(scenario, document)]
     if problems:
         raise InvalidScenarioError(path, problems, document.lines)
@@ -57,3 +59,56 @@ def _read_text(path: Path) -> str:
     except OSError as error:
         reason = f"cannot be read: {error.strerror or error}"
     raise InvalidScenarioError(path, [Problem(Mark(1, 1), reason)])
+
+
+def _include_structure(
+    document: YamlDocument,
+) -> tuple[YamlDocument, YamlDocument | None]:
+    """Return a scenario with the structure of the file it names, and that file if any.
+
+    ``assembly.structure`` may be ``{file: NAME}``, relative to the scenario.
+    """
+    name = _file_name(document.data)
+    if name is None:
+        return document, None
+    path = document.path.parent / name
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not a UTF-8 text file"
+        problem = Problem(
+            document.mark_of(("assembly", "structure", "file")),
+            f"{path}: cannot be read: {reason}",
+        )
+        raise InvalidScenarioError(document.path, [problem], document.lines) from None
+    included = parsed(path, text)
+    validated(included, StructureSection, StructureSection.model_json_schema())
+    if included.problems:
+        raise InvalidScenarioError(path, included.problems, included.lines)
+    data = dict(document.data)
+    data["assembly"] = {**data["assembly"], "structure": included.data}
+    return replace(document, data=data), included
+
+
+def _check_structure_file(scenario: Scenario, included: YamlDocument) -> None:
+    """Raise an error, with places in that file, for bricks that cannot be as they are drawn."""
+    from twin.assemblies.structure_checks import find_structure_problems
+    from twin.scenario.sections.lego import brick_types
+
+    lego = scenario.assembly
+    assert isinstance(lego, LegoSection)
+    types = brick_types(lego)
+    if any(item.brick not in types for item in lego.stock):
+        return
+    problems = find_structure_problems(lego, types, included, ())
+    if problems:
+        raise InvalidScenarioError(included.path, problems, included.lines)
+
+
+def _file_name(data: Any) -> str | None:
+    assembly = data.get("assembly") if isinstance(data, dict) else None
+    structure = assembly.get("structure") if isinstance(assembly, dict) else None
+    if not isinstance(structure, dict) or set(structure) != {"file"}:
+        return None
+    name = structure["file"]
+    return name if isinstance(name, str) else None

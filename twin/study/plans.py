@@ -9,7 +9,6 @@ from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import Report, StageWatch
 from twin.planning.pipeline import order_motions, plan_in_slots, plan_motions, shorten
-from twin.scenario.disturbance_models import needs_event_engine
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import varied
 from twin.study.replications.experiment import PLAN_OF_POLICY, Experiment
@@ -91,6 +90,6 @@ def workloads(
         model = scenario_execution(
             own, base, policy=release, antithetic=experiment.antithetic
         )
-        reasons = tuple(needs_event_engine(own.execution))
+        reasons = tuple(own.execution.needs_event_engine())
         loads.append(Workload(graphs[plan], model, own.seed, reasons))
     return loads

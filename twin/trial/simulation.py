@@ -10,7 +10,6 @@ from twin.durations import packaged_timings
 from twin.engine.execution_model import ExecutionModel
 from twin.engine.messages import Messages
 from twin.run.run_record import Policy
-from twin.scenario.disturbance_models import scenario_disturbances
 from twin.scenario.duration_models import skill_durations
 from twin.scenario.file import load_scenario
 from twin.scenario.manifest import MANIFEST, read_manifest
@@ -44,7 +43,7 @@ def scenario_execution(
         messages=Messages.of_seconds(
             execution.queue_depth, execution.report_s, execution.release_s
         ),
-        disturbances=scenario_disturbances(execution, robots, base),
+        disturbances=execution.disturbances(robots, base),
     )
 
 

@@ -9,10 +9,6 @@ import pytest
 
 from tests.twin.turning_arms import SCENARIO
 from twin.durations import Fixed, Lognormal, Uniform
-from twin.scenario.disturbance_models import (
-    needs_event_engine,
-    scenario_disturbances,
-)
 from twin.scenario.document.problems import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.execution import ExecutionSection
@@ -63,7 +59,7 @@ def written(folder: Path, text: str) -> Path:
 
 def test_a_scenario_says_all_that_may_go_wrong(tmp_path: Path) -> None:
     scenario = load_scenario(written(tmp_path, EVERYTHING))
-    found = scenario_disturbances(scenario.execution, ROBOTS, tmp_path)
+    found = scenario.execution.disturbances(ROBOTS, tmp_path)
     three = Fixed(value_s=3.0)
     assert found.speed.model_of("left") == Lognormal(median_s=0.9, p95_s=1.2)
     assert found.speed.model_of("right") == Uniform(low_s=0.7, high_s=1.0)
@@ -89,12 +85,12 @@ def test_a_scenario_says_all_that_may_go_wrong(tmp_path: Path) -> None:
 
 
 def test_a_scenario_without_a_word_is_undisturbed() -> None:
-    assert scenario_disturbances(execution("{}"), ROBOTS) == Disturbances()
+    assert execution("{}").disturbances(ROBOTS) == Disturbances()
 
 
 def test_stalls_at_a_rate_take_the_interval_when_they_have_no_distribution() -> None:
     section = execution('{"stalls": {"rate_per_h": 5, "duration_s": [2, 4]}}')
-    found = scenario_disturbances(section, ROBOTS)
+    found = section.disturbances(ROBOTS)
     assert found.stalls.count_per_robot == 0
     assert found.stalls.model == Uniform(low_s=2.0, high_s=4.0)
 
@@ -116,7 +112,7 @@ def test_stalls_at_a_rate_take_the_interval_when_they_have_no_distribution() -> 
 def test_what_only_the_event_engine_can_do(
     content: dict[str, object], reasons: int
 ) -> None:
-    found = needs_event_engine(execution(json.dumps(content)))
+    found = execution(json.dumps(content)).needs_event_engine()
     assert len(found) == reasons
     assert all(
         reason.split()[0] in str(ExecutionSection.model_fields) for reason in found

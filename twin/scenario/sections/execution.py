@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 from pydantic import Field, field_validator
 
+from planning.errors import ScenarioError
 from twin.durations import Distribution, Packaged, Skill
 from twin.scenario.document.section import Section
+from twin.scenario.document.yaml_text import KeyPath
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.skill_override import SkillOverride
 
@@ -63,6 +67,56 @@ class ExecutionSection(Disturbances):
             name: Packaged(skill=name) for name in names
         }
         return {**packaged, **given}
+
+    def named_robots(self) -> Iterator[tuple[KeyPath, str]]:
+        """Yield the robots that disturbances happen to, each with its key in the section."""
+        for name in self.speed.robots:
+            yield ("speed", "robots", name), name
+        if self.breakdowns is not None:
+            for i, name in enumerate(self.breakdowns.robots or ()):
+                yield ("breakdowns", "robots", i), name
+        for i, stop in enumerate(self.emergency_stops):
+            if stop.robot is not None:
+                yield ("emergency_stops", i, "robot"), stop.robot
+
+    def disturbances(
+        self, robots: tuple[str, ...], folder: Path = Path()
+    ) -> Disturbances:
+        """Return the disturbances with their files read.
+
+        Args:
+            robots: all robots of the cell.
+            folder: where relative paths start, that of the scenario's file.
+
+        Raises:
+            ScenarioError: a file of measured times cannot be read, or there is no such robot.
+        """
+        for _, name in self.named_robots():
+            if name not in robots:
+                raise ScenarioError(f"disturbances: no robot {name!r}", choices=robots)
+        return self.located(folder)
+
+    def needs_event_engine(self) -> list[str]:
+        """Return why only the event engine can run a scenario, empty if any engine can.
+
+        Completion times are longest paths in the graph only if messages take no time (then the
+        depth of the queues makes no difference) and nothing happens at times of the run's clock.
+        Policies and tasks that fail for good are left to the caller.
+        """
+        slow = {}
+        for key, seconds in (("report", self.report_s), ("release", self.release_s)):
+            own = getattr(self, f"{key}_latency_s") is not None
+            slow[f"{key}_latency_s" if own else "latency_s"] = seconds
+        reasons = [
+            f"{name} is {seconds:g}: messages take time"
+            for name, seconds in slow.items()
+            if seconds > 0
+        ]
+        if self.emergency_stops:
+            reasons.append("emergency_stops happen at times of the run's clock")
+        if self.breakdowns is not None and self.breakdowns.clock == "run":
+            reasons.append("breakdowns happen at times of the run's clock")
+        return reasons
 
     @property
     def report_s(self) -> float:
