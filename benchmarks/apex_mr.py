@@ -33,9 +33,8 @@ from twin.comparison.comparison import (
 )
 from twin.comparison.spread import comparison_figures
 from twin.host.progress import Report, StageDisplay
-from twin.scenario.duration_models import follow_references
 from twin.scenario.file import load_scenario
-from twin.scenario.sections.scenario import Scenario
+from twin.scenario.sections.scenario import Scenario, follow_references
 
 ROOT = Path(__file__).parents[1]
 SCENARIOS = {

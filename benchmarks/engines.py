@@ -28,9 +28,9 @@ from twin.engine.bulk.max_plus import completions, makespans
 from twin.engine.engine import Simulator
 from twin.host.progress import StageDisplay, StageWatch
 from twin.planning.pipeline import order_motions, plan_in_turns
-from twin.scenario.duration_models import skill_durations
 from twin.scenario.file import load_scenario
 from twin.study.replications.timing_graph import timing_graph
+from twin.trial.simulation import skill_durations
 from twin.uncertainty.skill_durations import SkillDurations
 
 ROOT = Path(__file__).parents[1]
@@ -169,7 +169,6 @@ def _study_in_this_process(graph: Path, count: int) -> float:
     import tempfile
 
     from twin.engine.execution_model import ExecutionModel
-    from twin.scenario.duration_models import skill_models
     from twin.study.replications.executors import open_executor
     from twin.study.replications.experiment import Experiment
     from twin.study.replications.runner import run_replications
@@ -177,7 +176,7 @@ def _study_in_this_process(graph: Path, count: int) -> float:
     from twin.study.tables import write_replications
 
     path = ROOT / "scenarios" / "lego" / "cliff.yaml"
-    models = skill_models(load_scenario(path), path.parent)
+    models = load_scenario(path).execution.skill_models(path.parent)
     load = Workload(
         load_timing_graph(graph),
         ExecutionModel(SkillDurations(models)),

@@ -1,4 +1,7 @@
-"""Checks of LEGO sections: known bricks, in places of their own, not in the air, and enough."""
+"""Checks of LEGO sections: known bricks, in places of their own, not in the air, and enough.
+
+Steps are checked one after another, a drawn structure as a whole.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,17 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from planning.lego.bricks.assembly import BrickType, Support
-from planning.lego.bricks.grid import Stud, joined_to_plate
+from planning.lego.bricks.contacts import PlacedBrick
+from planning.lego.bricks.drawing import Spot
+from planning.lego.bricks.grid import Stud, joined_to_plate, occupied_studs
 from planning.lego.skills.support import supported_cell
-from twin.assemblies.structure_checks import find_structure_problems
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.sections.drawn_structure import (
+    ReadStructure,
+    mark_of_spot,
+    read_structure,
+)
 from twin.scenario.sections.lego import (
     LegoSection,
     RulesSection,
@@ -21,6 +30,7 @@ from twin.scenario.sections.lego import (
 )
 
 Found = Iterator[tuple[KeyPath, str]]
+Drawn = Iterator[tuple[KeyPath, Spot | None, str]]
 
 
 def find_lego_problems(assembly: LegoSection, document: YamlDocument) -> list[Problem]:
@@ -181,9 +191,7 @@ def _check_stock_stands(
 
 def _check_supply(assembly: LegoSection) -> Found:
     """Every step must find a brick."""
-    free = [s for s in assembly.stock if not s.fixed]
-    stations = {s.brick for s in free if s.station}
-    supply = Counter(s.brick for s in free)
+    free, stations, supply = _free_stock(assembly)
     owner = {s.name: s for s in assembly.stock}
     used: dict[str, int] = {}
     need: Counter[str] = Counter()
@@ -216,10 +224,23 @@ def _check_supply(assembly: LegoSection) -> Found:
         used.setdefault(step.stock, k + 1)
 
 
-def _off_plate(cells: frozenset[Stud], studs: Sequence[int]) -> str:
+def _free_stock(
+    assembly: LegoSection,
+) -> tuple[list[StockSection], set[str], Counter[str]]:
+    """Return the stock that steps may use, the types of its stations, and its types counted."""
+    free = [item for item in assembly.stock if not item.fixed]
+    stations = {item.brick for item in free if item.station}
+    return free, stations, Counter(item.brick for item in free)
+
+
+def _off_plate(
+    cells: Iterable[Stud],
+    studs: Sequence[int],
+    hint: str = ": the lowest layer is 1",
+) -> str:
     for x, y, z in sorted(cells):
         if z < 1:
-            return f"layer {z} is below the plate: the lowest layer is 1"
+            return f"layer {z} is below the plate{hint}"
         if z == 1 and not (0 <= x < studs[0] and 0 <= y < studs[1]):
             return (
                 f"stud ({x}, {y}) is beyond the plate of {studs[0]} x {studs[1]} studs"
@@ -240,3 +261,84 @@ def _ordinal(n: int) -> str:
         "th" if 10 < n % 100 < 14 else {1: "st", 2: "nd", 3: "rd"}.get(n % 10, "th")
     )
     return f"{n}{suffix}"
+
+
+def find_structure_problems(
+    assembly: LegoSection,
+    types: Mapping[str, BrickType],
+    document: YamlDocument,
+    prefix: KeyPath = ("assembly", "structure"),
+) -> list[Problem]:
+    """Return everything in the structure of an assembly that cannot be as it is drawn.
+
+    Args:
+        assembly: with a structure; its stock consists of known brick types.
+        types: brick types by name.
+        document: in which the structure is written.
+        prefix: where in the document the structure is.
+    """
+    assert assembly.structure is not None
+    read = read_structure(assembly.structure, types)
+    found = list(read.problems)
+    if not found:
+        found += _check_places(read, assembly, types)
+        found += _check_joined(read, assembly, types)
+        found += _check_drawn_supply(read, assembly)
+    return [
+        Problem(mark_of_spot(document, (*prefix, *path), spot), message)
+        for path, spot, message in found
+    ]
+
+
+def _check_places(
+    read: ReadStructure, assembly: LegoSection, types: Mapping[str, BrickType]
+) -> Drawn:
+    """No two bricks in one place, none off the plate or where the stock stands."""
+    taken: dict[Stud, str] = {}
+    for item in assembly.stock:
+        if item.fixed or assembly.storage_plate is None:
+            words = f"{item.name} of the stock"
+            taken.update(dict.fromkeys(studs_of(item, types), words))
+    for brick, (path, spot) in zip(read.bricks, read.places, strict=True):
+        places = sorted(occupied_studs(brick.cell, brick.brick))
+        if other := _first_taken(places, taken):
+            yield path, spot, f"{_words(brick)} goes where {other} already is"
+        if message := _off_plate(places, assembly.plate.studs, ""):
+            yield path, spot, f"{_words(brick)}: {message}"
+        taken.update(dict.fromkeys(places, brick.name))
+
+
+def _check_joined(
+    read: ReadStructure, assembly: LegoSection, types: Mapping[str, BrickType]
+) -> Drawn:
+    """Every brick must be joined to the plate, through others or through the scaffold."""
+    fixed = [studs_of(item, types) for item in assembly.stock if item.fixed]
+    studs = {k: occupied_studs(b.cell, b.brick) for k, b in enumerate(read.bricks)}
+    held = joined_to_plate(studs, frozenset().union(*fixed))
+    for k, (brick, (path, spot)) in enumerate(
+        zip(read.bricks, read.places, strict=True)
+    ):
+        if k not in held:
+            text = f"{_words(brick)} floats: it is not joined to the plate"
+            yield path, spot, text
+
+
+def _check_drawn_supply(read: ReadStructure, assembly: LegoSection) -> Drawn:
+    """The stock must have enough bricks of every type."""
+    _, stations, supply = _free_stock(assembly)
+    need: Counter[str] = Counter()
+    total = Counter(brick.brick.name for brick in read.bricks)
+    for brick, (path, spot) in zip(read.bricks, read.places, strict=True):
+        name = brick.brick.name
+        need[name] += 1
+        if need[name] == supply[name] + 1 and name not in stations:
+            yield (
+                path,
+                spot,
+                f"the structure needs {total[name]} bricks {name}, but the stock has "
+                f"{supply[name]}",
+            )
+
+
+def _words(brick: PlacedBrick) -> str:
+    return f"brick {brick.name} ({brick.brick.name})"

@@ -57,7 +57,7 @@ def compare(
         from twin.comparison.chart import draw_comparison
         from twin.comparison.comparison import compare_policies, shortcut_budget
         from twin.comparison.spread import comparison_figures
-        from twin.scenario.duration_models import follow_references
+        from twin.scenario.sections.scenario import follow_references
 
         if reference_skills:
             chosen = follow_references(chosen)

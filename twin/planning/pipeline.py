@@ -25,7 +25,6 @@ from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.assemblies.kind import PlannedMotions, assembly_kind
 from twin.host.progress import Report, StageWatch, report_nothing
 from twin.scenario.build_workcell import build_workcell
-from twin.scenario.duration_models import skill_models
 from twin.scenario.sections.scenario import Scenario
 
 SLOTS, ORDER = "who moves at once", "what waits for what"
@@ -223,7 +222,7 @@ def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionS
         robot.name: RrtConnect(robot.model.lower, robot.model.upper, speeds[robot.name])
         for robot in cell.robots
     }
-    models = skill_models(scenario, folder)
+    models = scenario.execution.skill_models(folder)
     return MotionSettings(
         planners=planners,
         speeds=speeds,

@@ -13,7 +13,6 @@ from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.host.atomic import write_json
 from twin.host.progress import Report, report_nothing
 from twin.scenario.build_workcell import build_workcell
-from twin.scenario.duration_models import skill_durations
 from twin.scenario.variations import varied
 from twin.study.folder import (
     AUDITS,
@@ -34,6 +33,7 @@ from twin.study.replications.runner import OpenExecutor, run_replications
 from twin.study.replications.workload import Workload
 from twin.study.summary import summarise_study
 from twin.study.tables import cell_tally, write_edges, write_replications, write_tasks
+from twin.trial.simulation import skill_durations
 from twin.uncertainty.disturbances import Speed
 
 CHECKING = "open-loop audit"

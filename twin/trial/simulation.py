@@ -10,7 +10,6 @@ from twin.durations import packaged_timings
 from twin.engine.execution_model import ExecutionModel
 from twin.engine.messages import Messages
 from twin.run.run_record import Policy
-from twin.scenario.duration_models import skill_durations
 from twin.scenario.file import load_scenario
 from twin.scenario.manifest import MANIFEST, read_manifest
 from twin.scenario.sections.scenario import Scenario
@@ -77,3 +76,25 @@ def followed_execution(
             f" {found.name!r} for {', '.join(names)}"
         )
     return found.name, scenario_execution(found, base)
+
+
+def skill_durations(
+    scenario: Scenario, folder: Path = Path(), *, antithetic: bool = False
+) -> SkillDurations:
+    """Return the durations of all skills, with the exceptions for robots and objects.
+
+    Args:
+        scenario: a checked scenario.
+        folder: where relative paths in it start, that of its file.
+        antithetic: draw replications in mirrored pairs, see SkillDurations.
+
+    Raises:
+        ScenarioError: a file of measured times cannot be read.
+    """
+    overrides = tuple(
+        item.model_copy(update={"duration": item.duration.located(folder)})
+        for item in scenario.execution.skill_overrides
+    )
+    return SkillDurations(
+        scenario.execution.skill_models(folder), overrides, antithetic
+    )

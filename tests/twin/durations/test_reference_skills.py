@@ -16,12 +16,9 @@ from tests.twin.one_draw import sample
 from twin.cli import app
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_in_turns, plan_motions
-from twin.scenario.duration_models import (
-    follow_references,
-    skill_durations,
-    skill_models,
-)
 from twin.scenario.file import load_scenario
+from twin.scenario.sections.scenario import follow_references
+from twin.trial.simulation import skill_durations
 from twin.uncertainty.skill_durations import SkillDurations
 
 ROOT = Path(__file__).parents[3]
@@ -31,7 +28,7 @@ TOWER = ROOT / "scenarios" / "construction" / "tower.yaml"
 
 def test_they_move_at_the_speed_of_transits_and_never_vary() -> None:
     scenario = follow_references(load_scenario(CLIFF))
-    assert skill_models(scenario) == {}
+    assert scenario.execution.skill_models() == {}
     turns = plan_in_turns(scenario, CLIFF.parent, StageWatch())
     speed = scenario.planning.speed_rad_s
     seen = set()

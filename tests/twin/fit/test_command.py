@@ -15,8 +15,8 @@ from planning.tasks.task import SKILLS
 from planning.transforms import Array
 from twin.cli import app
 from twin.durations import Fixed, Measured
-from twin.scenario.duration_models import skill_durations
 from twin.scenario.file import load_scenario
+from twin.trial.simulation import skill_durations
 
 SMALL = """\
 version: 1

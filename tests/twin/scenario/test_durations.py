@@ -34,12 +34,9 @@ from twin.durations import (
     packaged_timings,
 )
 from twin.scenario.document.problems import InvalidScenarioError
-from twin.scenario.duration_models import (
-    skill_durations,
-    skill_models,
-)
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
+from twin.trial.simulation import skill_durations
 from twin.uncertainty.skill_durations import SkillDurations
 from twin.uncertainty.skill_override import SkillOverride
 
@@ -350,10 +347,10 @@ def test_what_a_file_leaves_out_is_packaged_and_can_be_scaled(tmp_path: Path) ->
     }
     content["execution"]["skills"]["handover"]["scale"] = 1.5
     slower = Scenario.model_validate_json(json.dumps(content))
-    assert skill_models(slower)["handover"].mean == pytest.approx(
+    assert slower.execution.skill_models()["handover"].mean == pytest.approx(
         1.5 * packaged_timings()["handover"].mean
     )
-    assert skill_models(slower)["pick"] == Fixed(value_s=2.0)
+    assert slower.execution.skill_models()["pick"] == Fixed(value_s=2.0)
 
 
 # --- whatever is written -----------------------------------------------------------------

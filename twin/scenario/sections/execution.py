@@ -9,7 +9,7 @@ from typing import Annotated, Literal, get_args
 from pydantic import Field, field_validator
 
 from planning.errors import ScenarioError
-from twin.durations import Distribution, Packaged, Skill
+from twin.durations import Distribution, DurationModel, Packaged, Skill
 from twin.scenario.document.section import Section
 from twin.scenario.document.yaml_text import KeyPath
 from twin.uncertainty.disturbances import Disturbances
@@ -67,6 +67,23 @@ class ExecutionSection(Disturbances):
             name: Packaged(skill=name) for name in names
         }
         return {**packaged, **given}
+
+    def skill_models(self, folder: Path = Path()) -> dict[str, DurationModel]:
+        """Return the duration model of every skill, without exceptions.
+
+        Skills that take as long as their reference path have none.
+
+        Args:
+            folder: where relative paths start, that of the scenario's file.
+
+        Raises:
+            ScenarioError: a file of measured times cannot be read.
+        """
+        return {
+            skill: duration.located(folder)
+            for skill, duration in self.skills.items()
+            if isinstance(duration, DurationModel)
+        }
 
     def named_robots(self) -> Iterator[tuple[KeyPath, str]]:
         """Yield the robots that disturbances happen to, each with its key in the section."""

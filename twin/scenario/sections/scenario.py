@@ -20,6 +20,7 @@ from twin.scenario.sections.cell import FixtureSection as FixtureSection
 from twin.scenario.sections.cell import RobotSection as RobotSection
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.execution import ExecutionSection as ExecutionSection
+from twin.scenario.sections.execution import ReferenceDuration
 from twin.scenario.sections.goals import GoalsSection
 from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.pick_place import PickPlaceSection
@@ -87,6 +88,19 @@ class Scenario(Section):
                 " shortcut_candidates away, or choose policy 'asynchronous'"
             )
         return self
+
+
+def follow_references(scenario: Scenario) -> Scenario:
+    """Return a scenario in which every skill takes as long as its reference path.
+
+    That is how APEX-MR V-A executes skills in simulation: without force control, the same each time.
+    """
+    reference = ReferenceDuration(kind="reference")
+    skills = dict.fromkeys(scenario.execution.skills, reference)
+    execution = scenario.execution.model_copy(
+        update={"skills": skills, "skill_overrides": ()}
+    )
+    return scenario.model_copy(update={"execution": execution})
 
 
 def resolved(scenario: Scenario) -> dict[str, Any]:
