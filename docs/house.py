@@ -33,7 +33,7 @@ WAY = {
     "plan_scenario": "go on, stage by stage, to a graph",
     "build_workcell": "make the cell",
     "assembly_kind": "find who could do which step, and how",
-    "HighsAssignmentSolver": "choose who does what",
+    "assign_steps": "choose who does what",
     "plan_sequential": "plan how everyone moves",
     "build_tpg": "find what must wait for what",
     "reorder_tasks": "put the tasks into a better order",

@@ -12,7 +12,7 @@ from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.motion.sequential import MARGIN
 from planning.skills.step_builder import StepBuilder
-from planning.tasks.assignment_problem import (
+from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
     Rejection,

@@ -1,4 +1,4 @@
-"""Candidates for the assignment of parts: robots and grips (APEX-MR App. B)."""
+"""Candidates for the assignment of parts: each step with its robots and grips (APEX-MR App. B)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from planning.skills.joint_paths import (
 )
 from planning.skills.subgoals import SkillTargets
 from planning.skills.surroundings import SkillScene, find_obstruction
-from planning.tasks.assignment_problem import (
+from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
     Rejection,

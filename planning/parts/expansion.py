@@ -8,7 +8,7 @@ from functools import partial
 from planning.parts.candidates import PickPlaceCandidates, held_pose
 from planning.skills.contacts import gripped, touching
 from planning.skills.step_builder import StepBuilder
-from planning.tasks.assignment_problem import TaskPlan
+from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks, Task
 from planning.tasks.work import AssemblyWork
 

@@ -1,49 +1,37 @@
-"""Assignment of robots, objects, grasps and supports to steps: program (1)-(8) of APEX-MR."""
+"""Assignment of robots, objects, grasps and supports to steps with HiGHS: program (1)-(8) of APEX-MR."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import pulp
 
 from planning.errors import InfeasibleStepError
-from planning.tasks.assignment_problem import (
+from planning.tasks.assignment import (
     AssignmentProblem,
     StepChoice,
     TaskPlan,
     explain_rejections,
 )
 
-
-class AssignmentSolver(Protocol):
-    """Chooses one candidate for every step."""
-
-    def assign(self, problem: AssignmentProblem) -> TaskPlan:
-        """Return the choices; InfeasibleStepError names the step that cannot be done."""
-        ...
-
-
 _TIME_LIMIT_S = 60.0
 """Time limit of one solve; the best plan found by then is taken."""
 
 
-class HighsAssignmentSolver:
-    """Solves the integer program with HiGHS: optimal, and the same every time."""
+def assign_steps(problem: AssignmentProblem) -> TaskPlan:
+    """Return the cheapest plan (1) under (2)-(8): optimal, and the same every time.
 
-    def assign(self, problem: AssignmentProblem) -> TaskPlan:
-        """Return the cheapest plan (1) under (2)-(8).
-
-        Raises:
-            InfeasibleStepError: a step has no candidate (why each fell out is listed), or the
-                steps compete for robots and objects (which do is listed).
-        """
-        _require_candidates(problem)
-        program = _Program(problem, elastic=False)
-        if not program.solve():
-            raise _competition(problem)
-        return program.plan()
+    Raises:
+        InfeasibleStepError: a step has no candidate (why each fell out is listed), or the steps
+            compete for robots and objects (which do is listed).
+    """
+    _require_candidates(problem)
+    program = _Program(problem, elastic=False)
+    if not program.solve():
+        raise _competition(problem)
+    return program.plan()
 
 
 def _require_candidates(problem: AssignmentProblem) -> None:

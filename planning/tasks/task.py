@@ -1,4 +1,4 @@
-"""Tasks as data, with their handlings and allowed contacts (APEX-MR IV-A)."""
+"""Tasks and steps as data, with their handlings and allowed contacts (APEX-MR IV-A)."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from itertools import islice
 
 import numpy as np
 
-from planning.tasks.assignment_problem import AssignmentProblem, TaskPlan, alternatives
+from planning.tasks.assignment import AssignmentProblem, TaskPlan, alternatives
 from planning.tasks.task import StepTasks, Task
 from planning.transforms import Indices
 

@@ -96,7 +96,7 @@ class ConstructionKind(AssemblyKind):
         """Plan in space and time; the stages are checks, keyframes, path and search."""
         from planning.construction.export.timed_tasks import motion_plan
         from planning.construction.planner import plan_construction
-        from planning.tasks.assignment_problem import TaskPlan
+        from planning.tasks.assignment import TaskPlan
 
         with watch.stage("checks", CHECKS):
             problem = self.problem(cell, settings)

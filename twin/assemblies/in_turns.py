@@ -6,7 +6,7 @@ from typing import Any
 
 from planning.cell.workcell import Workcell
 from planning.motion.sequential import MotionSettings, plan_sequential
-from planning.tasks.highs_solver import HighsAssignmentSolver
+from planning.tasks.highs_solver import assign_steps
 from planning.tasks.work import AssemblyWork, StepExpansions
 from twin.assemblies.kind import PlannedMotions
 from twin.host.progress import StageWatch
@@ -36,7 +36,7 @@ def plan_in_turns(
         TransitError: no collision-free path was found.
     """
     with watch.stage("assignment"):
-        task_plan = HighsAssignmentSolver().assign(work.problem)
+        task_plan = assign_steps(work.problem)
     with watch.stage("motion"):
         steps = StepExpansions(work, task_plan)
         watch.report(MOTION, 0, len(task_plan.choices))

@@ -1,4 +1,4 @@
-"""The interface of a kind of assemblies, and the motions that it plans."""
+"""The interface of a kind of assemblies, the motions that it plans, and the kinds there are."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from twin.scenario.sections.scenario import AssemblySection
 if TYPE_CHECKING:
     from planning.motion.motion_plan import MotionPlan
     from planning.motion.sequential import MotionSettings
-    from planning.tasks.assignment_problem import TaskPlan
+    from planning.tasks.assignment import TaskPlan
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""LEGO assemblies as data: plate, brick types, stock and steps, all on the stud grid.
+"""LEGO assemblies as data: plate, brick types (with the built-in ones), stock and steps, on the stud grid.
 
 The grid of a plate counts studs from its corner: x and y from 0, layer z from 1 (on the plate).
 """

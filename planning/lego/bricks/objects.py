@@ -1,4 +1,10 @@
-"""LEGO bricks and plate as objects and fixtures of the cell."""
+"""LEGO bricks and plate as objects and fixtures of the cell, and the names of feeding stations' bricks.
+
+A station holds one brick at a time. Its bricks are objects of their own, numbered in the order in
+which they are picked: ``"feed.1"`` stands there at the start, ``"feed.2"`` comes up once the pick
+of ``"feed.1"`` is complete, and so on; one more than steps use is left over. To the assignment a
+station is one object without end, named as in the stock.
+"""
 
 from __future__ import annotations
 

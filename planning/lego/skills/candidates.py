@@ -14,7 +14,7 @@ from planning.lego.bricks.brick_world import BrickWorld, press_of
 from planning.lego.skills.handovers import HandoverOption, HandoverOptions
 from planning.lego.skills.options import SkillOption, SkillOptions, StandingSupport
 from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
-from planning.tasks.assignment_problem import (
+from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
     Rejection,

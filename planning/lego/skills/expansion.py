@@ -17,7 +17,7 @@ from planning.lego.skills.candidates import LegoCandidates
 from planning.skills.contacts import gripped
 from planning.skills.joint_paths import SkillPath
 from planning.skills.step_builder import StepBuilder
-from planning.tasks.assignment_problem import StepChoice, TaskPlan
+from planning.tasks.assignment import StepChoice, TaskPlan
 from planning.tasks.task import StepTasks, Task
 from planning.tasks.work import AssemblyWork
 from planning.transforms import Array, Transform, inverse

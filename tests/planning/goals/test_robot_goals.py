@@ -14,7 +14,7 @@ from planning.motion.sequential import MotionSettings, plan_sequential
 from planning.motion.speed import L1Speed
 from planning.motion.transit import RrtConnect
 from planning.robots.registry import robot_model
-from planning.tasks.highs_solver import HighsAssignmentSolver
+from planning.tasks.highs_solver import assign_steps
 from planning.tasks.work import AssemblyWork, StepExpansions
 from planning.transforms import from_rpy, translation
 
@@ -47,7 +47,7 @@ def plan_of(cell: Workcell, work: AssemblyWork) -> list[np.ndarray]:
         0.05,
         {},
     )
-    steps = StepExpansions(work, HighsAssignmentSolver().assign(work.problem))
+    steps = StepExpansions(work, assign_steps(work.problem))
     plan = plan_sequential(cell, steps.callables(), work.link, settings)
     return [motion.path[-1] for motion in plan.motions]
 
@@ -64,11 +64,11 @@ def test_robots_go_where_they_are_told(cell: Workcell) -> None:
 def test_a_goal_out_of_reach_is_named(cell: Workcell) -> None:
     work = prepare_goals(cell, [RobotGoal("west", pose=translation(3.0, 0.0, 0.3))])
     with pytest.raises(InfeasibleStepError, match="out of reach"):
-        HighsAssignmentSolver().assign(work.problem)
+        assign_steps(work.problem)
 
 
 def test_a_goal_in_the_table_names_the_table(cell: Workcell) -> None:
     down = from_rpy([0.0, 0.0, -0.05], [np.pi, 0.0, 0.0])
     work = prepare_goals(cell, [RobotGoal("west", pose=down)])
     with pytest.raises(InfeasibleStepError, match="table"):
-        HighsAssignmentSolver().assign(work.problem)
+        assign_steps(work.problem)

@@ -15,8 +15,8 @@ from planning.parts.assembly import GripRules, PickPlaceAssembly
 from planning.parts.candidates import PickPlaceCandidates, find_candidates
 from planning.parts.expansion import pick_place_work
 from planning.robots.registry import robot_model
-from planning.tasks.assignment_problem import TaskPlan
-from planning.tasks.highs_solver import HighsAssignmentSolver
+from planning.tasks.assignment import TaskPlan
+from planning.tasks.highs_solver import assign_steps
 from planning.tasks.task import TRANSIT
 from planning.tasks.work import StepExpansions
 from planning.transforms import Transform, from_rpy
@@ -71,7 +71,7 @@ def found() -> PickPlaceCandidates:
 
 @pytest.fixture(scope="module")
 def plan(found: PickPlaceCandidates) -> TaskPlan:
-    return HighsAssignmentSolver().assign(found.problem)
+    return assign_steps(found.problem)
 
 
 def test_what_a_part_touches_is_found_from_the_poses(
@@ -169,11 +169,11 @@ def test_a_part_that_nobody_reaches_is_named_with_the_reason() -> None:
     cell = replace(cell, objects=(far, *cell.objects[1:]))
     found = find_candidates(cell, crossing("south"))
     with pytest.raises(InfeasibleStepError, match=r"(?s)south.*out of reach"):
-        HighsAssignmentSolver().assign(found.problem)
+        assign_steps(found.problem)
 
 
 def test_a_part_too_wide_for_the_fingers_is_refused() -> None:
     narrow = replace(crossing("south"), grips=GripRules(opening=0.02))
     found = find_candidates(two_arms(), narrow)
     with pytest.raises(InfeasibleStepError, match="no face can be gripped"):
-        HighsAssignmentSolver().assign(found.problem)
+        assign_steps(found.problem)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from planning.tasks.assignment_problem import AssignmentProblem, TaskPlan
+from planning.tasks.assignment import AssignmentProblem, TaskPlan
 
 
 def plan_violations(problem: AssignmentProblem, plan: TaskPlan) -> list[str]:

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import InfeasibleStepError
-from planning.tasks.assignment_problem import (
+from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
     Rejection,
@@ -20,7 +20,7 @@ from planning.tasks.assignment_problem import (
     TaskPlan,
     alternatives,
 )
-from planning.tasks.highs_solver import HighsAssignmentSolver
+from planning.tasks.highs_solver import assign_steps
 from tests.planning.tasks.assignment_oracle import plan_violations
 
 ROBOTS = ("ada", "bob", "cy")
@@ -135,10 +135,10 @@ def test_solver_finds_what_trying_everything_finds(problem: AssignmentProblem) -
     plans = list(every_plan(problem))
     if not plans:
         with pytest.raises(InfeasibleStepError, match="step"):
-            HighsAssignmentSolver().assign(problem)
+            assign_steps(problem)
         return
     best = min(objective(problem, plan) for plan in plans)
-    found = HighsAssignmentSolver().assign(problem)
+    found = assign_steps(problem)
     assert plan_violations(problem, found) == []
     assert objective(problem, found) == pytest.approx(best, abs=1e-6)
 
@@ -188,14 +188,12 @@ def test_two_steps_that_compete_for_one_brick_are_named() -> None:
         PrimaryCandidate(2, "bob", "only", 0, 1.0),
     )
     with pytest.raises(InfeasibleStepError) as caught:
-        HighsAssignmentSolver().assign(problem)
+        assign_steps(problem)
     text = str(caught.value)
     assert "only by step" in text
     assert "step 1" in text
     assert "step 2" in text
-    plan = HighsAssignmentSolver().assign(
-        replace(problem, unlimited=frozenset({"only"}))
-    )
+    plan = assign_steps(replace(problem, unlimited=frozenset({"only"})))
     assert [c.object for c in plan.choices] == ["only", "only"]
 
 
@@ -209,7 +207,7 @@ def test_a_step_without_candidates_lists_the_reasons() -> None:
         ),
     )
     with pytest.raises(InfeasibleStepError) as caught:
-        HighsAssignmentSolver().assign(problem)
+        assign_steps(problem)
     text = str(caught.value)
     assert "step 2 (the second)" in text
     assert "attach is out of reach: ada picks b, bob picks b" in text
@@ -223,7 +221,7 @@ def test_a_brick_below_another_is_used_later() -> None:
         PrimaryCandidate(2, "ada", "lower", 0, 1.0, after=frozenset({"upper"})),
         PrimaryCandidate(2, "ada", "upper", 0, 1.0),
     )
-    plan = HighsAssignmentSolver().assign(problem)
+    plan = assign_steps(problem)
     assert [c.object for c in plan.choices] == ["upper", "lower"]
 
 
@@ -241,9 +239,9 @@ def test_balance_makes_robots_take_turns() -> None:
         (),
         balance=1.0,
     )
-    turns = [c.robot for c in HighsAssignmentSolver().assign(problem).choices]
+    turns = [c.robot for c in assign_steps(problem).choices]
     assert all(a != b for a, b in zip(turns, turns[1:], strict=False))
-    alone = HighsAssignmentSolver().assign(replace(problem, balance=0.0))
+    alone = assign_steps(replace(problem, balance=0.0))
     assert {c.robot for c in alone.choices} == {"ada"}
 
 
@@ -260,5 +258,5 @@ def test_same_problem_same_plan() -> None:
         ),
         (),
     )
-    plans = {HighsAssignmentSolver().assign(problem) for _ in range(3)}
+    plans = {assign_steps(problem) for _ in range(3)}
     assert len(plans) == 1

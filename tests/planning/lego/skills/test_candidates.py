@@ -18,7 +18,7 @@ from planning.lego.bricks.grips import grip_pose, presses
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.lego.skills.options import SkillOption, SkillOptions, StandingSupport
 from planning.skills.joint_paths import Obstruction, SkillPath
-from planning.tasks.highs_solver import HighsAssignmentSolver
+from planning.tasks.highs_solver import assign_steps
 from tests.planning.lego.skills.overhang import STEPS, STOCK, overhang
 from tests.planning.tasks.assignment_oracle import plan_violations
 
@@ -131,7 +131,7 @@ def test_a_brick_out_of_reach_is_explained() -> None:
     step = LegoStep("1x8", Cell(40, 0, 1), press=Press(1, 3))
     found = find_candidates(*overhang(stock=STOCK + far, steps=(step,)))
     with pytest.raises(InfeasibleStepError) as caught:
-        HighsAssignmentSolver().assign(found.problem)
+        assign_steps(found.problem)
     text = str(caught.value)
     assert "step 1 (place-down of 1x8 at [40, 0, 1])" in text
     assert "out of reach" in text
@@ -146,7 +146,7 @@ def test_a_blocked_goal_waits_until_the_brick_in_the_way_is_used() -> None:
     onto = [c for c in found.problem.primaries if c.step == 2 and c.robot == "left"]
     for item in onto:
         assert item.object == "near_left" or "near_left" in item.after
-    plan = HighsAssignmentSolver().assign(found.problem)
+    plan = assign_steps(found.problem)
     assert plan_violations(found.problem, plan) == []
     assert plan[1].object == "near_left" or plan[2].object == "near_left"
 
@@ -183,7 +183,7 @@ def test_the_published_cliff_gets_the_published_robots() -> None:
     content = import_apex_mr(DATA, "cliff")
     scenario = Scenario.model_validate_json(json.dumps(content))
     found = find_candidates(build_workcell(scenario), build_lego(scenario.assembly))
-    plan = HighsAssignmentSolver().assign(found.problem)
+    plan = assign_steps(found.problem)
     published = json.loads((DATA / "steps/cliff_seq.json").read_text())
     names = {0: None, 1: "left", 2: "right"}
     assert [(c.robot, c.support and c.support.robot) for c in plan.choices] == [

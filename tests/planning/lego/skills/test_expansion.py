@@ -13,8 +13,8 @@ from planning.lego.bricks.grid import box_pose
 from planning.lego.bricks.grips import grip_pose
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.lego.skills.expansion import lego_work
-from planning.tasks.assignment_problem import StepChoice, TaskPlan
-from planning.tasks.highs_solver import HighsAssignmentSolver
+from planning.tasks.assignment import StepChoice, TaskPlan
+from planning.tasks.highs_solver import assign_steps
 from planning.tasks.task import (
     SKILLS,
     TRANSIT,
@@ -45,7 +45,7 @@ def found() -> LegoCandidates:
 
 @pytest.fixture(scope="module")
 def plan(found: LegoCandidates) -> TaskPlan:
-    return HighsAssignmentSolver().assign(found.problem)
+    return assign_steps(found.problem)
 
 
 @pytest.fixture(scope="module")

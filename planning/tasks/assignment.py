@@ -1,4 +1,4 @@
-"""Assignment problem as data: candidates for every step, with costs (APEX-MR IV-A).
+"""Assignment as data: candidates for every step, with costs, and the choice of one (APEX-MR IV-A).
 
 Free of any domain: robots and objects are names, grasps and support poses are numbers whose
 meaning only the maker of the candidates knows.
