@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
@@ -172,19 +172,18 @@ def _check_meshes(
 ) -> None:
     for element in root.findall(".//collision//mesh"):
         name = _attribute(element, "filename", path)
-        if not any(place.is_file() for place in mesh_places(name, dirs)):
+        if find_mesh(name, dirs) is None:
             raise RobotModelError(
                 f"{path}: mesh {name!r} was not found in "
                 + ", ".join(str(place) for place in dict.fromkeys(dirs))
             )
 
 
-def mesh_places(name: str, dirs: tuple[Path, ...]) -> list[Path]:
-    """Return where a mesh of this name may lie, best first."""
-    if name.startswith("file://"):
-        return [Path(name.removeprefix("file://"))]
-    relative = name.removeprefix("package://")
-    return [folder / relative for folder in dirs]
+def find_mesh(name: str, dirs: Sequence[Path]) -> Path | None:
+    """Return the first file that a mesh's name may mean, None where there is none."""
+    bare = name.removeprefix("file://").removeprefix("package://")
+    places = (folder / bare for folder in dirs)  # an absolute path stays as it is
+    return next((place for place in places if place.is_file()), None)
 
 
 def _chain_order(

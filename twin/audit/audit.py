@@ -12,14 +12,15 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
-from planning.transforms import Transform
+import numpy as np
+
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.accepted_overlaps import ContactRule
-from twin.audit.bullet_world import AuditWorld, homogeneous, overlapping_at_home
+from twin.audit.bullet_world import AuditWorld, overlapping_at_home
 from twin.audit.executed import Recording, read_recording
 from twin.audit.pairs import gaps
-from twin.audit.sampling import Stretch, stretches
+from twin.audit.sampling import Stretch, stretches, travel
 from twin.host.progress import Report, report_nothing
 
 JUMP = 0.001
@@ -210,28 +211,20 @@ class _Watch:
         if self._before is None:
             return
         t = float(stretch.t[0])
-        for box in self._world.cell.objects:
-            name, size = box.name, box.size
-            before = self._before.placements.get(name)
-            if before is stretch.placements.get(name):
+        tracks = [
+            {track.shape.entity: track for track in (*piece.moving, *piece.resting)}
+            for piece in (self._before, stretch)
+        ]
+        cell = self._world.cell
+        for shape, box in zip(self._world.objects, cell.objects, strict=True):
+            before = self._before.placements.get(box.name)
+            if before is stretch.placements.get(box.name):
                 continue
-            old = box.start if before is None else self._pose(self._before, name, -1)
-            new = self._pose(stretch, name, 0)
-            turned = math.sqrt(float(((old[:3, :3] - new[:3, :3]) ** 2).sum()) / 2.0)
-            moved = math.dist(old[:3, 3], new[:3, 3])
-            jump = moved + turned * 0.5 * math.hypot(*size)
+            old = box.start if before is None else tracks[0][box.name].pose(-1)
+            ends = np.stack([old, tracks[1][box.name].pose(0)])
+            jump = float(travel(ends[:, :3, :3], ends[:, :3, 3], shape.radius)[0])
             if jump > JUMP:
-                self._done.append(Violation(t, t, name, "jump", jump))
-
-    def _pose(self, stretch: Stretch, name: str, sample: int) -> Transform:
-        placement = stretch.placements[name]
-        if placement.holder is None:
-            return placement.pose
-        names = [robot.name for robot in self._world.cell.robots]
-        index = names.index(placement.holder)
-        samples = stretch.robots[index]
-        hand = homogeneous(samples.rotation[sample, -1], samples.position[sample, -1])
-        return hand @ self._world.cell.robots[index].model.flange @ placement.pose
+                self._done.append(Violation(t, t, box.name, "jump", jump))
 
     def report(self) -> AuditReport:
         """Return everything seen so far."""

@@ -10,21 +10,23 @@ neighbouring samples of a motion do not share such a slip.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import RobotModelError
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform, quat_wxyz
-from twin.audit.exact_urdf import ShapeLink, one_shape_a_link
+from twin.audit.exact_urdf import one_shape_a_link
 from twin.host.silence import silenced
 
 with silenced():  # it greets on standard error
     import pybullet
+    from pybullet_utils.bullet_client import BulletClient
 
 BASE = -1
 
@@ -71,11 +73,9 @@ class AuditWorld:
 
     def __init__(self, cell: Workcell) -> None:
         self.cell = cell
-        self._client = pybullet.connect(pybullet.DIRECT)
+        self._bullet = BulletClient(pybullet.DIRECT)
         # A description that changed on disk must not be taken from the cache.
-        pybullet.setPhysicsEngineParameter(
-            enableFileCaching=0, physicsClientId=self._client
-        )
+        self._bullet.setPhysicsEngineParameter(enableFileCaching=0)
         self._bodies: list[int] = []
         self._moved: list[list[int]] = []
         self.robot_shapes: list[Shape] = []
@@ -86,17 +86,18 @@ class AuditWorld:
 
     def close(self) -> None:
         """Disconnect from Bullet."""
-        pybullet.disconnect(physicsClientId=self._client)
+        self._bullet.disconnect()
 
     def _load(self, index: int, robot: PlacedRobot) -> None:
+        """Load a robot and note its shapes: what moves each, and a sphere around it."""
         model = robot.model
         text, shapes = one_shape_a_link(model.urdf, model.package_dirs)
         body = self._urdf_body(text, robot.base)
         joints: dict[str, int] = {}
         links: dict[str, int] = {}
         parent: dict[int, int] = {}
-        for j in range(pybullet.getNumJoints(body, physicsClientId=self._client)):
-            info = pybullet.getJointInfo(body, j, physicsClientId=self._client)
+        for j in range(self._bullet.getNumJoints(body)):
+            info = self._bullet.getJointInfo(body, j)
             joints[info[1].decode()] = j
             links[info[12].decode()] = j
             parent[j] = info[16]
@@ -110,37 +111,7 @@ class AuditWorld:
         self._moved.append(moved)
         entry = ROBOTS.get(model.name)
         for name, value in (entry.frozen if entry else {}).items():
-            pybullet.resetJointState(
-                body, joints[name], value, physicsClientId=self._client
-            )
-        self._watch(index, robot, shapes, links, parent)
-
-    def _urdf_body(self, text: str, base: Transform) -> int:
-        """Load a description, fixed at a pose; return Bullet's number for it."""
-        w, x, y, z = quat_wxyz(base)
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, "robot.urdf")
-            path.write_text(text)
-            body: int = pybullet.loadURDF(
-                str(path),
-                base[:3, 3].tolist(),
-                [x, y, z, w],
-                useFixedBase=1,
-                flags=pybullet.URDF_USE_IMPLICIT_CYLINDER,
-                physicsClientId=self._client,
-            )
-        return body
-
-    def _watch(
-        self,
-        index: int,
-        robot: PlacedRobot,
-        shapes: Sequence[ShapeLink],
-        links: Mapping[str, int],
-        parent: Mapping[int, int],
-    ) -> None:
-        """Note the shapes of a robot: what moves each, and a sphere around it."""
-        body, moved = self._bodies[index], self._moved[index]
+            self._bullet.resetJointState(body, joints[name], value)
         rotation, position = self.link_frames(index, np.zeros((1, len(moved))))
         # pinocchio names shapes "<link>_<number>"; only the names are used here.
         tool = {
@@ -154,9 +125,7 @@ class AuditWorld:
             while carrier != BASE and carrier not in moved:
                 carrier = parent[carrier]
             joint = moved.index(carrier) if carrier != BASE else BASE
-            low, high = np.array(
-                pybullet.getAABB(body, link, physicsClientId=self._client)
-            )
+            low, high = np.array(self._bullet.getAABB(body, link))
             middle = 0.5 * (low + high) - position[0, joint + 1]
             group = "tool" if shape.owner in tool else "arm"
             self.robot_shapes.append(
@@ -173,15 +142,26 @@ class AuditWorld:
                 )
             )
 
+    def _urdf_body(self, text: str, base: Transform) -> int:
+        """Load a description, fixed at a pose; return Bullet's number for it."""
+        w, x, y, z = quat_wxyz(base)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "robot.urdf")
+            path.write_text(text)
+            body: int = self._bullet.loadURDF(
+                str(path),
+                base[:3, 3].tolist(),
+                [x, y, z, w],
+                useFixedBase=1,
+                flags=pybullet.URDF_USE_IMPLICIT_CYLINDER,
+            )
+        return body
+
     def _box(self, name: str, size: Array, pose: Transform) -> Shape:
         half = (0.5 * np.asarray(size)).tolist()
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_BOX, halfExtents=half, physicsClientId=self._client
-        )
-        body = pybullet.createMultiBody(0, shape, physicsClientId=self._client)
-        pybullet.changeDynamics(
-            body, BASE, collisionMargin=0.0, physicsClientId=self._client
-        )
+        shape = self._bullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half)
+        body = self._bullet.createMultiBody(0, shape)
+        self._bullet.changeDynamics(body, BASE, collisionMargin=0.0)
         self.place(body, pose)
         return Shape(
             name,
@@ -198,17 +178,14 @@ class AuditWorld:
     def place(self, body: int, pose: Transform) -> None:
         """Pose a box in the world."""
         w, x, y, z = quat_wxyz(pose)
-        pybullet.resetBasePositionAndOrientation(
-            body, pose[:3, 3].tolist(), [x, y, z, w], physicsClientId=self._client
+        self._bullet.resetBasePositionAndOrientation(
+            body, pose[:3, 3].tolist(), [x, y, z, w]
         )
 
     def configure(self, robot: int, q: Array) -> None:
         """Put a robot at a configuration, shape (n,)."""
-        pybullet.resetJointStatesMultiDof(
-            self._bodies[robot],
-            self._moved[robot],
-            [[value] for value in q.tolist()],
-            physicsClientId=self._client,
+        self._bullet.resetJointStatesMultiDof(
+            self._bodies[robot], self._moved[robot], [[value] for value in q.tolist()]
         )
 
     def link_frames(self, robot: int, q: Array) -> tuple[Array, Array]:
@@ -226,16 +203,15 @@ class AuditWorld:
         states = np.empty((len(q), len(moved), 7))
         for k, row in enumerate(q):
             self.configure(robot, row)
-            found = pybullet.getLinkStates(
-                body, moved, computeForwardKinematics=1, physicsClientId=self._client
-            )
+            found = self._bullet.getLinkStates(body, moved, computeForwardKinematics=1)
             states[k] = [s[4] + s[5] for s in found]
         base = self.cell.robots[robot].base
         position = np.empty((len(q), len(moved) + 1, 3))
         rotation = np.empty((len(q), len(moved) + 1, 3, 3))
         position[:, 0], rotation[:, 0] = base[:3, 3], base[:3, :3]
         position[:, 1:] = states[:, :, :3]
-        rotation[:, 1:] = rotation_matrices(states[:, :, 3:])
+        turned = Rotation.from_quat(states[:, :, 3:].reshape(-1, 4)).as_matrix()
+        rotation[:, 1:] = turned.reshape(len(q), -1, 3, 3)
         return rotation, position
 
     def distance(self, a: Shape, b: Shape, reach: float) -> float:
@@ -246,58 +222,8 @@ class AuditWorld:
             reach: beyond this distance ``reach`` is returned.
         """
         margin = a.margin + b.margin
-        points = pybullet.getClosestPoints(
-            a.body, b.body, reach, a.link, b.link, physicsClientId=self._client
-        )
+        points = self._bullet.getClosestPoints(a.body, b.body, reach, a.link, b.link)
         return min((point[8] + margin for point in points), default=reach)
-
-
-def rotation_matrices(quaternions: Array) -> Array:
-    """Return rotation matrices, shape (..., 3, 3), of quaternions (x, y, z, w)."""
-    x, y, z, w = np.moveaxis(quaternions, -1, 0)
-    out = np.empty((*x.shape, 3, 3))
-    out[..., 0, 0] = 1 - 2 * (y * y + z * z)
-    out[..., 0, 1] = 2 * (x * y - w * z)
-    out[..., 0, 2] = 2 * (x * z + w * y)
-    out[..., 1, 0] = 2 * (x * y + w * z)
-    out[..., 1, 1] = 1 - 2 * (x * x + z * z)
-    out[..., 1, 2] = 2 * (y * z - w * x)
-    out[..., 2, 0] = 2 * (x * z - w * y)
-    out[..., 2, 1] = 2 * (y * z + w * x)
-    out[..., 2, 2] = 1 - 2 * (x * x + y * y)
-    return out
-
-
-def travel(rotation: Array, position: Array, radius: float) -> Array:
-    """Return how far any point of a body gets, step by step.
-
-    Args:
-        rotation: of the body at m samples, shape (m, 3, 3).
-        position: of the centre of a sphere around it, shape (m, 3) [m].
-        radius: of the sphere [m].
-
-    Returns:
-        Upper bounds of the displacement of any point, shape (m - 1,) [m].
-    """
-    turned = np.diff(rotation, axis=0)
-    # For rotations A and B the spectral norm of A - B is its Frobenius norm over sqrt(2).
-    angle = np.sqrt(np.einsum("kij,kij->k", turned, turned) / 2.0)
-    moved = np.linalg.norm(np.diff(position, axis=0), axis=1)
-    return np.asarray(moved + radius * angle)
-
-
-def carried_poses(
-    rotation: Array, position: Array, local: Transform
-) -> tuple[Array, Array]:
-    """Return rotations (m, 3, 3) and positions (m, 3) of a frame fixed in a moving one."""
-    return rotation @ local[:3, :3], rotation @ local[:3, 3] + position
-
-
-def homogeneous(rotation: Array, position: Array) -> Transform:
-    """Return a (4, 4) transform of a rotation and a position."""
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = rotation, position
-    return out
 
 
 def overlapping_at_home(world: AuditWorld) -> frozenset[tuple[int, int]]:
@@ -309,12 +235,8 @@ def overlapping_at_home(world: AuditWorld) -> frozenset[tuple[int, int]]:
     for index, robot in enumerate(world.cell.robots):
         world.configure(index, robot.home)
     out = set()
-    shapes = world.robot_shapes
-    for i, a in enumerate(shapes):
-        for j in range(i + 1, len(shapes)):
-            b = shapes[j]
-            if a.robot != b.robot:
-                continue
+    for (i, a), (j, b) in combinations(enumerate(world.robot_shapes), 2):
+        if a.robot == b.robot:
             touching = abs(a.joint - b.joint) <= 1
             if touching or world.distance(a, b, 1.0) <= 0.0:
                 out.add((i, j))

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from planning.errors import RobotModelError
+from planning.robots.urdf_file import find_mesh
 
 MARGIN = 0.001
 """Bullet's margin of the shapes of a URDF [m]."""
@@ -46,7 +47,7 @@ def one_shape_a_link(
 
     Args:
         urdf: the description.
-        package_dirs: where meshes are looked up, after the description's folder.
+        package_dirs: where meshes are looked up.
 
     Raises:
         RobotModelError: the file cannot be read, or a mesh is not there.
@@ -85,7 +86,14 @@ def _prepare(
         cylinder.set("length", repr(float(str(cylinder.get("length"))) + 2 * MARGIN))
     mesh = collision.find("geometry/mesh")
     if mesh is not None:
-        mesh.set("filename", _mesh_file(mesh, urdf, package_dirs))
+        name = str(mesh.get("filename"))
+        found = find_mesh(name, package_dirs)
+        if found is None:
+            choices = tuple(map(str, package_dirs))
+            raise RobotModelError(
+                f"{urdf}: mesh {name!r} was not found", choices=choices
+            )
+        mesh.set("filename", str(found.resolve()))
     # A sphere is a point with its radius for a margin: nothing to make up for.
     return 0.0 if collision.find("geometry/sphere") is not None else MARGIN
 
@@ -118,17 +126,3 @@ def _unit_inertia() -> ElementTree.Element:
     ones = {"ixx": "1", "iyy": "1", "izz": "1", "ixy": "0", "ixz": "0", "iyz": "0"}
     ElementTree.SubElement(inertial, "inertia", ones)
     return inertial
-
-
-def _mesh_file(
-    mesh: ElementTree.Element, urdf: Path, package_dirs: Sequence[Path]
-) -> str:
-    name = str(mesh.get("filename"))
-    bare = name.removeprefix("file://").removeprefix("package://")
-    folders = [urdf.parent, *package_dirs]
-    for folder in folders:
-        if (folder / bare).is_file():
-            return str((folder / bare).resolve())
-    raise RobotModelError(
-        f"{urdf}: mesh {name!r} was not found", choices=tuple(str(f) for f in folders)
-    )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from planning.errors import OutputError
 from planning.transforms import Array, Indices, Transform
-from twin.audit.bullet_world import AuditWorld, carried_poses, travel
+from twin.audit.bullet_world import AuditWorld, Shape
 from twin.audit.executed import ObjectRow, Recording
 
 STEP = 0.002
@@ -39,6 +40,38 @@ class RobotSamples:
 
 
 @dataclass(frozen=True)
+class Track:
+    """A shape during a stretch of m samples.
+
+    Attributes:
+        shape: the shape.
+        holder: index of the robot that moves it, None for a box at rest.
+        link: index of the link it moves with, 0 for the base.
+        rotation: shape (m, 3, 3), or (1, 3, 3) at rest.
+        centre: of the sphere around it, shape (m, 3), or (1, 3) at rest [m].
+        size: edge lengths of a box at rest, None for others.
+    """
+
+    shape: Shape
+    holder: int | None
+    link: int
+    rotation: Array
+    centre: Array
+    size: Array | None = None
+
+    @cached_property
+    def steps(self) -> Array:
+        """How far any point of it gets, step by step, shape (m - 1,) [m]."""
+        return travel(self.rotation, self.centre, self.shape.radius)
+
+    def pose(self, sample: int) -> Transform:
+        """Return its pose at a sample."""
+        out = np.eye(4)
+        out[:3, :3], out[:3, 3] = self.rotation[sample], self.centre[sample]
+        return out
+
+
+@dataclass(frozen=True)
 class Stretch:
     """A piece of a run.
 
@@ -46,11 +79,33 @@ class Stretch:
         t: times of the samples, shape (m,), the ends included [s].
         robots: in the order of the cell.
         placements: where every object is that is there: held, or at rest.
+        moving: tracks of the shapes of all robots, then of the objects that they hold.
+        resting: tracks of the fixtures, then of the objects at rest.
     """
 
     t: Array
     robots: tuple[RobotSamples, ...]
     placements: Mapping[str, ObjectRow]
+    moving: tuple[Track, ...]
+    resting: tuple[Track, ...]
+
+
+def travel(rotation: Array, position: Array, radius: float) -> Array:
+    """Return how far any point of a body gets, step by step.
+
+    Args:
+        rotation: of the body at m samples, shape (m, 3, 3).
+        position: of the centre of a sphere around it, shape (m, 3) [m].
+        radius: of the sphere [m].
+
+    Returns:
+        Upper bounds of the displacement of any point, shape (m - 1,) [m].
+    """
+    turned = np.diff(rotation, axis=0)
+    # For rotations A and B the spectral norm of A - B is its Frobenius norm over sqrt(2).
+    angle = np.sqrt(np.einsum("kij,kij->k", turned, turned) / 2.0)
+    moved = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    return np.asarray(moved + radius * angle)
 
 
 def stretches(world: AuditWorld, recording: Recording) -> Iterator[Stretch]:
@@ -107,11 +162,11 @@ def _sample(
             _frames(world, index, recording.robots[name].at(t))
             for index, name in enumerate(names)
         )
-        moved = np.zeros(len(t) - 1)
-        for index, samples in enumerate(robots):
-            moved = np.maximum(moved, _furthest(world, index, samples, placements))
+        moving, resting = _tracks(world, robots, placements)
+        still = np.zeros(len(t) - 1)
+        moved = np.max([still, *(track.steps for track in moving)], axis=0)
         if np.all(moved <= STEP):
-            return Stretch(t, robots, placements)
+            return Stretch(t, robots, placements, moving, resting)
         finer = _split(t, np.ceil(moved * 1.02 / STEP))
         if len(finer) == len(t):
             break
@@ -139,30 +194,37 @@ def _frames(world: AuditWorld, index: int, q: Array) -> RobotSamples:
     return RobotSamples(q, distinct, rotation[distinct], position[distinct])
 
 
-def _furthest(
+def _tracks(
     world: AuditWorld,
-    index: int,
-    samples: RobotSamples,
+    robots: tuple[RobotSamples, ...],
     placements: Mapping[str, ObjectRow],
-) -> Array:
-    """Return, step by step, how far any point of a robot or its load gets [m]."""
-    moved = np.zeros(len(samples.q) - 1)
+) -> tuple[tuple[Track, ...], tuple[Track, ...]]:
+    """Return the tracks of shapes moved by robots, and of those at rest."""
+    moving = []
     for shape in world.robot_shapes:
-        if shape.robot == index and shape.joint >= 0:
-            rotation = samples.rotation[:, shape.joint + 1]
-            centre = rotation @ shape.centre + samples.position[:, shape.joint + 1]
-            moved = np.maximum(moved, travel(rotation, centre, shape.radius))
-    for shape in world.objects:
-        placement = placements.get(shape.entity)
-        if placement and placement.holder == world.cell.robots[index].name:
-            rotation, centre = load_frames(world, index, samples, placement.pose)
-            moved = np.maximum(moved, travel(rotation, centre, shape.radius))
-    return moved
-
-
-def load_frames(
-    world: AuditWorld, index: int, samples: RobotSamples, pose: Transform
-) -> tuple[Array, Array]:
-    """Return rotations and positions of what a robot holds at ``pose`` in its flange."""
-    local = world.cell.robots[index].model.flange @ pose
-    return carried_poses(samples.rotation[:, -1], samples.position[:, -1], local)
+        assert shape.robot is not None
+        samples, link = robots[shape.robot], shape.joint + 1
+        rotation = samples.rotation[:, link]
+        centre = rotation @ shape.centre + samples.position[:, link]
+        moving.append(Track(shape, shape.robot, link, rotation, centre))
+    resting = [
+        Track(s, None, 0, f.pose[None, :3, :3], f.pose[None, :3, 3], f.size)
+        for s, f in zip(world.fixtures, world.cell.fixtures, strict=True)
+    ]
+    numbers = {robot.name: k for k, robot in enumerate(world.cell.robots)}
+    for shape, box in zip(world.objects, world.cell.objects, strict=True):
+        placement = placements.get(box.name)
+        if placement is None:
+            continue
+        local = placement.pose
+        if placement.holder is None:
+            rotation, centre = local[None, :3, :3], local[None, :3, 3]
+            resting.append(Track(shape, None, 0, rotation, centre, box.size))
+        else:
+            index = numbers[placement.holder]
+            local = world.cell.robots[index].model.flange @ local
+            hand, there = robots[index].rotation[:, -1], robots[index].position[:, -1]
+            rotation, centre = hand @ local[:3, :3], hand @ local[:3, 3] + there
+            link = robots[index].position.shape[1] - 1
+            moving.append(Track(shape, index, link, rotation, centre))
+    return tuple(moving), tuple(resting)

@@ -11,7 +11,7 @@ import pytest
 from planning.cell.workcell import PlacedRobot
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.registry import robot_model
-from planning.robots.urdf_file import mesh_places
+from planning.robots.urdf_file import find_mesh
 from planning.transforms import Array, identity
 from tests.planning.robots.drawn_meshes import MESHES, own_meshes
 
@@ -29,8 +29,9 @@ def test_boxes_of_the_mobile_iiwa_contain_its_meshes() -> None:
         mesh = link.find("visual/geometry/mesh")
         if mesh is None:
             continue
-        places = mesh_places(str(mesh.get("filename")), model.package_dirs)
-        points = _surface(next(place for place in places if place.is_file()))
+        file = find_mesh(str(mesh.get("filename")), model.package_dirs)
+        assert file is not None
+        points = _surface(file)
         # The meshes hang on links that joints move, but for the first, which is mounted.
         if link.get("name") == "iiwa_link_0":
             points[:, 2] += 0.49

@@ -28,9 +28,8 @@ from tests.twin.audit.audit_cell import (
 )
 from twin.audit.accepted_overlaps import CONTACT_DEPTH, SLACK
 from twin.audit.audit import Auditor, AuditReport, audit_run
-from twin.audit.bullet_world import AuditWorld, overlapping_at_home, travel
+from twin.audit.bullet_world import AuditWorld, overlapping_at_home
 from twin.audit.executed import read_recording
-from twin.audit.pairs import tracks_of
 from twin.audit.sampling import STEP, stretches
 
 X, Y = 0.42, -0.05
@@ -337,7 +336,7 @@ def test_skipping_measurements_changes_nothing(tmp_path: Path, seed: int) -> Non
     exempt = overlapping_at_home(world)
     least, deepest, samples = np.inf, {}, 0
     for stretch in stretches(world, recording):
-        moving, resting = tracks_of(world, stretch)
+        moving, resting = stretch.moving, stretch.resting
         arms = len(world.robot_shapes)
         for sample in range(len(stretch.t)):
             samples += 1
@@ -378,9 +377,8 @@ def test_no_point_moves_further_than_the_step(tmp_path: Path) -> None:
     world = AuditWorld(tpg.cell)
     largest = 0.0
     for stretch in stretches(world, recording):
-        for track in tracks_of(world, stretch)[0]:
-            moved = travel(track.rotation, track.centre, track.shape.radius)
-            largest = max(largest, float(moved.max()))
+        for track in stretch.moving:
+            largest = max(largest, float(track.steps.max()))
     world.close()
     assert STEP / 2 < largest <= STEP
 

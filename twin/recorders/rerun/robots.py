@@ -14,7 +14,7 @@ from rerun.urdf import UrdfTree
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.robots.registry import ROBOTS
-from planning.robots.urdf_file import mesh_places
+from planning.robots.urdf_file import find_mesh
 from planning.transforms import Array, quat_wxyz
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.run.trajectory import Trajectory
@@ -171,8 +171,7 @@ def _write_with_absolute_meshes(model: RobotModel, path: Path) -> None:
     """Copy a URDF with every mesh path made absolute: package roots differ between sources."""
     tree = ElementTree.parse(model.urdf)
     for mesh in tree.getroot().iter("mesh"):
-        places = mesh_places(mesh.get("filename", ""), model.package_dirs)
-        found = next((place for place in places if place.is_file()), None)
+        found = find_mesh(mesh.get("filename", ""), model.package_dirs)
         if found is not None:
             mesh.set("filename", str(found.resolve()))
     tree.write(path)
