@@ -199,6 +199,7 @@ class Simulator:
                 stood = halts[k].advance(begun, stall) if halts else begun + stall
                 makespan = max(makespan, stood)
         makespan = max(makespan, 0)
+        chains = range(len(self.tpg.chains))
         return Run(
             outcome=course.outcome,
             policy=self.policy,
@@ -210,11 +211,10 @@ class Simulator:
             end_ns=course.end,
             makespan_ns=makespan,
             standstills=times.standstills,
-            halts_ns=tuple(own.intervals(makespan) for own in halts),
-            failed_nodes=tuple(
-                times.failed[k] if k in failed else -1
-                for k in range(len(self.tpg.chains))
+            halts_ns=tuple(
+                halts[k].intervals(makespan) if halts else () for k in chains
             ),
+            failed_nodes=tuple(times.failed[k] if k in failed else -1 for k in chains),
             failure="; ".join(failure_text(self.tpg, times, k) for k in failed),
         )
 

@@ -91,12 +91,13 @@ def _arrows(run: RecordedRun) -> list[dict[str, Any]]:
         start = int(times[after][0][target])
         if end < 0 or start < 0:
             continue
-        arrow = {"id": number, "name": CAUSES[cause], "cat": "type-2", "pid": PROCESS}
+        arrow = {"id": number, "name": CAUSES[cause], "cat": "type-2"}
         # At the very end of a node the next slice begins: the arrow starts within its own.
         ts = _microseconds(max(begun, end - 1))
-        out.append({"ph": "s", **arrow, "ts": ts, "tid": before + 1})
-        ts = _microseconds(start)
-        out.append({"ph": "f", **arrow, "ts": ts, "tid": after + 1, "bp": "e"})
+        there = {"pid": PROCESS, "tid": before + 1}
+        out.append({"ph": "s", **arrow, "ts": ts, **there})
+        ts, there = _microseconds(start), {"pid": PROCESS, "tid": after + 1}
+        out.append({"ph": "f", **arrow, "ts": ts, **there, "bp": "e"})
     return sorted(out, key=lambda event: event["ts"])
 
 

@@ -14,18 +14,19 @@ from twin.follow.follow import RunListener
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, Violation
 from twin.recorders.rerun import layout as layout
-from twin.recorders.rerun.objects import draw_fixtures, draw_object, place_object
-from twin.recorders.rerun.recorder import draw_lane, log_events
-from twin.recorders.rerun.robots import (
-    TIMELINE,
+from twin.recorders.rerun.bodies import (
+    draw_fixtures,
+    draw_object,
     draw_robot,
-    entity_path,
     move_robot,
+    place_object,
 )
+from twin.recorders.rerun.layout import entity_path
+from twin.recorders.rerun.recorder import draw_lane, log_events
 from twin.run.activities import FAILED, IDLE, RETRYING, STALLED, STOPPED, WAITING
 from twin.run.events import Event, EventLogError
 from twin.run.trajectory import Placement, Trajectory
-from twin.run.viewer import live_viewer
+from twin.run.viewer import TIMELINE, live_viewer
 
 _STATES = {
     "waiting": WAITING,

@@ -67,13 +67,22 @@ def _warn(recorder: Recorder, error: Exception, where: str) -> None:
 class JsonlRecorder:
     """Appends every event to a file at once: a killed run leaves a readable log."""
 
-    def __init__(self, path: Path) -> None:
-        """Open a new log; OutputError when that cannot be done."""
+    def __init__(self, path: Path, kept: int = 0) -> None:
+        """Open a log and lock it.
+
+        Args:
+            path: of the log.
+            kept: bytes at its beginning that stay.
+
+        Raises:
+            OutputError: it cannot be written, or another process writes it.
+        """
         try:
-            self._file = path.open("w", buffering=1, encoding="utf-8", newline="\n")
+            self._file = path.open("a", buffering=1, encoding="utf-8", newline="\n")
+            lock_log(self._file, path)
+            self._file.truncate(kept)
         except OSError as error:
             raise OutputError(f"{path}: cannot write the event log: {error}") from error
-        lock_log(self._file, path)
 
     def record(self, event: Event) -> None:
         """Write an event."""

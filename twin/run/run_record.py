@@ -71,10 +71,10 @@ class Run:
     start_ns: tuple[Nanoseconds, ...]
     end_ns: tuple[Nanoseconds, ...]
     makespan_ns: int
-    standstills: tuple[tuple[Standstill, ...], ...] = ()
-    halts_ns: tuple[tuple[tuple[int, int], ...], ...] = ()
-    failed_nodes: tuple[int, ...] = ()
-    failure: str = ""
+    standstills: tuple[tuple[Standstill, ...], ...]
+    halts_ns: tuple[tuple[tuple[int, int], ...], ...]
+    failed_nodes: tuple[int, ...]
+    failure: str
 
     @property
     def makespan_s(self) -> float:
@@ -100,16 +100,12 @@ class Run:
 
     def halted_ns(self, chain: int, until_ns: int) -> int:
         """Return for how long the clock had stopped a robot before a time [ns]."""
-        halts = self.halts_ns[chain] if self.halts_ns else ()
+        halts = self.halts_ns[chain]
         return sum(min(b, until_ns) - a for a, b in halts if a < until_ns)
 
     def pace(self, chain: int) -> Pace:
         """Return the clock of a robot, which stands while the robot is stopped."""
-        return Pace(self.halts_ns[chain] if self.halts_ns else ())
-
-    def failed_node(self, chain: int) -> int:
-        """Return the node at which a robot failed for good, -1 for none."""
-        return self.failed_nodes[chain] if self.failed_nodes else -1
+        return Pace(self.halts_ns[chain])
 
     def waits(self) -> tuple[Wait, ...]:
         """Return every wait that ended, by chain and time."""

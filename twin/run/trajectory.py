@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from planning.transforms import Array, Indices, Transform
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations import Nanoseconds
 from twin.run.run_record import Run, waypoint_offsets_ns
-from twin.uncertainty.pace import Pace
 
 
 @dataclass(frozen=True)
@@ -77,25 +76,11 @@ def robot_trajectories(tpg: TemporalPlanGraph, run: Run) -> tuple[Trajectory, ..
 def _chain_trajectory(chain: NodeChain, run: Run, k: int) -> Trajectory:
     """Return the motion of a robot with work; first as if its own clock were the run's."""
     pace = run.pace(k)
-    own = replace(
-        run,
-        start_ns=_own_times(pace, run.start_ns),
-        end_ns=_own_times(pace, run.end_ns),
-        makespan_ns=int(pace.own(np.array([run.makespan_ns]))[0]),
-    )
-    return _with_stops(_unstopped_trajectory(chain, own, k), run, k)
-
-
-def _own_times(pace: Pace, times: tuple[Nanoseconds, ...]) -> tuple[Nanoseconds, ...]:
-    return tuple(np.where(t >= 0, pace.own(t), -1) for t in times)
-
-
-def _unstopped_trajectory(chain: NodeChain, run: Run, k: int) -> Trajectory:
     count = int(np.count_nonzero(run.start_ns[k] >= 0))
     # A node whose task failed never moves.
-    moves = count - (count > 0 and run.failed_node(k) == count - 1)
+    moves = count - (count > 0 and run.failed_nodes[k] == count - 1)
     nodes = np.arange(count)
-    start, stall = run.start_ns[k][:count], run.stall_ns[k][:count]
+    start, stall = pace.own(run.start_ns[k][:count]), run.stall_ns[k][:count]
     passed = int(chain.first[moves])
     path = np.vstack([chain.start[None], chain.waypoints[:passed]])
     of_waypoint = np.repeat(nodes[:moves], np.diff(chain.first[: moves + 1]))
@@ -103,7 +88,7 @@ def _unstopped_trajectory(chain: NodeChain, run: Run, k: int) -> Trajectory:
     arrival = (start + stall)[of_waypoint] + offset
     # The robot stands where the node before ended, until it starts and then until it moves.
     stands = path[chain.first[:count]]
-    before = np.concatenate([[0], run.end_ns[k][:count][:-1]]) if count else start
+    before = np.concatenate([[0], pace.own(run.end_ns[k][:count])])[:count]
     waited, stalled = start > before, stall > 0
     t = np.concatenate([[0], start[waited], (start + stall)[stalled], arrival])
     q = np.vstack([path[:1], stands[waited], stands[stalled], path[1:]])
@@ -111,14 +96,14 @@ def _unstopped_trajectory(chain: NodeChain, run: Run, k: int) -> Trajectory:
     counts = [1, int(np.sum(waited)), int(np.sum(stalled)), passed]
     slot = np.repeat(np.array([0, 0, 1, 2]), counts)
     order = np.lexsort((t, slot, node))
-    return _until(
-        Trajectory(chain.robot, t[order], q[order], node[order]), run.makespan_ns
-    )
+    motion = Trajectory(chain.robot, t[order], q[order], node[order])
+    end_ns = int(pace.own(np.array([run.makespan_ns]))[0])
+    return _with_stops(_until(motion, end_ns), run, k)
 
 
 def _with_stops(motion: Trajectory, run: Run, k: int) -> Trajectory:
     """Return a motion in the run's time, with a row at both ends of every stop."""
-    halts = run.halts_ns[k] if run.halts_ns else ()
+    halts = run.halts_ns[k]
     if not halts:
         return motion
     pace = run.pace(k)
@@ -182,7 +167,7 @@ def object_placements(tpg: TemporalPlanGraph, run: Run) -> tuple[Placement, ...]
     ]
     for item in tpg.handlings:
         start = int(run.start_ns[item.robot][item.node])
-        if start < 0 or run.failed_node(item.robot) == item.node:
+        if start < 0 or run.failed_nodes[item.robot] == item.node:
             continue
         passed = int(run.stall_ns[item.robot][item.node])
         if item.waypoint > 0:

@@ -35,7 +35,7 @@ def open_viewer(recording: Path) -> None:
     Raises:
         ViewerError: there is no viewer or no display; says how to look at the file otherwise.
     """
-    program = _viewer_program(recording)
+    program = _program(f"; the recording is {recording}")
     _require_display(
         f"copy {recording} to a computer with one and run 'rerun {recording.name}' there "
         "(pip install rerun-sdk), or render pictures with --stills"
@@ -127,13 +127,6 @@ def _require_display(otherwise: str) -> None:
         raise ViewerError(f"no display to open the viewer on; {otherwise}")
 
 
-def _viewer_program(recording: Path) -> str:
-    program = _program(f"; the recording is {recording}")
-    if not recording.is_file():
-        raise ViewerError(f"{recording} does not exist")
-    return program
-
-
 def _program(remark: str = "") -> str:
     beside = Path(sys.executable).parent / "rerun"
     program = str(beside) if beside.is_file() else shutil.which("rerun")
@@ -147,7 +140,7 @@ def _program(remark: str = "") -> str:
 @contextmanager
 def _headless_viewer(recording: Path) -> Iterator[Any]:
     """Run a viewer without a window, give what commands it, and end it with all its children."""
-    program = _viewer_program(recording)
+    program = _program(f"; the recording is {recording}")
     port = _free_port()
     command = [program, "--headless", "--bind", _HOST, "--port", str(port)]
     command += ["--window-size", _STILL_SIZE, "--hide-welcome-screen"]

@@ -14,8 +14,8 @@ from pathlib import Path
 from planning.errors import OutputError, TwinError
 from scheduling.graph.plan_files import load_plan
 from twin.host.progress import Report, report_nothing
-from twin.recorders.observers import MemoryRecorder
-from twin.run.events import Event, event_line, lock_log, parse_event, read_log
+from twin.recorders.observers import JsonlRecorder, MemoryRecorder
+from twin.run.events import Event, event_line, parse_event, read_log
 from twin.run.folder import EVENTS, SUMMARY
 from twin.scenario.manifest import read_manifest
 from twin.trial.trial import SIMULATION, Preparation, Trial, conclude, execute
@@ -79,7 +79,13 @@ def resume_run(
         raise KeyboardInterrupt
     lines = [event_line(event) for event in memory.events]
     _require_agreement(path, known, lines, memory.events)
-    _append(path, known, lines[len(known) :])
+    recorder = JsonlRecorder(path, kept=sum(len(line.encode()) for line in known))
+    try:
+        for event in memory.events[len(known) :]:
+            recorder.record(event)
+        recorder.close()
+    except OSError as error:
+        raise OutputError(f"{path}: cannot write the event log: {error}") from error
     progress(SIMULATION, 1, 1)
     trial = conclude(scenario, tpg, folder, run, memory.events, about, progress)
     return Resumption(len(known), len(lines) - len(known), trial)
@@ -112,15 +118,3 @@ def _require_agreement(
                 f" {event.robot or 'the run'} {event.kind} at"
                 f" {event.t_ns / 1e9:.9f} s: {lines[k].strip()}"
             )
-
-
-def _append(path: Path, known: Sequence[str], lines: Sequence[str]) -> None:
-    """Cut off what comes after the known lines, and write what is missing."""
-    size = sum(len(line.encode()) for line in known)
-    try:
-        with path.open("ab") as file:
-            lock_log(file, path)
-            file.truncate(size)
-            file.writelines(line.encode() for line in lines)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot write the event log: {error}") from error

@@ -240,7 +240,7 @@ def _check_trajectories(tpg: TemporalPlanGraph, run: Run) -> None:
         moved = np.any(np.abs(np.diff(motion.q, axis=0)) > 1e-9, axis=1)
         durations = np.append(run.duration_ns[k], 1)
         assert not np.any(still & moved & (durations[motion.node[1:]] != 0))
-        for low, high in run.halts_ns[k] if run.halts_ns else ():
+        for low, high in run.halts_ns[k]:
             times = np.linspace(low, high, 5).astype(np.int64)[1:-1]
             if len(set(times.tolist())) == 3:
                 q = motion.at(times)

@@ -20,8 +20,8 @@ from tests.twin.run.lane_oracle import robot_lanes
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
 from twin.recorders.observers import MemoryRecorder
+from twin.recorders.rerun.bodies import frame_times
 from twin.recorders.rerun.recorder import write_recording
-from twin.recorders.rerun.robots import frame_times
 from twin.run.gantt import draw_gantt
 from twin.run.run_record import Run
 from twin.run.trajectory import object_placements, robot_trajectories

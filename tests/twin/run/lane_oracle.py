@@ -57,7 +57,7 @@ def _spans(tpg: TemporalPlanGraph, run: Run, k: int) -> list[Span]:
     chain, pace = tpg.chains[k], run.pace(k)
     start, stall, end = run.start_ns[k], run.stall_ns[k], run.end_ns[k]
     reasons: dict[int, list[tuple[str, int]]] = {}
-    for entry in run.standstills[k] if run.standstills else ():
+    for entry in run.standstills[k]:
         reason = (_STANDS[entry.cause], entry.duration_ns)
         reasons.setdefault(entry.node, []).append(reason)
     spans: list[Span] = []
@@ -82,11 +82,11 @@ def _spans(tpg: TemporalPlanGraph, run: Run, k: int) -> list[Span]:
         for state, stands in reasons.get(node, [(STALLED, int(stall[node]))]):
             own = own + stands
             extend(state, min(int(pace.real(own)[0]), done), task)
-        failed = node == run.failed_node(k)
+        failed = node == run.failed_nodes[k]
         extend(FAILED if failed else tpg.tasks[task].kind, done, task)
     over = len(end) == 0 or end[-1] >= 0
     extend(IDLE if over else WAITING, run.makespan_ns, -1)
-    return _stopped(spans, run.halts_ns[k] if run.halts_ns else ())
+    return _stopped(spans, run.halts_ns[k])
 
 
 def _stopped(spans: list[Span], halts: Sequence[tuple[int, int]]) -> list[Span]:

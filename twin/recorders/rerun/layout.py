@@ -1,4 +1,4 @@
-"""Layout of the Rerun viewer: camera, lanes, plots, text."""
+"""Names of what a Rerun recording holds, and its layout: camera, lanes, plots, text."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import rerun.blueprint as rrb
 
 from planning.cell.workcell import Workcell
 from planning.transforms import Array
-from twin.recorders.rerun.robots import TIMELINE, WORLD_FRAME, entity_path, robot_part
+from twin.run.viewer import TIMELINE
+
+WORLD_FRAME = "world"
 
 LANES = "lanes"
 PROGRESS = "progress"
@@ -19,6 +21,16 @@ EVENTS = "events"
 OBJECTS = "objects"
 FIXTURES = "fixtures"
 FORECAST = "forecast"
+
+
+def entity_path(*parts: str) -> str:
+    """Return the path of an entity whose parts may hold any character."""
+    return "/" + "/".join(rr.escape_entity_path_part(part) for part in parts)
+
+
+def robot_part(robot: str) -> str:
+    """Return the path part under which a robot is drawn: one part, as the loader needs."""
+    return f"robot-{robot}"
 
 
 def run_layout(cell: Workcell, makespan_s: float) -> rrb.Blueprint:

@@ -15,12 +15,14 @@ import rerun as rr
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.atomic import replacing
 from twin.recorders.rerun import layout as layout
-from twin.recorders.rerun.objects import draw_fixtures, log_objects
-from twin.recorders.rerun.robots import (
-    entity_path,
-    log_robot,
+from twin.recorders.rerun.bodies import (
+    draw_fixtures,
+    draw_robot,
+    log_objects,
+    move_robot,
     time_column,
 )
+from twin.recorders.rerun.layout import entity_path
 from twin.run.activities import IDLE, LANE_COLOURS, robot_activities
 from twin.run.events import Event
 from twin.run.run_record import Run
@@ -69,7 +71,7 @@ def write_recording(
         for robot, motion in zip(
             tpg.cell.robots, robot_trajectories(tpg, run), strict=True
         ):
-            log_robot(rec, robot, motion)
+            move_robot(rec, draw_robot(rec, robot), robot, motion)
         log_objects(rec, tpg.cell, object_placements(tpg, run))
         _log_lanes(rec, tpg, run, events)
         _log_progress(rec, tpg, run)

@@ -1,9 +1,10 @@
-"""Robots in the Rerun recording: shapes from their URDF, joints that move."""
+"""Robots, fixtures and objects in the Rerun recording: what they look like, how they move."""
 
 from __future__ import annotations
 
 import tempfile
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +13,15 @@ import rerun as rr
 from rerun.urdf import UrdfTree
 
 from planning.cell.robot_model import RobotModel
-from planning.cell.workcell import PlacedRobot
+from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.robots.registry import ROBOTS
 from planning.robots.urdf_file import find_mesh
 from planning.transforms import Array, quat_wxyz
 from twin.durations import NANOSECONDS, Nanoseconds
-from twin.run.trajectory import Trajectory
-
-WORLD_FRAME = "world"
-TIMELINE = "sim_time"
+from twin.recorders.rerun import layout as layout
+from twin.recorders.rerun.layout import WORLD_FRAME, entity_path, robot_part
+from twin.run.trajectory import Placement, Trajectory
+from twin.run.viewer import TIMELINE
 
 _FRAME_S = 0.05
 _FRAME_STEP = 0.02
@@ -32,29 +33,9 @@ def time_column(t_ns: npt.ArrayLike) -> rr.TimeColumn:
     return rr.TimeColumn(TIMELINE, duration=exact)
 
 
-def frame_name(robot: str, link: str) -> str:
-    """Return the name of a link's frame in the recording."""
-    return f"{robot}/{link}"
-
-
 def flange_frame(robot: str) -> str:
     """Return the name of the frame that held objects hang on."""
-    return frame_name(robot, "@flange")
-
-
-def entity_path(*parts: str) -> str:
-    """Return the path of an entity whose parts may hold any character."""
-    return "/" + "/".join(rr.escape_entity_path_part(part) for part in parts)
-
-
-def robot_part(robot: str) -> str:
-    """Return the path part under which a robot is drawn: one part, as the loader needs."""
-    return f"robot-{robot}"
-
-
-def log_robot(rec: rr.RecordingStream, robot: PlacedRobot, motion: Trajectory) -> None:
-    """Draw a robot and move it along its trajectory."""
-    move_robot(rec, draw_robot(rec, robot), robot, motion)
+    return f"{robot}/@flange"
 
 
 def draw_robot(rec: rr.RecordingStream, robot: PlacedRobot) -> UrdfTree:
@@ -74,10 +55,10 @@ def draw_robot(rec: rr.RecordingStream, robot: PlacedRobot) -> UrdfTree:
     root = tree.root_link().name
     _log_pose(rec, f"{entity}/base", robot.base, WORLD_FRAME, f"{robot.name}/{root}")
     joints = {joint.name: joint for joint in tree.joints()}
-    tip = joints[robot.model.joint_names[-1]].child_link
-    parent = frame_name(robot.name, tip.removeprefix(f"{robot.name}/"))
+    tip = joints[robot.model.joint_names[-1]].child_link.removeprefix(f"{robot.name}/")
+    flange = flange_frame(robot.name)
     _log_pose(
-        rec, f"{entity}/flange", robot.model.flange, parent, flange_frame(robot.name)
+        rec, f"{entity}/flange", robot.model.flange, f"{robot.name}/{tip}", flange
     )
     return tree
 
@@ -106,28 +87,21 @@ def move_robot(
     t_ns = frame_times(motion)
     q = motion.at(t_ns)
     part = robot_part(robot.name)
-    columns = {name: q[:, j] for j, name in enumerate(robot.model.joint_names)}
+    moving = {name: q[:, j] for j, name in enumerate(robot.model.joint_names)}
     entry = ROBOTS.get(robot.model.name)
-    held = dict(entry.frozen) if entry else {}
+    held = entry.frozen if entry else {}
     for joint in tree.joints():
-        if joint.name in columns:
-            values = columns[joint.name]
-            moves = np.append(True, np.diff(values) != 0.0)
-            rec.send_columns(
-                entity_path(part, "joints", joint.name),
-                indexes=[time_column(t_ns[moves])],
-                columns=joint.compute_transform_columns(
-                    values[moves].tolist(), clamp=False
-                ),
-            )
-        elif joint.name in held:
-            rec.send_columns(
-                entity_path(part, "joints", joint.name),
-                indexes=[time_column([0])],
-                columns=joint.compute_transform_columns(
-                    [held[joint.name]], clamp=False
-                ),
-            )
+        times, values = np.zeros(1, np.int64), np.array([held.get(joint.name, 0.0)])
+        if joint.name in moving:
+            changes = np.append(True, np.diff(moving[joint.name]) != 0.0)
+            times, values = t_ns[changes], moving[joint.name][changes]
+        elif joint.name not in held:
+            continue
+        rec.send_columns(
+            entity_path(part, "joints", joint.name),
+            indexes=[time_column(times)],
+            columns=joint.compute_transform_columns(values.tolist(), clamp=False),
+        )
 
 
 def frame_times(motion: Trajectory) -> Nanoseconds:
@@ -175,3 +149,93 @@ def _write_with_absolute_meshes(model: RobotModel, path: Path) -> None:
         if found is not None:
             mesh.set("filename", str(found.resolve()))
     tree.write(path)
+
+
+_FIXTURE_GREYS = ((178, 170, 158), (196, 201, 207), (140, 146, 154))
+
+
+def draw_fixtures(rec: rr.RecordingStream, cell: Workcell) -> None:
+    """Draw what never moves."""
+    ground, *others = _FIXTURE_GREYS
+    for k, fixture in enumerate(cell.fixtures):
+        # The first one, mostly the table, is told apart from all that stand on it.
+        grey = ground if k == 0 else others[(k - 1) % len(others)]
+        rec.log(
+            entity_path(layout.FIXTURES, fixture.name),
+            rr.CoordinateFrame(WORLD_FRAME),
+            rr.Boxes3D(
+                # A hair larger each: faces that lie in one plane would flicker.
+                sizes=[fixture.size + 0.0004 * (k % 6)],
+                centers=[fixture.pose[:3, 3]],
+                quaternions=[quat_xyzw(fixture.pose)],
+                colors=[grey],
+                fill_mode=rr.components.FillMode.Solid,
+            ),
+            static=True,
+        )
+
+
+def log_objects(
+    rec: rr.RecordingStream, cell: Workcell, placements: Sequence[Placement]
+) -> None:
+    """Hang every object on what holds it: one row a change.
+
+    What comes up later is drawn from then on.
+    """
+    rows: dict[str, list[Placement]] = {}
+    for placement in placements:
+        rows.setdefault(placement.object, []).append(placement)
+    for item in cell.objects:
+        if item.name in rows:  # otherwise it never came up
+            draw_object(rec, item, rows[item.name][0].t_ns)
+            place_object(rec, item.name, rows[item.name])
+
+
+def draw_object(rec: rr.RecordingStream, item: CellObject, t_ns: int) -> None:
+    """Draw an object; one that comes up later, from a time on [ns]."""
+    entity, frame = entity_path(layout.OBJECTS, item.name), f"@{item.name}"
+    if item.later:
+        rec.set_time(TIMELINE, duration=np.timedelta64(t_ns, "ns"))
+    rec.log(
+        entity,
+        rr.CoordinateFrame(frame),
+        rr.Boxes3D(
+            sizes=[item.size],
+            colors=[item.colour],
+            fill_mode=rr.components.FillMode.Solid,
+        ),
+        static=not item.later,
+    )
+    # Edges tell neighbours of one colour apart.
+    rec.log(
+        f"{entity}/edges",
+        rr.CoordinateFrame(frame),
+        rr.Boxes3D(
+            sizes=[item.size],
+            colors=[tuple(channel // 3 for channel in item.colour)],
+            radii=rr.Radius.ui_points(0.6),
+            fill_mode=rr.components.FillMode.MajorWireframe,
+        ),
+        static=not item.later,
+    )
+    rec.reset_time()
+
+
+def place_object(
+    rec: rr.RecordingStream, name: str, placements: Sequence[Placement]
+) -> None:
+    """Hang an object that has been drawn on what holds it, from some times on."""
+    parents = [
+        WORLD_FRAME if p.holder is None else flange_frame(p.holder) for p in placements
+    ]
+    # Each row must be whole: Rerun does not join halves of a transform.
+    rec.send_columns(
+        f"{entity_path(layout.OBJECTS, name)}/pose",
+        indexes=[time_column([p.t_ns for p in placements])],
+        columns=rr.Transform3D.columns(
+            translation=[p.pose[:3, 3] for p in placements],
+            quaternion=[quat_xyzw(p.pose) for p in placements],
+            parent_frame=parents,
+            child_frame=[f"@{name}"] * len(placements),
+        ),
+    )
