@@ -19,16 +19,7 @@ SUMMARY = "summary.json"
 COMPARISON = "compare.json"
 CHART = "compare.png"
 
-_RESULTS = (
-    EVENTS,
-    TRAJECTORY,
-    OBJECTS,
-    RECORDING,
-    GANTT,
-    SUMMARY,
-    COMPARISON,
-    CHART,
-)
+_RESULTS = (EVENTS, TRAJECTORY, OBJECTS, RECORDING, GANTT, SUMMARY, COMPARISON, CHART)
 
 
 def prepare_run_folder(out: Path | None, scenario_name: str) -> Path:

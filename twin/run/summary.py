@@ -91,11 +91,7 @@ _STAGES = {
 
 
 def print_summary(
-    summary: Mapping[str, Any],
-    folder: Path,
-    *,
-    recording: bool,
-    compiled: bool = False,
+    summary: Mapping[str, Any], folder: Path, *, recording: bool, compiled: bool = False
 ) -> None:
     """Print the summary of a run to standard output.
 

@@ -16,12 +16,7 @@ from twin.host.progress import Report, report_nothing
 from twin.recorders.motion_tables import write_motion
 from twin.recorders.observers import JsonlRecorder, MemoryRecorder, Recorder
 from twin.run.events import Event
-from twin.run.folder import (
-    EVENTS,
-    GANTT,
-    RECORDING,
-    SUMMARY,
-)
+from twin.run.folder import EVENTS, GANTT, RECORDING, SUMMARY
 from twin.run.gantt import draw_gantt
 from twin.run.run_record import DeadlockError, Policy, Run
 from twin.run.summary import summarise

@@ -164,7 +164,7 @@ def test_violations_end_with_code_1_and_are_listed(
 def test_an_interrupt_in_the_twin_leaves_a_readable_log_and_code_130(
     plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from twin.recorders import memory
+    from twin.recorders import observers
 
     def interrupt(self: object, event: object) -> None:
         counter.append(event)
@@ -172,7 +172,7 @@ def test_an_interrupt_in_the_twin_leaves_a_readable_log_and_code_130(
             raise KeyboardInterrupt
 
     counter: list[object] = []
-    monkeypatch.setattr(memory.MemoryRecorder, "record", interrupt)
+    monkeypatch.setattr(observers.MemoryRecorder, "record", interrupt)
     out = tmp_path / "run"
     result = invoke("run", plan / "two.yaml", "--plan", plan, "--out", out)
     assert result.exit_code == 130, result.output
