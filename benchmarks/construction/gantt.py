@@ -19,18 +19,12 @@ from twin.run.activities import LANE_COLOURS
 _INK = "#2b2f36"
 _LANE_IN = 0.26
 _BACK = "#f1f3f5"
-
-
-def _hex(state: str) -> str:
-    return "#" + "".join(f"{value:02x}" for value in LANE_COLOURS[state])
-
-
 _STYLES = {
     DRIVE: ("#c3ccd8", "drives to a part"),
-    "pick": (_hex("pick"), "pick"),
+    "pick": (LANE_COLOURS["pick"], "pick"),
     CARRY: ("#7d90ab", "carries it"),
-    "handover": (_hex("handover"), "handover"),
-    "place-down": (_hex("place-down"), "place"),
+    "handover": (LANE_COLOURS["handover"], "handover"),
+    "place-down": (LANE_COLOURS["place-down"], "place"),
     HOME: ("#e1e5ea", "out of the way"),
 }
 

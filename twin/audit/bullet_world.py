@@ -73,7 +73,8 @@ class AuditWorld:
 
     def __init__(self, cell: Workcell) -> None:
         self.cell = cell
-        self._bullet = BulletClient(pybullet.DIRECT)
+        with silenced():  # it tells its options
+            self._bullet = BulletClient(pybullet.DIRECT)
         # A description that changed on disk must not be taken from the cache.
         self._bullet.setPhysicsEngineParameter(enableFileCaching=0)
         self._bodies: list[int] = []

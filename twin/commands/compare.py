@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated
 
 import typer
 
 from twin.commands.options import AsJson, Out, Quiet, ScenarioFile, Shortcuts
-from twin.host.guard import COMPLETED, guarded
+from twin.host.guard import COMPLETED, guarded, print_json
 
 Seeds = Annotated[
     int, typer.Option(min=1, help="How many seeds, counted from the scenario's.")
@@ -84,7 +83,7 @@ def compare(
             heading += ", skills follow their reference paths"
         draw_comparison(folder / CHART, {chosen.name: figures}, heading)
     if as_json:
-        typer.echo(json.dumps(figures, indent=2))
+        print_json(figures)
     elif not quiet:
         from twin.comparison.table import print_comparison
 

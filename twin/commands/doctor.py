@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import sys
@@ -12,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 import typer
 
 from twin.commands.options import AsJson
-from twin.host.guard import COMPLETED, FAILED, guarded
+from twin.host.guard import COMPLETED, FAILED, guarded, print_json
 from twin.host.silence import silenced
 
 # Distribution and the module that proves it works.
@@ -53,7 +52,7 @@ def doctor(as_json: AsJson = False) -> int:
         except Exception as error:  # a broken library may raise anything on import
             missing[distribution] = f"{type(error).__name__}: {error}"
     if as_json:
-        typer.echo(json.dumps({"versions": found, "missing": missing}, indent=2))
+        print_json({"versions": found, "missing": missing})
         return FAILED if missing else COMPLETED
     for name, text in found.items():
         typer.echo(f"{name:<14} {text}")

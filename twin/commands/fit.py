@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin.commands.options import AsJson, Quiet
-from twin.host.guard import guarded
+from twin.host.guard import guarded, print_json
 
 if TYPE_CHECKING:
     from twin.fit.fitting import Fit
@@ -83,7 +82,7 @@ def fit(
     write_snippet(folder, fits, csv.name)
     write_json(folder / "fit.json", content)
     if as_json:
-        typer.echo(json.dumps(content, indent=2))
+        print_json(content)
     elif not quiet:
         for one in fits:
             _print(one)

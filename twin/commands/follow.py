@@ -95,7 +95,7 @@ def follow(
 
 
 def _lines(events: Path, *, wait: bool) -> Iterator[str | None]:
-    from twin.follow.source import growing_file, piped
+    from twin.follow.follow import growing_file, piped
 
     if str(events) == "-":
         return piped(sys.stdin.buffer)

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from twin.commands.options import AsJson, Quiet
-from twin.host.guard import COMPLETED, FAILED, guarded
+from twin.host.guard import COMPLETED, FAILED, guarded, print_json
 
 Folder = Annotated[Path, typer.Argument(help="Folder of the run.", metavar="LOGDIR")]
 Base = Annotated[
@@ -32,7 +32,7 @@ def resume(
     """
     from twin.host.progress import StageDisplay
     from twin.run.folder import SUMMARY
-    from twin.trial.resume import resume_run
+    from twin.trial.trial import resume_run
 
     silent = quiet or as_json
     with StageDisplay(enabled=not silent) as progress:
@@ -43,7 +43,7 @@ def resume(
         else dict(done.trial.summary)
     )
     if as_json:
-        typer.echo(json.dumps({"folder": str(folder), **summary}, indent=2))
+        print_json({"folder": str(folder), **summary})
     elif not quiet:
         from twin.run.folder import RECORDING
         from twin.run.summary import print_summary

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import json
-
-import typer
-
 from twin.commands.options import AsJson
-from twin.host.guard import guarded
+from twin.host.guard import guarded, print_json
 
 
 @guarded
@@ -29,7 +25,7 @@ def robots(as_json: AsJson = False) -> None:
             }
             for entry in ROBOTS.values()
         ]
-        typer.echo(json.dumps(rows, indent=2))
+        print_json(rows)
         return
     table = Table("name", "joints", "what it is", "description from", "licence")
     for entry in ROBOTS.values():

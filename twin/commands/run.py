@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,7 +10,14 @@ import typer
 
 from planning.errors import ScenarioError
 from twin.commands.options import AsJson, Out, Quiet, ScenarioFile, Seed, Shortcuts
-from twin.host.guard import COMPLETED, FAILED, INTERRUPTED, guarded, print_error
+from twin.host.guard import (
+    COMPLETED,
+    FAILED,
+    INTERRUPTED,
+    guarded,
+    print_error,
+    print_json,
+)
 
 if TYPE_CHECKING:
     from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -118,7 +124,7 @@ def run(
                 progress=progress,
             )
     if as_json:
-        typer.echo(json.dumps({"folder": str(folder), **trial.summary}, indent=2))
+        print_json({"folder": str(folder), **trial.summary})
     elif not quiet:
         from twin.run.summary import print_summary
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,7 +10,7 @@ import typer
 
 from planning.errors import InfeasibleStepError, ScenarioError
 from twin.commands.options import AsJson, ScenarioFile
-from twin.host.guard import COMPLETED, guarded
+from twin.host.guard import COMPLETED, guarded, print_json
 
 if TYPE_CHECKING:
     from planning.lego.bricks.assembly import Support
@@ -54,7 +53,7 @@ def sequence(
         _write(scenario, output, found)
     if as_json:
         rows = [_row(k, item) for k, item in enumerate(found.sequence, start=1)]
-        typer.echo(json.dumps(rows, indent=2))
+        print_json(rows)
     else:
         _print_table(found)
         if output is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +10,7 @@ import typer
 
 from planning.errors import RequestError
 from twin.commands.options import AsJson, Out, Quiet, Seed, Shortcuts
-from twin.host.guard import COMPLETED, guarded
+from twin.host.guard import COMPLETED, guarded, print_json
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -168,7 +167,7 @@ def study(
 
         write_report(result, progress)
     if as_json:
-        typer.echo(json.dumps(result.summary, indent=2))
+        print_json(result.summary)
     elif not quiet:
         from twin.study.report.terminal_table import print_study
 

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from planning.errors import ScenarioError
-from twin.host.guard import BAD_INPUT, COMPLETED, describe, guarded, print_error
+from twin.host.guard import (
+    BAD_INPUT,
+    COMPLETED,
+    describe,
+    guarded,
+    print_error,
+    print_json,
+)
 
 Files = Annotated[list[Path], typer.Argument(help="Scenario files.", metavar="FILE...")]
 Resolved = Annotated[
@@ -34,7 +40,7 @@ def validate(files: Files, resolved: Resolved = False) -> int:
             code = BAD_INPUT
             continue
         if resolved:
-            typer.echo(json.dumps(model.resolved(scenario), indent=2))
+            print_json(model.resolved(scenario))
         else:
             assembly = assembly_kind(scenario.assembly)
             typer.echo(
@@ -49,4 +55,4 @@ def schema() -> None:
     """Print the JSON schema of scenario files, for editors."""
     from twin.scenario.file import scenario_schema
 
-    typer.echo(json.dumps(scenario_schema(), indent=2))
+    print_json(scenario_schema())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import asdict
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from twin.commands.options import AsJson, Quiet
-from twin.host.guard import COMPLETED, FAILED, guarded
+from twin.host.guard import COMPLETED, FAILED, guarded, print_json
 
 if TYPE_CHECKING:
     from scheduling.verification.verify import VerificationReport
@@ -55,7 +54,7 @@ def verify(
             standing = audit_standing_states(tpg, display)
     ok = report.ok and not (standing and standing.violations)
     if as_json:
-        typer.echo(json.dumps(_content(report, standing), indent=2))
+        print_json(_content(report, standing))
     elif not quiet:
         for problem in report.problems:
             typer.echo(problem.message)
@@ -85,25 +84,23 @@ def _millimetres(report: VerificationReport) -> str:
 def _content(
     report: VerificationReport, standing: AdversaryReport | None
 ) -> dict[str, object]:
+    from twin.host.atomic import finite
+
     content: dict[str, object] = {
         "ok": report.ok and not (standing and standing.violations),
         "pairs_checked": report.pairs_checked,
-        "min_distance_robots_m": _known(report.min_distance_robots_m),
-        "min_distance_objects_m": _known(report.min_distance_objects_m),
+        "min_distance_robots_m": finite(report.min_distance_robots_m),
+        "min_distance_objects_m": finite(report.min_distance_objects_m),
         "problems": [{"kind": p.kind, "message": p.message} for p in report.problems],
         "adversary": None,
     }
     if standing is not None:
         content["adversary"] = {
             "states": standing.states,
-            "min_distance_m": _known(standing.min_distance_m),
+            "min_distance_m": finite(standing.min_distance_m),
             "violations": [
                 {**asdict(state), **asdict(violation)}
                 for state, violation in standing.violations
             ],
         }
     return content
-
-
-def _known(distance_m: float) -> float | None:
-    return distance_m if math.isfinite(distance_m) else None

@@ -155,10 +155,10 @@ def _dot(graph: Graph, name: str) -> str:
 
 
 def _node_style(node: str, data: Mapping[str, Any]) -> str:
-    red, green, blue = LANE_COLOURS.get(data["kind"], OTHER_COLOUR)
+    colour = LANE_COLOURS.get(data["kind"], OTHER_COLOUR)
     text = data["label"] if "node" not in data else f"{data['label']}\n{node}"
     hint = f"{data['kind']}, step {data['step']}, {data['duration_s']:.2f} s"
-    return f'label={_quoted(text)}, tooltip={_quoted(hint)}, fillcolor="#{red:02x}{green:02x}{blue:02x}"'
+    return f'label={_quoted(text)}, tooltip={_quoted(hint)}, fillcolor="{colour}"'
 
 
 def _quoted(text: str) -> str:

@@ -19,6 +19,7 @@ from twin.durations import NANOSECONDS
 from twin.follow.follow import RunListener
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, RobotProgress, Violation
+from twin.host.atomic import finite
 from twin.run.events import Event, EventLogError
 
 
@@ -51,10 +52,10 @@ class JsonLines(RunListener):
         self._put(
             "forecast",
             t_s=forecast.t_s,
-            p50_s=_number(p50),
-            p90_s=_number(p90),
-            remaining_p50_s=_number(p50 - forecast.t_s),
-            remaining_p90_s=_number(p90 - forecast.t_s),
+            p50_s=finite(p50),
+            p90_s=finite(p90),
+            remaining_p50_s=finite(p50 - forecast.t_s),
+            remaining_p90_s=finite(p90 - forecast.t_s),
             failing=forecast.failing,
             nodes_done=forecast.nodes_done,
             nodes=forecast.nodes,
@@ -124,10 +125,6 @@ def end_sentence(run: FollowedRun) -> str:
     return (
         f"{text}, {count} forbidden events" if count else f"{text}, nothing forbidden"
     )
-
-
-def _number(value: float) -> float | None:
-    return None if math.isnan(value) else value
 
 
 _MOST_VIOLATIONS = 5

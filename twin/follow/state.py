@@ -45,10 +45,10 @@ class RobotProgress:
         name: of the robot.
         start_ns, end_ns: of its nodes, -1 for what has not happened, shape (nodes,) [ns].
         stood_ns: standstills within each node so far, shape (nodes,) [ns].
-        released: nodes sent to it.
         completed: nodes that it has completed.
         standing: ``stalled`` or ``stopped`` while it is, else empty.
-        since_ns: when it began to stand, or to make its last attempt at a skill [ns].
+        since_ns: when it began to stand [ns].
+        attempt_ns: when the node under way started, or its last attempt [ns].
         attempts: attempts at the node under way that have failed.
         failed: whether its task has failed for good.
     """
@@ -57,7 +57,6 @@ class RobotProgress:
     start_ns: Nanoseconds
     end_ns: Nanoseconds
     stood_ns: Nanoseconds
-    released: int = 0
     completed: int = 0
     standing: str = ""
     since_ns: int = 0
@@ -103,7 +102,6 @@ class FollowedRun:
         now_ns: time of the last event [ns].
         events: how many there were.
         violations: what should not have happened, in order.
-        holder: who holds what.
         outcome: how the run ended, empty while it goes on.
     """
 
@@ -113,7 +111,6 @@ class FollowedRun:
     now_ns: int = 0
     events: int = 0
     violations: list[Violation] = field(default_factory=list)
-    holder: dict[str, str] = field(default_factory=dict)
     outcome: str = ""
 
     def __post_init__(self) -> None:
@@ -121,12 +118,8 @@ class FollowedRun:
         self._graph = graph
         self._dispatcher = Dispatcher(graph)
         self._chain = {chain.robot: k for k, chain in enumerate(graph.chains)}
-        self._cause = {
-            tuple(edge): cause
-            for edge, cause in zip(
-                graph.edges.tolist(), graph.cause.tolist(), strict=True
-            )
-        }
+        edges = map(tuple, graph.edges.tolist())
+        self._cause = dict(zip(edges, graph.cause.tolist(), strict=True))
         self._handled = {(h.object, h.robot, h.node) for h in graph.handlings}
         self.robots = [
             RobotProgress(
@@ -179,7 +172,6 @@ class FollowedRun:
             self._flag(event, "it names no node")
         elif event.kind == "released":
             self._check_edges(k, event)
-            robot.released = max(robot.released, node + 1)
         elif event.kind == "started":
             self._start(k, event)
         elif event.kind == "completed":
@@ -191,12 +183,19 @@ class FollowedRun:
         elif event.kind == "resumed":
             self._resume(robot, event.t_ns)
         elif event.kind == "retried":
+            # Work and standstills of the node under way count afresh.
             robot.attempts += 1
-            self._new_attempt(robot, event.t_ns)
+            robot.attempt_ns = event.t_ns
+            if robot.under_way >= 0:
+                robot.stood_ns[robot.under_way] = 0
         elif event.kind == "failed":
             robot.failed = True
-        elif event.kind in ("attached", "detached"):
-            self._handle(k, event)
+        elif (
+            event.kind in ("attached", "detached")
+            and (event.object, k, node) not in self._handled
+        ):
+            what = f"the plan does not handle {event.object!r} in node {node}"
+            self._flag(event, what)
 
     def _start(self, k: int, event: Event) -> None:
         robot, node = self.robots[k], event.node
@@ -234,22 +233,6 @@ class FollowedRun:
             robot.stood_ns[node] += max(t_ns - begun, 0)
         robot.standing = ""
 
-    def _new_attempt(self, robot: RobotProgress, t_ns: int) -> None:
-        """Count work and standstills of the node under way afresh."""
-        robot.attempt_ns = t_ns
-        if robot.under_way >= 0:
-            robot.stood_ns[robot.under_way] = 0
-
-    def _handle(self, k: int, event: Event) -> None:
-        if (event.object, k, event.node) not in self._handled:
-            self._flag(
-                event, f"the plan does not handle {event.object!r} in node {event.node}"
-            )
-        if event.kind == "attached":
-            self.holder[event.object] = event.robot
-        else:
-            self.holder.pop(event.object, None)
-
     def _check_edges(self, k: int, event: Event) -> None:
         """Flag an event of a node that still waits for other robots."""
         waits = self._dispatcher.waits_for(k, event.node)
@@ -274,11 +257,8 @@ class FollowedRun:
         self, event: Event, reason: str, edges: tuple[tuple[str, int], ...] = ()
     ) -> None:
         task = event.task
-        label = (
-            f" ({self.tpg.tasks[task].label})"
-            if 0 <= task < len(self.tpg.tasks)
-            else ""
-        )
+        known = 0 <= task < len(self.tpg.tasks)
+        label = f" ({self.tpg.tasks[task].label})" if known else ""
         node = f" node {event.node}{label}" if event.node >= 0 else ""
         text = (
             f"{_seconds(event.t_ns)}: {event.robot or 'the run'} {event.kind}{node},"

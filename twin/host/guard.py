@@ -1,11 +1,12 @@
-"""Exit codes of commands: errors become messages, never tracebacks."""
+"""Exit codes of commands, and what they print: errors become messages, never tracebacks."""
 
 from __future__ import annotations
 
 import functools
+import json
 import sys
 from collections.abc import Callable
-from typing import ParamSpec
+from typing import Any, ParamSpec
 
 import typer
 
@@ -61,6 +62,11 @@ def describe(error: TwinError) -> str:
     """Return the message of an error, with excerpts where it has any."""
     report = getattr(error, "report", None)
     return str(report()) if callable(report) else str(error)
+
+
+def print_json(value: Any) -> None:
+    """Print a value as indented JSON to standard output."""
+    typer.echo(json.dumps(value, indent=2))
 
 
 def print_error(message: str) -> None:

@@ -23,27 +23,27 @@ RETRYING = "retrying"
 FAILED = "failed"
 IDLE = "idle"
 
-LANE_COLOURS: dict[str, tuple[int, int, int]] = {
-    TRANSIT: (151, 166, 186),
-    "pick": (238, 170, 51),
-    "place-down": (46, 139, 87),
-    "place-up": (111, 190, 110),
-    "handover": (178, 84, 160),
-    "support-bottom": (47, 111, 178),
-    "support-top": (105, 170, 222),
-    WAITING: (226, 229, 233),
-    STALLED: (206, 54, 48),
-    STOPPED: (120, 22, 30),
-    RETRYING: (232, 118, 72),
-    FAILED: (28, 28, 32),
-    IDLE: (242, 243, 245),
+LANE_COLOURS: dict[str, str] = {
+    TRANSIT: "#97a6ba",
+    "pick": "#eeaa33",
+    "place-down": "#2e8b57",
+    "place-up": "#6fbe6e",
+    "handover": "#b254a0",
+    "support-bottom": "#2f6fb2",
+    "support-top": "#69aade",
+    WAITING: "#e2e5e9",
+    STALLED: "#ce3630",
+    STOPPED: "#78161e",
+    RETRYING: "#e87648",
+    FAILED: "#1c1c20",
+    IDLE: "#f2f3f5",
 }
-"""Colour (r, g, b), 0 to 255, of every state of a lane."""
+"""Colour of every state of a lane, #rrggbb."""
 
 CAUSES = {TASK_DEPENDENCY: "task dependency", MOTION_CONFLICT: "motion conflict"}
 """Causes of type-2 edges in words."""
 
-OTHER_COLOUR = (140, 120, 100)
+OTHER_COLOUR = "#8c7864"
 """Colour of a task kind without one of its own."""
 
 

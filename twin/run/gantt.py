@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -155,13 +156,12 @@ def _label(tpg: TemporalPlanGraph, span: Activity) -> str:
     return str(task.step) if span.state == task.kind else ""
 
 
-def _colour(state: str) -> tuple[float, float, float]:
-    red, green, blue = LANE_COLOURS.get(state, OTHER_COLOUR)
-    return red / 255, green / 255, blue / 255
+def _colour(state: str) -> str:
+    return LANE_COLOURS.get(state, OTHER_COLOUR)
 
 
 def _dark(state: str) -> bool:
-    return float(np.dot(_colour(state), (0.299, 0.587, 0.114))) < 0.55
+    return float(np.dot(to_rgb(_colour(state)), (0.299, 0.587, 0.114))) < 0.55
 
 
 def _binding_edges(

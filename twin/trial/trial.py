@@ -1,26 +1,32 @@
-"""One trial of a plan: execute it in the twin, keep what happened, let the audit judge it."""
+"""One trial of a plan: execute it in the twin, keep what happened, let the audit judge it.
+
+Runs are deterministic: the same scenario, plan and seed give the same events. So a run whose
+process was killed is resumed by running it again from the start, comparing every event with the
+log as far as that goes, and writing what the log does not hold yet. The files are those of a run
+that was never killed.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from scheduling.graph.plan_files import save_plan
+from planning.errors import OutputError, TwinError
+from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.engine.engine import Simulator
-from twin.host.atomic import write_json
+from twin.host.atomic import finite, write_json
 from twin.host.progress import Report, report_nothing
 from twin.recorders.motion_tables import write_motion
 from twin.recorders.observers import JsonlRecorder, MemoryRecorder, Recorder
-from twin.run.events import Event
+from twin.run.events import Event, event_line, parse_event, read_log
 from twin.run.folder import EVENTS, GANTT, RECORDING, SUMMARY
 from twin.run.gantt import draw_gantt
 from twin.run.run_record import DeadlockError, Policy, Run
 from twin.run.summary import summarise
-from twin.scenario.manifest import write_manifest
+from twin.scenario.manifest import read_manifest, write_manifest
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.simulation import scenario_execution
 
@@ -216,9 +222,107 @@ def _audit(folder: Path, progress: Report) -> dict[str, Any]:
     from twin.audit.audit import audit_run
 
     report = audit_run(folder, progress)
-    least = report.min_distance_m
     return {
         "configurations": report.configurations,
-        "min_distance_m": least if math.isfinite(least) else None,
+        "min_distance_m": finite(report.min_distance_m),
         "violations": [asdict(violation) for violation in report.violations],
     }
+
+
+class ResumeError(TwinError):
+    """The resumed run differs from its log."""
+
+
+@dataclass(frozen=True)
+class Resumption:
+    """Result of a resumed run.
+
+    Attributes:
+        agreed: events of the log, all of which happened again.
+        added: events that were missing.
+        trial: the run to its end; None where it had come to its end before.
+    """
+
+    agreed: int
+    added: int
+    trial: Trial | None
+
+
+def resume_run(
+    folder: Path, *, base: Path | None = None, progress: Report = report_nothing
+) -> Resumption:
+    """Resume a simulated run from its log.
+
+    Args:
+        folder: of the run; its process must not be alive any more.
+        base: where relative paths of the scenario start, where that has changed.
+        progress: told how far each stage has come.
+
+    Raises:
+        OutputError: the folder holds no run, or a file is damaged or cannot be written.
+        ResumeError: an event is not what the log says, as after an update of a package.
+    """
+    scenario, manifest = read_manifest(folder, "run to resume")
+    try:
+        about = Preparation(**manifest["run"])
+    except (KeyError, TypeError) as error:
+        raise OutputError(f"{folder}: does not say how to resume: {error}") from error
+    path = folder / EVENTS
+    log = read_log(path) if path.exists() else ()
+    known = _before_interrupt(log)
+    # The summary is written last.
+    if (folder / SUMMARY).exists() and len(known) == len(log):
+        return Resumption(len(log), 0, None)
+    tpg = load_plan(folder)
+    progress(SIMULATION, 0, 1)
+    memory = MemoryRecorder()
+    run = execute(
+        scenario,
+        tpg,
+        base or Path(about.base),
+        scenario.execution.policy,
+        recorders=(memory,),
+    )
+    if run.outcome == "aborted":
+        raise KeyboardInterrupt
+    lines = [event_line(event) for event in memory.events]
+    _require_agreement(path, known, lines, memory.events)
+    recorder = JsonlRecorder(path, kept=sum(len(line.encode()) for line in known))
+    try:
+        for event in memory.events[len(known) :]:
+            recorder.record(event)
+        recorder.close()
+    except OSError as error:
+        raise OutputError(f"{path}: cannot write the event log: {error}") from error
+    progress(SIMULATION, 1, 1)
+    trial = conclude(scenario, tpg, folder, run, memory.events, about, progress)
+    return Resumption(len(known), len(lines) - len(known), trial)
+
+
+def _before_interrupt(log: Sequence[str]) -> Sequence[str]:
+    """Return a log without the last rows of a run that the user broke off."""
+    lines = list(log)
+    if lines and '"finished"' in lines[-1]:
+        last = parse_event(lines[-1])
+        if not last.robot and last.detail == "aborted":
+            lines.pop()
+            if lines and '"stopped"' in lines[-1] and not parse_event(lines[-1]).robot:
+                lines.pop()
+    return lines
+
+
+def _require_agreement(
+    path: Path, known: Sequence[str], lines: list[str], events: list[Event]
+) -> None:
+    for k, line in enumerate(known):
+        if k >= len(lines):
+            raise ResumeError(
+                f"{path}:{k + 1}: the run ends after {len(lines)} events, the log goes on"
+            )
+        if line != lines[k]:
+            event = events[k]
+            raise ResumeError(
+                f"{path}:{k + 1}: the log says {line.strip()}, but now"
+                f" {event.robot or 'the run'} {event.kind} at"
+                f" {event.t_ns / 1e9:.9f} s: {lines[k].strip()}"
+            )

@@ -28,9 +28,8 @@ from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.cli import app
 from twin.engine.execution_model import ExecutionModel
 from twin.follow.display import JsonLines, PlainLines, TerminalDisplay, run_picture
-from twin.follow.follow import follow
+from twin.follow.follow import follow, growing_file, piped
 from twin.follow.forecast import Forecaster
-from twin.follow.source import growing_file, piped
 from twin.follow.state import FollowedRun
 from twin.recorders.observers import MemoryRecorder
 from twin.run.events import EventLogError, event_line

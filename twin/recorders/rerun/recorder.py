@@ -84,12 +84,13 @@ def write_recording(
 def draw_lane(rec: rr.RecordingStream, robot: str) -> str:
     """Say which colours the states of a robot's lane have; return the lane's entity."""
     names = list(LANE_COLOURS)
-    red, green, blue = np.array([LANE_COLOURS[n] for n in names], dtype=np.uint32).T
-    colours = (red << 24) | (green << 16) | (blue << 8) | np.uint32(255)
+    opaque = [int(f"{colour[1:]}ff", 16) for colour in LANE_COLOURS.values()]
     entity = entity_path(layout.LANES, robot)
     rec.log(
         entity,
-        rr.StateConfiguration(values=names, labels=names, colors=colours),
+        rr.StateConfiguration(
+            values=names, labels=names, colors=np.array(opaque, np.uint32)
+        ),
         static=True,
     )
     return entity
