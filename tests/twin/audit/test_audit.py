@@ -434,3 +434,8 @@ def test_recordings_that_do_not_fit_the_plan_are_refused(tmp_path: Path) -> None
     run.move("left", [0.0, 0.0], np.stack([home, home + 0.1]))
     with pytest.raises(OutputError, match="jumps"):
         audit_run(run.write(tmp_path))
+
+
+def test_bullet_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+    AuditWorld(two_arm_cell()).close()
+    assert capfd.readouterr() == ("", "")
