@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import product
 
 from planning.cell.workcell import (
     Attachment,
@@ -33,7 +34,6 @@ from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
     Rejection,
-    StepChoice,
 )
 from planning.transforms import Array, Transform, inverse, readonly
 
@@ -126,14 +126,6 @@ class PickPlaceCandidates:
         repr=False
     )
 
-    def pick(self, choice: StepChoice) -> SkillPath:
-        """Return the pick of a choice."""
-        return self.paths[choice.step, choice.robot, choice.grasp][0]
-
-    def place(self, choice: StepChoice) -> SkillPath:
-        """Return the place of a choice."""
-        return self.paths[choice.step, choice.robot, choice.grasp][1]
-
 
 def find_candidates(cell: Workcell, assembly: PickPlaceAssembly) -> PickPlaceCandidates:
     """Find every robot and grip that can do a step, with its cost.
@@ -150,20 +142,32 @@ def find_candidates(cell: Workcell, assembly: PickPlaceAssembly) -> PickPlaceCan
         InfeasibleStepError: a part would hang in the air, or goes where something is.
     """
     steps = part_steps(cell, assembly)
-    search = _Search()
-    for number, step in enumerate(steps, start=1):
-        for robot in cell.robots:
-            search.add(number, step.grips, _GripOptions(cell, assembly, step, robot))
+    primaries: list[PrimaryCandidate] = []
+    rejections: list[Rejection] = []
+    paths: dict[tuple[int, str, int], tuple[SkillPath, SkillPath]] = {}
+    for (number, step), robot in product(enumerate(steps, start=1), cell.robots):
+        part, name = step.part.name, robot.name
+        if not step.grips:
+            reason = "no face can be gripped both at its start and at its goal"
+            rejections.append(Rejection(number, f"{name} grips {part}", reason))
+        for k, grip in enumerate(step.grips):
+            found = _GripOption(cell, assembly, step, robot, grip.pose).paths()
+            if isinstance(found[1], Obstruction):
+                what = f"{name} {found[0]}, {grip.words}"
+                rejections.append(Rejection(number, what, found[1].words))
+                continue
+            paths[number, name, k] = found
+            cost = sum(joint_distance(robot.home, path.contact) for path in found)
+            primaries.append(PrimaryCandidate(number, name, part, k, cost))
     problem = AssignmentProblem(
         robots=tuple(robot.name for robot in cell.robots),
         steps=tuple(f"pick and place {name}" for name in assembly.steps),
         needs_support=(False,) * len(assembly.steps),
-        primaries=tuple(search.primaries),
+        primaries=tuple(primaries),
         supports=(),
-        rejections=tuple(search.rejections),
+        rejections=tuple(rejections),
     )
-    frame = assembly.grips.frame
-    return PickPlaceCandidates(cell, frame, steps, problem, search.paths)
+    return PickPlaceCandidates(cell, assembly.grips.frame, steps, problem, paths)
 
 
 def held_pose(robot: PlacedRobot, frame: str, grip: Transform) -> Transform:
@@ -178,103 +182,45 @@ def held_pose(robot: PlacedRobot, frame: str, grip: Transform) -> Transform:
     return readonly(tool @ inverse(grip))
 
 
-class _Search:
-    """Gathers candidates of one step and robot after another."""
+@dataclass(frozen=True)
+class _GripOption:
+    """How one robot does one step with one of its grips, a pose in the frame of the part."""
 
-    def __init__(self) -> None:
-        self.primaries: list[PrimaryCandidate] = []
-        self.rejections: list[Rejection] = []
-        self.paths: dict[tuple[int, str, int], tuple[SkillPath, SkillPath]] = {}
+    cell: Workcell
+    assembly: PickPlaceAssembly
+    step: PartStep
+    robot: PlacedRobot
+    grip: Transform
 
-    def add(self, step: int, grips: list[Grip], options: _GripOptions) -> None:
-        """Add the candidates of a step for one robot."""
-        robot, part = options.robot, options.part
-        if not grips:
-            self._reject(
-                step,
-                f"{robot.name} grips {part.name}",
-                Obstruction("no face can be gripped both at its start and at its goal"),
-            )
-        for number, grip in enumerate(grips):
-            place = options.place(grip.pose)
-            if isinstance(place, Obstruction):
-                self._reject(step, f"{robot.name} places, {grip.words}", place)
-                continue
-            pick = options.pick(grip.pose)
-            if isinstance(pick, Obstruction):
-                self._reject(step, f"{robot.name} picks, {grip.words}", pick)
-                continue
-            at_home = options.at_home(grip.pose)
-            if at_home is not None:
-                self._reject(step, f"{robot.name} at HOME, {grip.words}", at_home)
-                continue
-            self.paths[step, robot.name, number] = (pick, place)
-            cost = sum(joint_distance(robot.home, p.contact) for p in (pick, place))
-            self.primaries.append(
-                PrimaryCandidate(step, robot.name, part.name, number, cost)
-            )
-
-    def _reject(self, step: int, what: str, reason: Obstruction) -> None:
-        self.rejections.append(Rejection(step, what, reason.words))
-
-
-class _GripOptions:
-    """How one robot does one step with each of its grips."""
-
-    def __init__(
-        self,
-        cell: Workcell,
-        assembly: PickPlaceAssembly,
-        step: PartStep,
-        robot: PlacedRobot,
-    ) -> None:
-        self.cell = cell
-        self.assembly = assembly
-        self.robot = robot
-        self.part = step.part
-        self.goal = step.goal
-        self.held = gripped(robot.name, self.part.name)
-        self._at_start = touching(self.part.name, step.at_start)
-        self._at_goal = touching(self.part.name, step.at_goal)
-        self._around = step.around
-        self._home: dict[str, Array] = {r.name: r.home for r in cell.robots}
-
-    def pick(self, grip: Transform) -> SkillPath | Obstruction:
-        """Return the pick of the part."""
-        assembly = self.assembly
-        targets = pick_targets(
-            assembly.grips.frame,
-            self.part.start @ grip,
-            assembly.approach,
-            assembly.leave,
+    def paths(self) -> tuple[SkillPath, SkillPath] | tuple[str, Obstruction]:
+        """Return pick and place; or what cannot be done, and why."""
+        step, part, name = self.step, self.step.part, self.step.part.name
+        frame, held = self.assembly.grips.frame, gripped(self.robot.name, name)
+        approach, leave = self.assembly.approach, self.assembly.leave
+        in_hand = Attachment(self.robot.name, held_pose(self.robot, frame, self.grip))
+        place = self._resolve(
+            place_targets(frame, step.goal @ self.grip, approach, leave),
+            SkillContacts(held, held | touching(name, step.at_goal), NOTHING),
+            in_hand,
+            Attachment(None, step.goal),
         )
-        contacts = SkillContacts(NOTHING, self.held | self._at_start, self.held)
-        lying = Attachment(None, self.part.start)
-        return self._resolve(targets, contacts, lying, self._in_hand(grip))
-
-    def place(self, grip: Transform) -> SkillPath | Obstruction:
-        """Return the place of the part."""
-        assembly = self.assembly
-        targets = place_targets(
-            assembly.grips.frame, self.goal @ grip, assembly.approach, assembly.leave
+        if isinstance(place, Obstruction):
+            return "places", place
+        pick = self._resolve(
+            pick_targets(frame, part.start @ self.grip, approach, leave),
+            SkillContacts(NOTHING, held | touching(name, step.at_start), held),
+            Attachment(None, part.start),
+            in_hand,
         )
-        contacts = SkillContacts(self.held, self.held | self._at_goal, NOTHING)
-        lying = Attachment(None, self.goal)
-        return self._resolve(targets, contacts, self._in_hand(grip), lying)
-
-    def at_home(self, grip: Transform) -> Obstruction | None:
-        """Return the obstruction at HOME with the part in hand, None where there is none."""
-        objects = {**self._around, self.part.name: (self.part, self._in_hand(grip))}
-        attachments = {name: at for name, (_, at) in objects.items()}
-        checker = SceneChecker(
-            self.cell,
-            self.robot.name,
-            WorldState(self._home, attachments),
-            self.held,
-            margin=MARGIN,
-        )
+        if isinstance(pick, Obstruction):
+            return "picks", pick
+        attachments = {k: at for k, (_, at) in step.around.items()} | {name: in_hand}
+        state = WorldState(self._home, attachments)
+        checker = SceneChecker(self.cell, self.robot.name, state, held, margin=MARGIN)
         contact = checker.contact(self.robot.home)
-        return None if contact is None else Obstruction(str(contact))
+        return (
+            (pick, place) if contact is None else ("at HOME", Obstruction(str(contact)))
+        )
 
     def _resolve(
         self,
@@ -284,18 +230,13 @@ class _GripOptions:
         after: Attachment,
     ) -> SkillPath | Obstruction:
         """Return a skill, given where the part is before and after it changes hands."""
-        name = self.part.name
-        scene = SkillScene(
-            self.cell,
-            {**self._around, name: (self.part, before)},
-            self._home,
-            contacts,
-            (name, after),
-        )
+        part = self.step.part
+        objects = {**self.step.around, part.name: (part, before)}
+        scene = SkillScene(self.cell, objects, self._home, contacts, (part.name, after))
         return resolve_skill(
             self.robot, targets, lambda path: find_obstruction(path, scene)
         )
 
-    def _in_hand(self, grip: Transform) -> Attachment:
-        frame = self.assembly.grips.frame
-        return Attachment(self.robot.name, held_pose(self.robot, frame, grip))
+    @property
+    def _home(self) -> dict[str, Array]:
+        return {robot.name: robot.home for robot in self.cell.robots}

@@ -39,7 +39,7 @@ def _expand_step(
     choice, handled = plan[step], candidates.steps[step - 1]
     robot, part = candidates.cell.robot(choice.robot), choice.object
     grip = handled.grips[choice.grasp].pose
-    pick, place = candidates.pick(choice), candidates.place(choice)
+    pick, place = candidates.paths[step, choice.robot, choice.grasp]
     build = StepBuilder(step, first_index)
     build.lead_in(pick, f"to {part}", None)
     held = held_pose(robot, candidates.frame, grip)
