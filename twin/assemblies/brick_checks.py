@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from planning.lego.bricks.assembly import BrickType, Support
-from planning.lego.bricks.contacts import PlacedBrick
+from planning.lego.bricks.assembly import BrickType, PlacedBrick, Support
 from planning.lego.bricks.drawing import Spot
 from planning.lego.bricks.grid import Stud, joined_to_plate, occupied_studs
 from planning.lego.skills.support import supported_cell

@@ -13,12 +13,12 @@ from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import (
     LegoAssembly,
     LegoStep,
+    PlacedBrick,
     Plate,
     Press,
     StockBrick,
     Support,
 )
-from planning.lego.bricks.contacts import PlacedBrick
 from twin.assemblies.kind import AssemblyKind, PlannedMotions
 from twin.host.progress import StageWatch
 from twin.scenario.document.problems import Problem
@@ -189,7 +189,7 @@ def find_sequence(
     Raises:
         InfeasibleStepError: the structure does not stand, or no order leads to it.
     """
-    from planning.lego.sequencing.finished_structure import sequenced
+    from planning.lego.sequencing.sequencing import sequenced
 
     assembly, structure = build_lego(lego), build_structure(lego)
     rules = sequencing_rules(lego, robots=robots)

@@ -64,6 +64,21 @@ class Cell:
 
 
 @dataclass(frozen=True)
+class PlacedBrick:
+    """A brick of a structure.
+
+    Attributes:
+        name: unique in the structure.
+        brick: its type.
+        cell: where it is.
+    """
+
+    name: str
+    brick: BrickType
+    cell: Cell
+
+
+@dataclass(frozen=True)
 class Press:
     """Grip of the tool on a brick, by which it also presses.
 
@@ -172,6 +187,23 @@ class LegoAssembly:
     steps: tuple[LegoStep, ...]
     twist: Mapping[str, float]
     storage: Plate | None = None
+
+    @property
+    def structure(self) -> tuple[PlacedBrick, ...]:
+        """The bricks that the steps place, named ``"step 1"`` and so on."""
+        return tuple(
+            PlacedBrick(f"step {k}", brick_type(step.brick, self.bricks), step.cell)
+            for k, step in enumerate(self.steps, start=1)
+        )
+
+    @property
+    def scaffold(self) -> tuple[PlacedBrick, ...]:
+        """The stock bricks that stay where they are."""
+        return tuple(
+            PlacedBrick(item.name, brick_type(item.brick, self.bricks), item.cell)
+            for item in self.stock
+            if item.fixed
+        )
 
     def plate_of(self, item: StockBrick) -> Plate:
         """Return the plate that a stock brick stands on."""

@@ -95,17 +95,15 @@ class BrickWorld:
 
     @cached_property
     def _goals(self) -> tuple[Placed, ...]:
-        return tuple(
-            self._goal(number, step)
-            for number, step in enumerate(self.assembly.steps, start=1)
-        )
-
-    def _goal(self, number: int, step: LegoStep) -> Placed:
-        kind = self.kind(step.brick)
-        name, size = goal_name(number), box_size(kind)
-        pose = readonly(box_pose(self.assembly.plate, step.cell, kind))
-        item = CellObject(name, step.brick, readonly(size), pose, box_body(name, size))
-        return item, Attachment(None, pose)
+        goals = []
+        for number, step in enumerate(self.assembly.steps, start=1):
+            kind = self.kind(step.brick)
+            name, size = goal_name(number), box_size(kind)
+            pose = readonly(box_pose(self.assembly.plate, step.cell, kind))
+            body = box_body(name, size)
+            item = CellObject(name, step.brick, readonly(size), pose, body)
+            goals.append((item, Attachment(None, pose)))
+        return tuple(goals)
 
     def step(self, number: int) -> LegoStep:
         """Return a step, counted from 1."""
@@ -136,8 +134,7 @@ class BrickWorld:
 
     def cells_during(self, number: int) -> dict[str, tuple[Cell, BrickType]]:
         """Return all bricks that may stand on the structure's plate while a step is done."""
-        stock = self.stock_on(self.assembly.plate)
-        return {**stock, **self.goal_cells(range(1, number))}
+        return self.stock_on(self.assembly.plate) | self.goal_cells(range(1, number))
 
     def start_top(self, stock: str) -> Transform:
         """Return the pose of the top face of a stock brick at the start."""
@@ -152,16 +149,9 @@ class BrickWorld:
 
     def above(self, stock: str) -> frozenset[str]:
         """Return the stock bricks that stand on a stock brick, however high."""
-        out: set[str] = set()
-        todo = [stock]
-        while todo:
-            name = todo.pop()
-            item = self.stock[name]
-            others = self.stock_beside(name)
-            upper = bricks_above(item.cell, self.kind(item.brick), others)
-            todo += [k for k in upper if k not in out]
-            out.update(upper)
-        return frozenset(out)
+        item, others = self.stock[stock], self.stock_beside(stock)
+        upper = bricks_above(item.cell, self.kind(item.brick), others)
+        return frozenset(upper).union(*map(self.above, upper))
 
     def usable_stock(self, number: int) -> list[str]:
         """Return the stock bricks and stations of the right type for a step (delta^t, App. B)."""

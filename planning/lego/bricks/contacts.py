@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from planning.errors import ScenarioError
-from planning.lego.bricks.assembly import LAYER_HEIGHT, STUD_PITCH, BrickType, Cell
+from planning.lego.bricks.assembly import LAYER_HEIGHT, STUD_PITCH, PlacedBrick
 from planning.lego.bricks.grid import footprint, occupied_studs
 from planning.transforms import Array
 
@@ -28,21 +28,6 @@ LAYER = LAYER_HEIGHT / STUD_PITCH
 
 Place = tuple[int, int, int]
 """Stud and layer (x, y, z)."""
-
-
-@dataclass(frozen=True)
-class PlacedBrick:
-    """A brick of a structure.
-
-    Attributes:
-        name: unique in the structure.
-        brick: its type.
-        cell: where it is.
-    """
-
-    name: str
-    brick: BrickType
-    cell: Cell
 
 
 @dataclass(frozen=True)

@@ -11,27 +11,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from planning.lego.bricks.assembly import BrickType, Cell
-from planning.lego.bricks.contacts import PlacedBrick
+from planning.lego.bricks.assembly import BrickType, Cell, PlacedBrick
 
 EMPTY = "."
 """Marks a stud without a brick."""
 
 Spot = tuple[int, int]
 """Line and column of a character in a drawing, from 0."""
-
-
-@dataclass(frozen=True)
-class DrawingProblem:
-    """A part of a drawing that is no brick.
-
-    Attributes:
-        spot: where.
-        message: what is wrong.
-    """
-
-    spot: Spot
-    message: str
 
 
 @dataclass(frozen=True)
@@ -57,11 +43,11 @@ class Drawing:
 
     Attributes:
         bricks: in the order of the text.
-        problems: in the order of the text.
+        problems: what is no brick, in the order of the text: where, and what is wrong.
     """
 
     bricks: list[DrawnBrick] = field(default_factory=list)
-    problems: list[DrawingProblem] = field(default_factory=list)
+    problems: list[tuple[Spot, str]] = field(default_factory=list)
 
 
 def read_layer(
@@ -79,13 +65,18 @@ def read_layer(
     lines, drawing = _lines(text)
     for letter, patch in _patches(lines):
         first = min(patch)
-        rows, columns = _extent(patch)
-        if len(patch) != len(rows) * len(columns):
-            drawing.problems.append(_no_rectangle(letter, first))
+        rows, columns = zip(*patch, strict=True)
+        left, bottom = min(columns), max(rows)
+        size = max(columns) + 1 - left, bottom + 1 - min(rows)
+        if len(patch) != size[0] * size[1]:
+            message = (
+                f"the patch of {letter!r} is no rectangle; bricks that touch need different"
+                " letters"
+            )
+            drawing.problems.append((first, message))
             continue
-        x = origin[0] + columns.start
-        y = origin[1] + len(lines) - rows.stop
-        _add(drawing, letter, (x, y, z), (len(columns), len(rows)), first, types)
+        at = origin[0] + left, origin[1] + len(lines) - 1 - bottom, z
+        _add(drawing, letter, at, size, first, types)
     return drawing
 
 
@@ -161,58 +152,41 @@ def _lines(text: str) -> tuple[list[str], Drawing]:
     while lines and not lines[-1]:
         lines.pop()
     if not lines:
-        drawing.problems.append(DrawingProblem((0, 0), "the drawing is empty"))
+        drawing.problems.append(((0, 0), "the drawing is empty"))
     for row, line in enumerate(lines):
         if len(line) != len(lines[0]):
             message = (
                 f"this line has {len(line)} characters, the first line of the drawing "
                 f"{len(lines[0])}"
             )
-            drawing.problems.append(DrawingProblem((row, 0), message))
+            drawing.problems.append(((row, 0), message))
         for column, letter in enumerate(line):
             if letter != EMPTY and not (letter.isascii() and letter.isalnum()):
                 message = (
                     f"{letter!r} is neither a letter or digit nor '.' for an empty stud"
                 )
-                drawing.problems.append(DrawingProblem((row, column), message))
+                drawing.problems.append(((row, column), message))
     return ([] if drawing.problems else lines), drawing
 
 
 def _patches(lines: Sequence[str]) -> list[tuple[str, set[Spot]]]:
     """Return the connected patches of each letter, by their first characters."""
+    places = {(i, j): c for i, line in enumerate(lines) for j, c in enumerate(line)}
     seen: set[Spot] = set()
     out = []
-    for row, line in enumerate(lines):
-        for column, letter in enumerate(line):
-            if letter == EMPTY or (row, column) in seen:
-                continue
-            patch, todo = {(row, column)}, [(row, column)]
-            while todo:
-                i, j = todo.pop()
-                for spot in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)):
-                    inside = 0 <= spot[0] < len(lines) and 0 <= spot[1] < len(line)
-                    if (
-                        inside
-                        and spot not in patch
-                        and lines[spot[0]][spot[1]] == letter
-                    ):
-                        patch.add(spot)
-                        todo.append(spot)
-            seen |= patch
-            out.append((letter, patch))
+    for start, letter in places.items():
+        if letter == EMPTY or start in seen:
+            continue
+        patch, todo = {start}, [start]
+        while todo:
+            i, j = todo.pop()
+            around = {(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)}
+            new = {spot for spot in around - patch if places.get(spot) == letter}
+            patch |= new
+            todo += new
+        seen |= patch
+        out.append((letter, patch))
     return out
-
-
-def _extent(patch: set[Spot]) -> tuple[range, range]:
-    rows, columns = [i for i, _ in patch], [j for _, j in patch]
-    return range(min(rows), max(rows) + 1), range(min(columns), max(columns) + 1)
-
-
-def _no_rectangle(letter: str, spot: Spot) -> DrawingProblem:
-    return DrawingProblem(
-        spot,
-        f"the patch of {letter!r} is no rectangle; bricks that touch need different letters",
-    )
 
 
 def _add(
@@ -225,7 +199,7 @@ def _add(
 ) -> None:
     found = type_of_size(size, types)
     if isinstance(found, str):
-        drawing.problems.append(DrawingProblem(spot, f"{letter!r}: {found}"))
+        drawing.problems.append((spot, f"{letter!r}: {found}"))
         return
     kind, turned = found
     drawing.bricks.append(DrawnBrick(letter, kind, Cell(*at, turned), spot))

@@ -87,27 +87,12 @@ def occupied_studs(cell: Cell, brick: BrickType) -> frozenset[Stud]:
 
 
 def bricks_above(
-    cell: Cell,
-    brick: BrickType,
-    others: Mapping[str, tuple[Cell, BrickType]],
+    cell: Cell, brick: BrickType, others: Mapping[str, tuple[Cell, BrickType]]
 ) -> tuple[str, ...]:
     """Return the names of the other bricks that stand on a brick at a cell, sorted."""
-    return _names_at(
-        frozenset((x, y, z + 1) for x, y, z in occupied_studs(cell, brick)), others
-    )
-
-
-def _names_at(
-    places: frozenset[Stud],
-    others: Mapping[str, tuple[Cell, BrickType]],
-) -> tuple[str, ...]:
-    return tuple(
-        sorted(
-            name
-            for name, (cell, brick) in others.items()
-            if not places.isdisjoint(occupied_studs(cell, brick))
-        )
-    )
+    over = frozenset((x, y, z + 1) for x, y, z in occupied_studs(cell, brick))
+    found = (k for k, other in others.items() if over & occupied_studs(*other))
+    return tuple(sorted(found))
 
 
 def joined_to_plate(

@@ -27,7 +27,10 @@ _TO_SIDE_STUDS = rotation("y", np.pi / 2) @ rotation("z", np.pi)
 
 def side_studs(brick: BrickType, side: int) -> int:
     """Return the number of studs along a side (1 to 4) of a brick."""
-    _check_side(side)
+    if side not in SIDES:
+        raise ScenarioError(
+            f"press side {side} does not exist", choices=tuple(str(s) for s in SIDES)
+        )
     h, w = brick.studs
     return w if side in (1, 4) else h
 
@@ -57,7 +60,6 @@ def check_press(brick: BrickType, press: Press) -> None:
     Raises:
         ScenarioError: the side or the offset does not exist; lists those that do.
     """
-    _check_side(press.side)
     legal = offsets(brick, press.side)
     if press.offset not in legal:
         raise ScenarioError(
@@ -122,23 +124,11 @@ def press_cell(cell: Cell, brick: BrickType, press: Press, *, up: bool) -> Cell:
     check_press(brick, press)
     nx, ny = footprint(cell, brick)
     # Side and offset in the grid's axes: a turned brick's least x is the grid's least y.
-    if cell.turned:
-        along_y = press.side in (2, 3)
-        greatest = press.side in (3, 4)
-    else:
-        along_y = press.side in (1, 4)
-        greatest = press.side in (2, 4)
+    along_y = press.side in ((2, 3) if cell.turned else (1, 4))
+    greatest = press.side in ((3, 4) if cell.turned else (2, 4))
     from_end = cell.turned and press.side in (1, 4)
     length = ny if along_y else nx
     start = length - press.offset - 2 if from_end else press.offset
-    x = cell.x + (0 if not along_y else (nx - 1 if greatest else 0))
-    y = cell.y + (0 if along_y else (ny - 1 if greatest else 0))
-    x, y = (x, y + start) if along_y else (x + start, y)
-    return Cell(x, y, cell.z - 1 if up else cell.z + 1, not along_y)
-
-
-def _check_side(side: int) -> None:
-    if side not in SIDES:
-        raise ScenarioError(
-            f"press side {side} does not exist", choices=tuple(str(s) for s in SIDES)
-        )
+    across = (nx if along_y else ny) - 1 if greatest else 0
+    dx, dy = (across, start) if along_y else (start, across)
+    return Cell(cell.x + dx, cell.y + dy, cell.z - 1 if up else cell.z + 1, not along_y)

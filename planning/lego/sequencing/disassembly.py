@@ -67,31 +67,29 @@ def find_assembly_sequence(
     whole = frozenset(parts)
     failed: set[frozenset[Part]] = set()
     dead_end: frozenset[Part] | None = None
-    states = [whole]
-    done: list[Removal[Part, How]] = []
-    pending: list[Iterator[Removal[Part, How]]] = [
-        iter(removals(whole) if whole else ())
-    ]
     visited = 1
-    while states[-1]:
-        step = next(
-            (r for r in pending[-1] if states[-1] - {r.part} not in failed), None
-        )
+    # Sets of parts, each with the removal that led there and those to try from there.
+    way: list[
+        tuple[
+            frozenset[Part],
+            tuple[Removal[Part, How], ...],
+            Iterator[Removal[Part, How]],
+        ]
+    ]
+    way = [(whole, (), iter(removals(whole) if whole else ()))]
+    while way and way[-1][0]:
+        here, _, pending = way[-1]
+        step = next((r for r in pending if here - {r.part} not in failed), None)
         if step is None:
-            stuck = states.pop()
-            pending.pop()
-            failed.add(stuck)
-            if dead_end is None or len(stuck) < len(dead_end):
-                dead_end = stuck
-            if not states:
-                return DisassemblySearch(None, dead_end, visited, True)
-            done.pop()
-            continue
-        if visited >= limit:
+            failed.add(here)
+            way.pop()
+            if dead_end is None or len(here) < len(dead_end):
+                dead_end = here
+        elif visited >= limit:
             return DisassemblySearch(None, dead_end, visited, False)
-        visited += 1
-        rest = states[-1] - {step.part}
-        states.append(rest)
-        done.append(step)
-        pending.append(iter(removals(rest)) if rest else iter(()))
-    return DisassemblySearch(tuple(reversed(done)), dead_end, visited, True)
+        else:
+            visited += 1
+            rest = here - {step.part}
+            way.append((rest, (step,), iter(removals(rest) if rest else ())))
+    steps = tuple(step for _, steps, _ in reversed(way) for step in steps)
+    return DisassemblySearch(steps if way else None, dead_end, visited, True)

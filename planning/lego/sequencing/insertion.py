@@ -17,10 +17,11 @@ from planning.lego.bricks.assembly import (
     LAYER_HEIGHT,
     STUD_PITCH,
     LegoStep,
+    PlacedBrick,
     Press,
     Support,
 )
-from planning.lego.bricks.contacts import PlacedBrick, filled_places
+from planning.lego.bricks.contacts import filled_places
 from planning.lego.bricks.grid import footprint, occupied_studs
 from planning.lego.bricks.grips import press_cell, presses
 from planning.lego.sequencing.tool_room import (
@@ -34,8 +35,9 @@ from planning.lego.sequencing.tool_room import (
     support_face,
 )
 from planning.lego.skills.support import ORIENTATIONS
+from planning.lego.stability.equilibrium import StabilityReport
 from planning.lego.stability.partial_structures import Names, PartialStructures
-from planning.lego.stability.stability import Hold, Load, StabilityReport
+from planning.lego.stability.stability import Hold, Load
 
 PLAIN, SUPPORTED, FROM_BELOW = "plain", "supported", "from below"
 WAYS = (PLAIN, SUPPORTED, FROM_BELOW)

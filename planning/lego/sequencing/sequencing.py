@@ -11,11 +11,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby, product
+from itertools import compress, groupby, product
 
 from planning.errors import InfeasibleStepError
-from planning.lego.bricks.assembly import LegoStep
-from planning.lego.bricks.contacts import PlacedBrick
+from planning.lego.bricks.assembly import LegoAssembly, LegoStep, PlacedBrick
 from planning.lego.sequencing.disassembly import Removal, find_assembly_sequence
 from planning.lego.sequencing.insertion import (
     FROM_BELOW,
@@ -123,9 +122,8 @@ def sequence_structure(
     limit = len(structure) + 1 + rules.search_limit
     names_of = [item.name for item in structure]
     found = find_assembly_sequence(names_of, sequencer.removals, limit=limit)
-    if (
-        found.steps is None and not found.complete
-    ):  # else no other order would do either
+    if found.steps is None and not found.complete:
+        # Where the search was complete no other order would do either.
         found = find_assembly_sequence(names_of, sequencer.hanging_first, limit=limit)
     if found.steps is None:
         raise InfeasibleStepError(
@@ -139,6 +137,26 @@ def sequence_structure(
     return SequencedStructure(tuple(out), found.visited, structures.programs)
 
 
+def sequenced(
+    assembly: LegoAssembly,
+    structure: Sequence[PlacedBrick] | None = None,
+    rules: SequencingRules | None = None,
+) -> tuple[LegoAssembly, SequencedStructure]:
+    """Return an assembly with the steps that build a structure on its scaffold.
+
+    Args:
+        assembly: plate and stock; of its steps, if any, only what they build counts.
+        structure: the finished structure, by default that which the steps build.
+        rules: what a sequence may do.
+
+    Raises:
+        InfeasibleStepError: see ``sequence_structure``.
+    """
+    structure = assembly.structure if structure is None else structure
+    found = sequence_structure(structure, scaffold=assembly.scaffold, rules=rules)
+    return replace(assembly, steps=found.steps), found
+
+
 class _Sequencer:
     """Removal candidates of a partial structure, and the reasons where there are none."""
 
@@ -149,13 +167,7 @@ class _Sequencer:
         self._structures = structures
         self._rules = rules
         self._insertion = InsertionRules(structures, force=rules.force)
-        self._ways = tuple(
-            way
-            for way, allowed in zip(
-                WAYS, (True, rules.support, rules.place_up), strict=True
-            )
-            if allowed
-        )
+        self._ways = tuple(compress(WAYS, (True, rules.support, rules.place_up)))
 
     def check_finished(self, names: Names) -> None:
         """Raise an error when the finished structure does not stand."""
@@ -242,9 +254,8 @@ class _Sequencer:
             (self._place(brick), *self._why_not(names, brick))
             for brick in self._candidates(parts)
         ]
-        whys.sort(
-            key=lambda why: why[1]
-        )  # what stands in the way of all else comes first
+        # What stands in the way of all else comes first.
+        whys.sort(key=lambda why: why[1])
         end = "" if complete else " (the search was cut short by its limit)"
         shown = [f"  {place}: {reason}" for place, _, reason in whys[:_MOST_REASONS]]
         if len(whys) > len(shown):

@@ -13,7 +13,6 @@ from itertools import islice, product
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, Press, Support
 from planning.lego.bricks.grips import presses
-from planning.lego.sequencing.finished_structure import finished_structure, scaffold
 from planning.lego.sequencing.insertion import (
     FROM_BELOW,
     SUPPORTED,
@@ -21,8 +20,8 @@ from planning.lego.sequencing.insertion import (
     InsertionSite,
 )
 from planning.lego.sequencing.sequencing import SequencingRules
+from planning.lego.stability.equilibrium import StabilityReport
 from planning.lego.stability.partial_structures import PartialStructures
-from planning.lego.stability.stability import StabilityReport
 
 _HINTS = 3
 """How many grips or supports that would do are named."""
@@ -50,7 +49,7 @@ def stable_steps(
             what would do.
     """
     rules = rules or SequencingRules()
-    bricks, fixed = finished_structure(assembly), scaffold(assembly)
+    bricks, fixed = assembly.structure, assembly.scaffold
     structures = PartialStructures([*bricks, *fixed])
     insertion = InsertionRules(structures, force=rules.force)
     names = frozenset(item.name for item in fixed)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
@@ -17,11 +18,11 @@ import numpy as np
 from planning.lego.bricks.assembly import (
     LAYER_HEIGHT,
     STUD_PITCH,
+    PlacedBrick,
     Plate,
     Press,
     Support,
 )
-from planning.lego.bricks.contacts import PlacedBrick
 from planning.lego.bricks.grid import box_size, top_pose
 from planning.lego.bricks.grips import side_contact_pose
 from planning.lego.skills.support import support_bottom_targets, support_top_targets
@@ -61,21 +62,18 @@ _LEVER = ((-0.008, -0.008, 0.0), (0.0, 0.008, 0.0032))
 """Least and greatest corner of the tip, and of the wall beside the grip [m]."""
 
 
-def _cone(slices: int = 8) -> list[list[list[float]]]:
-    heights = np.linspace(-0.0505, -0.0165, slices + 1)
-    radii = np.linspace(0.0393, 0.011, slices + 1)
-    return [_upright(heights[k], heights[k + 1], radii[k]) for k in range(slices)]
-
-
 def _upright(low: float, high: float, half: float) -> list[list[float]]:
     return [[-half, -half, low], [half, half, high]]
 
 
+_CONE = zip(
+    np.linspace(-0.0505, -0.0165, 9), np.linspace(0.0393, 0.011, 9), strict=True
+)
 _SLICES = readonly(
     [
         _upright(-0.111, -0.0605, 0.0472),
         _upright(-0.0605, -0.0505, 0.040),
-        *_cone(),
+        *(_upright(low, high, half) for (low, half), (high, _) in pairwise(_CONE)),
         _upright(-0.0165, 0.0, 0.008),
         _LEVER,
         [[-0.008, -0.046, -0.0605], [0.008, -0.038, -0.0165]],

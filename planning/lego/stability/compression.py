@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 
-from planning.lego.bricks.contacts import Joint, PlacedBrick, knob_points
+from planning.lego.bricks.assembly import PlacedBrick
+from planning.lego.bricks.contacts import Joint, knob_points
 
 Point = tuple[float, float]
 Region = tuple[Point, ...]

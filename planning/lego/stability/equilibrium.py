@@ -19,9 +19,12 @@ from planning.transforms import Array
 _NO_PULL = 1e-9
 _INFEASIBLE = 2
 
+LIMIT = 1.0 + 1e-9
+"""Largest score that counts as stable."""
+
 
 @dataclass(frozen=True)
-class EquilibriumResult:
+class StabilityReport:
     """The least pull that keeps every body in balance.
 
     Attributes:
@@ -32,6 +35,11 @@ class EquilibriumResult:
 
     score: float
     brick: str | None
+
+    @property
+    def stable(self) -> bool:
+        """True when no contact is pulled with more than its capacity."""
+        return self.score <= LIMIT
 
 
 class Equilibrium:
@@ -92,7 +100,7 @@ class Equilibrium:
         self._wrench[k, :3] += force
         self._wrench[k, 3:] += np.cross(point - self._centres[k], force)
 
-    def solve(self, *, blame: bool = True) -> EquilibriumResult:
+    def solve(self, *, blame: bool = True) -> StabilityReport:
         """Solve the program.
 
         Args:
@@ -103,7 +111,7 @@ class Equilibrium:
             RuntimeError: the solver failed, as it should never do.
         """
         if not self._points:
-            return EquilibriumResult(math.inf, self._names[0])
+            return StabilityReport(math.inf, self._names[0])
         contacts = self._matrix()
         pulls = np.array(self._pulls)
         column = csc_matrix((contacts @ -pulls)[:, None])
@@ -113,14 +121,14 @@ class Equilibrium:
         result = self._minimise(cost, matrix, [*self._bounds, (0.0, np.inf)])
         if result.status == _INFEASIBLE:
             worst = self._farthest(matrix) if blame else None
-            return EquilibriumResult(math.inf, worst)
+            return StabilityReport(math.inf, worst)
         if result.status != 0:
             raise RuntimeError(f"equilibrium not solved: {result.message}")
         score = max(0.0, float(result.fun))
         if score < _NO_PULL:
-            return EquilibriumResult(0.0, None)
+            return StabilityReport(0.0, None)
         price = np.where(pulls > 0.0, pulls * result.lower.marginals[:-1], 0.0)
-        return EquilibriumResult(score, self._priciest(price))
+        return StabilityReport(score, self._priciest(price))
 
     def _body(self, name: str | None) -> int:
         return -1 if name is None else self._index[name]

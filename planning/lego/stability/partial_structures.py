@@ -21,11 +21,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.lego.bricks.assembly import STUD_PITCH
+from planning.lego.bricks.assembly import STUD_PITCH, PlacedBrick
 from planning.lego.bricks.contacts import (
     LAYER,
     Joint,
-    PlacedBrick,
     SideContact,
     by_name,
     centre,
@@ -35,13 +34,12 @@ from planning.lego.bricks.contacts import (
     side_contacts,
 )
 from planning.lego.stability.compression import Region, contains, resting_regions
-from planning.lego.stability.equilibrium import Equilibrium, EquilibriumResult
+from planning.lego.stability.equilibrium import Equilibrium, StabilityReport
 from planning.lego.stability.stability import (
     STANDARD_GRAVITY,
     Hold,
     JointStrength,
     Load,
-    StabilityReport,
     add_joint,
     add_loads,
     add_side,
@@ -50,13 +48,10 @@ from planning.lego.stability.stability import (
 
 Names = frozenset[str]
 
-_AT_REST = StabilityReport(True, 0.0, None)
+_AT_REST = StabilityReport(0.0, None)
 _UP = np.array([0.0, 0.0, 1.0])
 
 _STRENGTH = JointStrength()
-_LIMIT = 1.0 + 1e-9
-"""Largest score that counts as stable."""
-
 _SMALL = 40
 """Up to so many bricks that touch each other are at once judged together."""
 
@@ -97,13 +92,15 @@ class PartialStructures:
             self._linked[side.first].add(side.second)
             self._linked[side.second].add(side.first)
         self._middle = {
-            name: (float(c[0]), float(c[1]))
-            for name, c in ((n, centre(item)) for n, item in self.bricks.items())
+            name: (float(x), float(y))
+            for name, (x, y, _) in zip(
+                self.bricks, map(centre, self.bricks.values()), strict=True
+            )
         }
         self._whole_regions = resting_regions(self.bricks, self._joints)
         self._regions: dict[Names, dict[str, Region]] = {}
         self._standing: dict[Names, StabilityReport] = {}
-        self._solved: dict[object, EquilibriumResult] = {}
+        self._solved: dict[object, StabilityReport] = {}
         self.programs = 0
         """Number of linear programs solved so far."""
 
@@ -170,17 +167,16 @@ class PartialStructures:
                 inside, kept = _absorb(inside, [s for s, _ in settled])
                 settled = [(s, v) for s, v in settled if s in kept]
                 enough = self._solve(names, inside, pressing, outside_pushes=True)
-                if enough.score <= _LIMIT:
+                if enough.stable:
                     settled.append((inside, enough.score))
-                    if enough.score > worst.score:
-                        worst = StabilityReport(True, enough.score, enough.brick)
+                    worst = max(worst, enough, key=lambda report: report.score)
                     break
                 grown = self._component(names, inside)
                 if len(grown) > _SMALL:
                     grown = inside | self._next_to(names, inside)
                 needed = self._solve(names, inside, pressing, outside_pushes=False)
-                if needed.score > _LIMIT or grown == inside:
-                    return StabilityReport(False, needed.score, needed.brick)
+                if not needed.stable or grown == inside:
+                    return needed
                 inside = grown
         return worst
 
@@ -191,7 +187,7 @@ class PartialStructures:
         pressing: _Pressing | None,
         *,
         outside_pushes: bool,
-    ) -> EquilibriumResult:
+    ) -> StabilityReport:
         """Return the score of some bricks with those around them as border.
 
         Args:
@@ -225,17 +221,10 @@ class PartialStructures:
                     if joint.upper not in names:
                         continue
                     upper = self.bricks[joint.upper]
-                    pull = _STRENGTH.pull(upper)
-                    if loose in (joint.lower, joint.upper) and loose is not None:
-                        pull = 0.0
-                    add_joint(
-                        program,
-                        joint,
-                        upper,
-                        pull,
-                        _STRENGTH.sideways,
-                        fixed=border,
-                    )
+                    pressed = loose in (joint.lower, joint.upper) and loose is not None
+                    pull = 0.0 if pressed else _STRENGTH.pull(upper)
+                    sideways = _STRENGTH.sideways
+                    add_joint(program, joint, upper, pull, sideways, fixed=border)
             for side in self._sides_of(inside):
                 both = {side.first, side.second}
                 if both <= inside or (both <= names and not outside_pushes):
@@ -318,13 +307,10 @@ class PartialStructures:
 
     def _component(self, names: Names, start: Names) -> Names:
         """Return the bricks that touch these, directly or through others."""
-        found = set(start)
-        front = list(start)
-        while front:
-            new = (self._linked[front.pop()] & names) - found
+        found = start
+        while new := self._next_to(names, found):
             found |= new
-            front.extend(new)
-        return frozenset(found)
+        return found
 
 
 def _absorb(inside: Names, others: Sequence[Names]) -> tuple[Names, list[Names]]:

@@ -18,11 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.lego.bricks.assembly import STUD_PITCH
+from planning.lego.bricks.assembly import STUD_PITCH, PlacedBrick
 from planning.lego.bricks.contacts import (
     LAYER,
     Joint,
-    PlacedBrick,
     SideContact,
     centre,
     is_narrow,
@@ -89,22 +88,6 @@ class Hold:
     brick: str
     direction: int
     point: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class StabilityReport:
-    """Result of a stability analysis.
-
-    Attributes:
-        stable: True when the score is at most the limit.
-        score: largest friction over its capacity; ``inf`` when no friction is enough.
-        brick: the brick whose knobs are used most, or one that nothing holds; None when the
-            structure needs no friction.
-    """
-
-    stable: bool
-    score: float
-    brick: str | None
 
 
 def bodies(bricks: Iterable[PlacedBrick]) -> Equilibrium:

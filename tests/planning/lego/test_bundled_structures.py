@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from planning.lego.bricks.grid import occupied_studs
-from planning.lego.sequencing.finished_structure import scaffold, sequenced
+from planning.lego.sequencing.sequencing import sequenced
 from twin.assemblies.lego import build_lego, build_structure
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import LegoSection
@@ -80,7 +80,7 @@ def test_the_scaffold_carries_the_structure(name: str) -> None:
     lego = load(name)
     assembly, structure = build_lego(lego), build_structure(lego)
     assert structure is not None
-    fixed = scaffold(assembly)
+    fixed = assembly.scaffold
     assert bool(fixed) == (name in ("faucet", "fish", "rss"))
     places = [
         place

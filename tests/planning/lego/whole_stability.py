@@ -7,19 +7,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 
 from planning.errors import ScenarioError
+from planning.lego.bricks.assembly import PlacedBrick
 from planning.lego.bricks.contacts import (
     Joint,
-    PlacedBrick,
     by_name,
     filled_places,
     joints,
     side_contacts,
 )
+from planning.lego.stability.equilibrium import StabilityReport
 from planning.lego.stability.stability import (
     Hold,
     JointStrength,
     Load,
-    StabilityReport,
     add_joint,
     add_loads,
     add_side,
@@ -34,7 +34,6 @@ def stability(
     holds: Sequence[Hold] = (),
     loose: frozenset[str] = frozenset(),
     strength: JointStrength = JointStrength(),  # noqa: B008 - frozen
-    limit: float = 1.0,
 ) -> StabilityReport:
     """Return whether a structure on a plate stands, and how much friction it needs.
 
@@ -45,7 +44,6 @@ def stability(
         loose: bricks that are just being pressed into place; their joints push but do not
             pull yet.
         strength: what joints bear.
-        limit: largest score that counts as stable.
 
     Raises:
         ScenarioError: bricks overlap or a name is used twice; a load or a hold names a brick
@@ -60,9 +58,9 @@ def stability(
     filled = filled_places(bricks)
     knobs = joints(bricks, filled)
     if not bricks:
-        return StabilityReport(True, 0.0, None)
+        return StabilityReport(0.0, None)
     if not holds and (loose_end := _floating(bricks, knobs)) is not None:
-        return StabilityReport(False, math.inf, loose_end)
+        return StabilityReport(math.inf, loose_end)
     program = bodies(bricks.values())
     for joint in knobs:
         free = joint.upper in loose or joint.lower in loose
@@ -71,8 +69,7 @@ def stability(
     for side in side_contacts(bricks, filled):
         add_side(program, side)
     add_loads(program, loads, holds)
-    result = program.solve()
-    return StabilityReport(result.score <= limit + 1e-9, result.score, result.brick)
+    return program.solve()
 
 
 def _floating(bricks: Mapping[str, PlacedBrick], knobs: Sequence[Joint]) -> str | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from planning.lego.sequencing.finished_structure import sequenced
+from planning.lego.sequencing.sequencing import sequenced
 from twin.assemblies.lego import build_lego, build_structure
 from twin.cli import app
 from twin.scenario.document.problems import InvalidScenarioError

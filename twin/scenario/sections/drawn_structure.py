@@ -13,8 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from planning.lego.bricks.assembly import BrickType, Cell
-from planning.lego.bricks.contacts import PlacedBrick
+from planning.lego.bricks.assembly import BrickType, Cell, PlacedBrick
 from planning.lego.bricks.drawing import (
     Drawing,
     DrawnBrick,
@@ -119,7 +118,7 @@ def read_structure(
     for path, drawing in _drawings(section, types):
         drawn += drawing.bricks
         places += [(path, item.spot) for item in drawing.bricks]
-        problems += [(path, item.spot, item.message) for item in drawing.problems]
+        problems += [(path, spot, message) for spot, message in drawing.problems]
     given: dict[int, tuple[int, str]] = {}
     for i, item in enumerate(section.bricks):
         if item.brick not in types:

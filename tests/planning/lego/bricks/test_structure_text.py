@@ -65,8 +65,9 @@ def test_an_elevation_along_x_turns_its_bricks():
 )
 def test_what_is_no_brick_is_told_with_its_place(text, spot, message):
     drawing = read_layer(text, (0, 0), 1, BRICKS)
-    assert [p.spot for p in drawing.problems] == [spot]
-    assert message in drawing.problems[0].message
+    ((where, what),) = drawing.problems
+    assert where == spot
+    assert message in what
 
 
 def test_a_size_that_two_types_have_needs_a_list():

@@ -19,19 +19,19 @@ from planning.lego.bricks.assembly import (
     Cell,
     LegoAssembly,
     LegoStep,
+    PlacedBrick,
     Press,
     StockBrick,
     Support,
 )
-from planning.lego.bricks.contacts import PlacedBrick
 from planning.lego.bricks.grid import occupied_studs
 from planning.lego.bricks.grips import press_cell, presses
-from planning.lego.sequencing.finished_structure import sequenced
 from planning.lego.sequencing.insertion import InsertionRules
 from planning.lego.sequencing.sequencing import (
     SequencedStructure,
     SequencingRules,
     sequence_structure,
+    sequenced,
 )
 from planning.lego.sequencing.tool_room import GRID, support_face
 from planning.lego.stability.partial_structures import PartialStructures
