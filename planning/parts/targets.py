@@ -32,7 +32,7 @@ def pick_targets(
         Subgoal("attach", frame, grip),
         *_straight(frame, "lift", _lifted(grip, leave), grip)[::-1],
     ]
-    return SkillTargets("pick", tuple(subgoals), attach_at=_index(subgoals))
+    return SkillTargets("pick", tuple(subgoals), change_at=_index(subgoals))
 
 
 def place_targets(
@@ -52,7 +52,7 @@ def place_targets(
         Subgoal("attach", frame, grip),
         *_straight(frame, "leave", back, grip)[::-1],
     ]
-    return SkillTargets("place-down", tuple(subgoals), detach_at=_index(subgoals))
+    return SkillTargets("place-down", tuple(subgoals), change_at=_index(subgoals))
 
 
 def _straight(frame: str, name: str, far: Transform, near: Transform) -> list[Subgoal]:

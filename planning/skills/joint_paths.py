@@ -129,13 +129,10 @@ def skill_postures(
         if isinstance(chain, Obstruction):
             yield chain
             continue
-        yield SkillPath(
-            targets.skill,
-            robot.name,
-            chain[: targets.lead],
-            chain[targets.lead :],
-            _change_at(targets),
-        )
+        lead, at = targets.lead, targets.change_at
+        # A path counts from its start, the last goal of the transits before it.
+        change = None if at is None else at - lead + 1
+        yield SkillPath(targets.skill, robot.name, chain[:lead], chain[lead:], change)
 
 
 def nearer_reason(known: Obstruction | None, found: Obstruction) -> Obstruction:
@@ -153,11 +150,6 @@ def unreachable(targets: SkillTargets) -> Obstruction:
 def joint_distance(q_a: Array, q_b: Array) -> float:
     """Return the sum of absolute joint differences, the cost of Appendix B [rad]."""
     return float(np.abs(q_a - q_b).sum())
-
-
-def _change_at(targets: SkillTargets) -> int | None:
-    at = targets.attach_at if targets.attach_at is not None else targets.detach_at
-    return None if at is None else at - targets.lead + 1
 
 
 def _follow(

@@ -29,15 +29,13 @@ class SkillTargets:
     Attributes:
         skill: a name from ``task.SKILLS``.
         subgoals: poses in order; the robot comes to each in turn.
-        attach_at: index of the subgoal at which the robot takes the object, None if it does not.
-        detach_at: index of the subgoal at which the robot lets go of the object, None if it does
-            not. In a handover it passes to the receiver there.
+        change_at: index of the subgoal at which the object changes hands, None if none does: the
+            robot takes it, lets go of it, or hands it to the receiver.
         lead: how many subgoals at the front are goals of transits; the skill's own reference
             path is ``subgoals[lead:]``.
     """
 
     skill: str
     subgoals: tuple[Subgoal, ...]
-    attach_at: int | None = None
-    detach_at: int | None = None
+    change_at: int | None = None
     lead: int = 1

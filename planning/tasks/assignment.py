@@ -7,8 +7,12 @@ meaning only the maker of the candidates knows.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+
+_MOST_REASONS = 12
+"""How many reasons for rejections are named."""
 
 
 @dataclass(frozen=True)
@@ -100,31 +104,25 @@ class AssignmentProblem:
     @cached_property
     def balance_weight(self) -> float:
         """Lambda of (1), in the unit of the costs."""
-        cheapest: dict[int, float] = {}
-        for primary in self.primaries:
-            known = cheapest.get(primary.step, float("inf"))
-            cheapest[primary.step] = min(known, primary.cost)
-        support: dict[int, float] = {}
-        for item in self.supports:
-            support[item.step] = min(support.get(item.step, float("inf")), item.cost)
-        total = sum(cheapest.values()) + sum(support.values())
+        total = 0.0
+        for items, of_step in (
+            (self.primaries, self.primaries_of),
+            (self.supports, self.supports_of),
+        ):
+            total += sum(
+                min(items[k].cost for k in found) for found in of_step.values()
+            )
         return self.balance * total / max(1, len(self.steps))
 
     @cached_property
     def primaries_of(self) -> dict[int, list[int]]:
         """Indices of the primary candidates of each step."""
-        out: dict[int, list[int]] = defaultdict(list)
-        for index, item in enumerate(self.primaries):
-            out[item.step].append(index)
-        return out
+        return _by_step(item.step for item in self.primaries)
 
     @cached_property
     def supports_of(self) -> dict[int, list[int]]:
         """Indices of the support candidates of each step."""
-        out: dict[int, list[int]] = defaultdict(list)
-        for index, item in enumerate(self.supports):
-            out[item.step].append(index)
-        return out
+        return _by_step(item.step for item in self.supports)
 
     def compatible(self, primary: int, support: int) -> bool:
         """Tell whether a primary and a support candidate of a step are compatible."""
@@ -142,13 +140,20 @@ class AssignmentProblem:
         return [range(j, j + size) for j in range(1, last + 1)]
 
 
-def explain_rejections(problem: AssignmentProblem, step: int, *, most: int = 12) -> str:
+def _by_step(steps: Iterable[int]) -> dict[int, list[int]]:
+    """Return the indices of each entry."""
+    out: dict[int, list[int]] = defaultdict(list)
+    for index, step in enumerate(steps):
+        out[step].append(index)
+    return dict(out)
+
+
+def explain_rejections(problem: AssignmentProblem, step: int) -> str:
     """Return the reasons for which candidates of a step were rejected, a line each.
 
     Args:
         problem: with its rejections.
         step: counted from 1.
-        most: longest list of reasons.
     """
     groups: dict[str, list[str]] = defaultdict(list)
     for item in problem.rejections:
@@ -158,12 +163,12 @@ def explain_rejections(problem: AssignmentProblem, step: int, *, most: int = 12)
         return "  nothing of the right type is there to try"
     ordered = sorted(groups.items(), key=lambda entry: (-len(entry[1]), entry[0]))
     lines = []
-    for reason, whats in ordered[:most]:
+    for reason, whats in ordered[:_MOST_REASONS]:
         shown = ", ".join(whats[:3])
         more = f" and {len(whats) - 3} more" if len(whats) > 3 else ""
         lines.append(f"  {reason}: {shown}{more}")
-    if len(ordered) > most:
-        lines.append(f"  and {len(ordered) - most} more reasons")
+    if len(ordered) > _MOST_REASONS:
+        lines.append(f"  and {len(ordered) - _MOST_REASONS} more reasons")
     return "\n".join(lines)
 
 

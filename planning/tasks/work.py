@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -11,6 +12,9 @@ import numpy as np
 from planning.tasks.assignment import AssignmentProblem, TaskPlan, alternatives
 from planning.tasks.task import StepTasks, Task
 from planning.transforms import Indices
+
+_MOST_WAYS = 12
+"""How many ways are tried for one step."""
 
 
 @dataclass(frozen=True)
@@ -49,26 +53,20 @@ class StepExpansions:
     Attributes:
         work: the assembly.
         plan: the choices; steps that were done another way are updated.
-        most: how many ways to try for one step.
     """
 
     work: AssemblyWork
     plan: TaskPlan
-    most: int = 12
 
     def callables(self) -> list[Callable[[int], Iterator[StepTasks]]]:
         """Return one generator function per step, as sequential planning takes them."""
-
-        def of_step(step: int) -> Callable[[int], Iterator[StepTasks]]:
-            return lambda first_index: self.ways(step, first_index)
-
-        return [of_step(choice.step) for choice in self.plan.choices]
+        return [partial(self.ways, choice.step) for choice in self.plan.choices]
 
     def ways(self, step: int, first_index: int) -> Iterator[StepTasks]:
         """Yield a step as planned, then in other ways; the last one taken is remembered."""
         chosen = self.plan
         yield self.work.expand(chosen, step, first_index)
         others = alternatives(self.work.problem, chosen, step)
-        for choice in islice(others, self.most - 1):
+        for choice in islice(others, _MOST_WAYS - 1):
             self.plan = chosen.with_choice(choice)
             yield self.work.expand(self.plan, step, first_index)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from planning.lego.bricks.assembly import BrickType, PlacedBrick, Support
+from planning.lego.bricks.assembly import BrickType, PlacedBrick
 from planning.lego.bricks.drawing import Spot
 from planning.lego.bricks.grid import Stud, joined_to_plate, occupied_studs
 from planning.lego.skills.support import supported_cell
@@ -26,6 +26,7 @@ from twin.scenario.sections.lego import (
     StockSection,
     brick_types,
     studs_of,
+    support_of,
 )
 
 Found = Iterator[tuple[KeyPath, str]]
@@ -127,9 +128,7 @@ def _check_step(
     if step.place == "up" and step.support is None:
         yield at, "a brick placed from below needs 'support'"
     if step.support is not None:
-        x, y, z = step.support.at
-        support = Support(x, y, z, step.support.orientation)
-        cells = [(c.x, c.y, c.z) for c in supported_cell(support)]
+        cells = [(c.x, c.y, c.z) for c in supported_cell(support_of(step.support))]
         if other := _first_taken(cells, taken):
             yield (*at, "support", "at"), f"the support goes where {other} is"
 

@@ -17,7 +17,6 @@ from planning.lego.bricks.assembly import (
     Plate,
     Press,
     StockBrick,
-    Support,
 )
 from twin.assemblies.kind import AssemblyKind, PlannedMotions
 from twin.host.progress import StageWatch
@@ -27,12 +26,11 @@ from twin.scenario.sections.drawn_structure import read_structure
 from twin.scenario.sections.lego import (
     LegoSection,
     PlateSection,
-    PressSection,
     StepSection,
     StockSection,
-    SupportSection,
     brick_types,
     cell_of,
+    support_of,
 )
 from twin.scenario.sections.poses import build_transform
 
@@ -213,25 +211,14 @@ def _stock(section: StockSection) -> StockBrick:
 
 
 def _step(section: StepSection) -> LegoStep:
-    held = section.press_cell
+    presses = section.presses or filter(None, [section.press])
+    supports = section.supports or filter(None, [section.support])
     return LegoStep(
         brick=section.brick,
         cell=cell_of(section),
         up=section.place == "up",
-        press=None if section.press is None else _press(section.press),
-        press_cell=None if held is None else cell_of(held),
-        support=None if section.support is None else _support(section.support),
         attack=section.attack,
         stock=section.stock,
-        presses=tuple(_press(item) for item in section.presses),
-        supports=tuple(_support(item) for item in section.supports),
+        presses=tuple(Press(item.side, item.offset) for item in presses),
+        supports=tuple(support_of(item) for item in supports),
     )
-
-
-def _press(section: PressSection) -> Press:
-    return Press(section.side, section.offset)
-
-
-def _support(section: SupportSection) -> Support:
-    x, y, z = section.at
-    return Support(x, y, z, section.orientation)

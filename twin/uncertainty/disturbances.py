@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from twin.durations import AnyDuration, DurationModel, Fixed, Lognormal, Skill, Uniform
-from twin.scenario.document.section import Name, Section
+from twin.scenario.document.section import Name, Section, Two
 
 Factor = Annotated[float, Field(ge=0.001, le=1000)]
 
@@ -97,9 +97,7 @@ class Stalls(Section):
     """
 
     count_per_robot: Annotated[int, Field(ge=0, le=100_000)] = 0
-    duration_s: Annotated[
-        tuple[Annotated[float, Field(ge=0)], ...], Field(min_length=2, max_length=2)
-    ] = (1.0, 20.0)
+    duration_s: Two[Annotated[float, Field(ge=0)]] = (1.0, 20.0)
     rate_per_h: Annotated[float, Field(ge=0, le=36_000)] = 0.0
     duration: AnyDuration | None = None
 

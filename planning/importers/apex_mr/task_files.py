@@ -134,9 +134,7 @@ def number(record: Record, key: str, *, default: float | None = None) -> float:
 
 def integer(record: Record, key: str, *, default: int | None = None) -> int:
     """Return a whole number, or the default where the key is missing and there is one."""
-    if default is not None and record.content.get(key) is None:
-        return default
-    value = number(record, key)
+    value = number(record, key, default=default)
     if value != int(value):
         raise ScenarioError(f"{record.where(key)}: {value!r} is not a whole number")
     return int(value)

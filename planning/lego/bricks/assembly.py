@@ -136,27 +136,31 @@ class LegoStep:
         brick: name of the type it places.
         cell: where the brick goes.
         up: True for a place-up from below (handover and support-top), False for a place-down.
-        press: the grip, None when the planner may choose among all sides and offsets.
-        press_cell: contact cell of a place-up, with the press orientation as ``turned``.
-        support: the support pose, None where no support is needed.
+        presses: grips to choose from, the preferred one first; the planner may choose any where
+            there is none. Each goes with ``support``.
+        supports: supports to choose from, the preferred one first; none where no support is
+            needed. Each goes with ``press``.
         attack: +1 or -1, sign of the sideways offset of the place approach.
         stock: name of the prescribed stock brick, None when the planner may choose.
-        presses: grips that will do, ``press`` the first of them; empty when there is no other.
-            Each goes with ``support``.
-        supports: supports that will do, ``support`` the first of them; empty when there is no
-            other. Each goes with ``press``.
     """
 
     brick: str
     cell: Cell
     up: bool = False
-    press: Press | None = None
-    press_cell: Cell | None = None
-    support: Support | None = None
-    attack: int = 1
-    stock: str | None = None
     presses: tuple[Press, ...] = ()
     supports: tuple[Support, ...] = ()
+    attack: int = 1
+    stock: str | None = None
+
+    @property
+    def press(self) -> Press | None:
+        """The preferred grip, None where the planner may choose any."""
+        return self.presses[0] if self.presses else None
+
+    @property
+    def support(self) -> Support | None:
+        """The preferred support, None where no support is needed."""
+        return self.supports[0] if self.supports else None
 
     @property
     def words(self) -> str:

@@ -16,7 +16,6 @@ from planning.lego.bricks.assembly import (
     Plate,
     Press,
     StockBrick,
-    Support,
     brick_type,
 )
 from planning.lego.bricks.grid import box_pose, box_size, bricks_above, top_pose
@@ -167,17 +166,8 @@ class BrickWorld:
     def grasps(self, number: int) -> list[int]:
         """Return the grips of a step to choose from, the prescribed one alone, or all."""
         step = self.step(number)
-        if step.press is None:
-            kind = self.kind(step.brick)
-            return [grasp_number(press) for press in presses(kind)]
-        return [grasp_number(press) for press in step.presses or (step.press,)]
-
-    def supports(self, number: int) -> tuple[Support, ...]:
-        """Return the supports of a step to choose from, none where it needs none."""
-        step = self.step(number)
-        if step.support is None:
-            return ()
-        return step.supports or (step.support,)
+        some = step.presses or presses(self.kind(step.brick))
+        return [grasp_number(press) for press in some]
 
     def go_together(self, number: int, grasp: int, support: int) -> bool:
         """Tell whether a step allows a grip together with one of its supports.

@@ -177,14 +177,12 @@ class InsertionSite:
     def step(self, insertion: Insertion) -> LegoStep:
         """Return an insertion as a step of an assembly."""
         item, press, up = self.item, insertion.press, self.up
-        contact = press_cell(item.cell, item.brick, press, up=True) if up else None
         return LegoStep(
             brick=item.brick.name,
             cell=item.cell,
             up=up,
-            press=press,
-            press_cell=contact,
-            support=insertion.support,
+            presses=(press,),
+            supports=() if insertion.support is None else (insertion.support,),
             attack=attack_side(item, press, self._others, up=up),
         )
 

@@ -75,7 +75,7 @@ class _Reach:
         picking = [self._not_picking(name, grasps) for name in stock]
         if stock and all(len(found) == len(robots) for found in picking):
             yield f"no robot reaches {' or '.join(stock)} of the stock{_reasons(picking[0])}"
-        if not self._world.supports(number):
+        if not self._world.step(number).supports:
             return
         supporting = self._out_of_reach(self._supports(number))
         if len(supporting) == len(robots):
@@ -124,7 +124,7 @@ class _Reach:
             yield robot, self._options.pick_targets(robot.name, stock, grasp)
 
     def _supports(self, number: int) -> Iterator[Way]:
-        choices = range(len(self._world.supports(number)))
+        choices = range(len(self._world.step(number).supports))
         for choice, robot in product(choices, self._world.cell.robots):
             for targets in self._options.support_targets(number, choice):
                 yield robot, targets

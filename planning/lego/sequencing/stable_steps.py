@@ -94,13 +94,11 @@ class _StepChoices:
 
     @property
     def grips(self) -> tuple[Press, ...]:
-        if self.step.press is None:
-            return presses(self.site.item.brick)
-        return self.step.presses or (self.step.press,)
+        return self.step.presses or presses(self.site.item.brick)
 
     @property
     def supports(self) -> tuple[Support | None, ...]:
-        return self.step.supports or (self.step.support,)
+        return self.step.supports or (None,)
 
     def stable(self) -> LegoStep | None:
         """Return the step with the grips and supports that do, None where none does."""
@@ -116,9 +114,7 @@ class _StepChoices:
             return self.step
         return replace(
             self.step,
-            press=press,
             presses=(press, *with_support),
-            support=support,
             supports=tuple(s for s in (support, *with_press) if s is not None),
         )
 

@@ -179,7 +179,7 @@ class _Collector:
 
         def away(grasp: int) -> float:
             targets = self.skills.place_targets(robot, step, grasp)
-            goal = targets.subgoals[targets.detach_at or 0]
+            goal = targets.subgoals[targets.change_at or 0]
             near = inverse_kinematics(
                 placed, goal.frame, goal.pose, placed.home, restarts=0
             )
@@ -192,7 +192,7 @@ class _Collector:
         out: dict[int, StandingSupport] = {}
         for robot in self._home:
             count = 0
-            for choice in range(len(self.world.supports(step))):
+            for choice in range(len(self.world.step(step).supports)):
                 if count == self._most:
                     break
                 option = self.skills.support(robot, step, choice)
@@ -213,7 +213,7 @@ class _Collector:
     ) -> SkillOption | None:
         """Return the cheapest place, alone or beside any of the supports."""
         beside: list[StandingSupport | None] = [None]
-        if self.world.step(step).up or self.world.supports(step):
+        if self.world.step(step).up or self.world.step(step).supports:
             beside = [
                 item
                 for item in supports.values()

@@ -12,12 +12,12 @@ from planning.lego.bricks.assembly import BrickType, Cell, Plate
 from planning.lego.bricks.brick_world import BrickWorld
 from planning.lego.bricks.grid import box_from_top
 from planning.lego.bricks.objects import copy_name, next_copy, object_names, source_of
-from planning.lego.skills.allowed_contacts import contacts_at_rest, supporting
+from planning.lego.skills.allowed_contacts import Bricks, contacts_at_rest, supporting
 from planning.lego.skills.candidates import LegoCandidates
 from planning.skills.contacts import gripped
 from planning.skills.joint_paths import SkillPath
 from planning.skills.step_builder import StepBuilder
-from planning.tasks.assignment import StepChoice, TaskPlan
+from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks, Task
 from planning.tasks.work import AssemblyWork
 from planning.transforms import Array, Transform, inverse
@@ -49,7 +49,7 @@ def _expand_step(
         step: counted from 1.
         first_index: index of its first task.
     """
-    expander = _Expander(candidates, plan, plan[step], StepBuilder(step, first_index))
+    expander = _Expander(candidates, plan, StepBuilder(step, first_index))
     if candidates.world.step(step).up:
         expander.place_up()
     else:
@@ -87,49 +87,38 @@ class _Expander:
     """Writes the tasks of one step into a builder."""
 
     def __init__(
-        self,
-        candidates: LegoCandidates,
-        plan: TaskPlan,
-        choice: StepChoice,
-        builder: StepBuilder,
+        self, candidates: LegoCandidates, plan: TaskPlan, builder: StepBuilder
     ) -> None:
         self.candidates = candidates
         self.world: BrickWorld = candidates.world
-        self.choice = choice
+        self.choice = plan[builder.step]
         self.builder = builder
-        self.work = self.world.step(choice.step)
+        self.work = self.world.step(builder.step)
         self.kind = self.world.kind(self.work.brick)
-        stock, assembly = self.world.stock, self.world.assembly
-        sources = [c.object for c in plan.choices if c.step <= choice.step]
-        *used, self.brick = object_names(sources, self.world.stations)
-        placed = {
-            name: (self.world.step(k).cell, self.world.kind(self.world.step(k).brick))
-            for k, name in enumerate(used, start=1)
-        }
+        source, stations = self.choice.object, self.world.stations
+        sources = [c.object for c in plan.choices if c.step <= builder.step]
+        *used, self.brick = object_names(sources, stations)
+        goals = self.world.goal_cells(range(1, builder.step))
+        placed = dict(zip(used, goals.values(), strict=True))
         picked = Counter(sources)
-        item = self.world.stock_at_rest[choice.object][0]
         self.refill: CellObject | None = None
-        if choice.object in self.world.stations:
-            number = picked[choice.object] + 1
-            self.refill = next_copy(item, choice.object, number)
+        if source in stations:
+            item = self.world.stock_at_rest[source][0]
+            self.refill = next_copy(item, source, picked[source] + 1)
 
         def standing(plate: Plate) -> dict[str, tuple[Cell, BrickType]]:
             """Return the bricks of the stock on a plate when the brick has been picked."""
-            out = {}
-            for name, brick in self.world.stock_on(plate).items():
-                if name in self.world.stations:
-                    out[copy_name(name, picked[name] + 1)] = brick
-                elif name not in picked:
-                    out[name] = brick
-            return out
+            return {
+                copy_name(name, picked[name] + 1) if name in stations else name: brick
+                for name, brick in self.world.stock_on(plate).items()
+                if name in stations or name not in picked
+            }
 
-        source_plate = assembly.plate_of(stock[choice.object])
-        self.others: dict[str, tuple[Cell, BrickType]] = {
-            **standing(assembly.plate),
-            **placed,
-        }
+        plate = self.world.assembly.plate
+        source_plate = self.world.assembly.plate_of(self.world.stock[source])
+        self.others = standing(plate) | placed
         self.beside_source = standing(source_plate)
-        if source_plate is assembly.plate:
+        if source_plate is plate:
             self.beside_source |= placed
         if self.refill is not None:
             self.beside_source.pop(self.refill.name)
@@ -140,9 +129,7 @@ class _Expander:
         place = self.candidates.place(self.choice)
         support = self.candidates.support(self.choice)
         picked = self._pick(robot)
-        held = 0
-        if support is not None:
-            held = self._support(support)
+        held = 0 if support is None else self._support(support)
         build.lead_in(place, f"{self.brick} to its place", self.brick)
         placed = self._place(place, f"place {self.brick}")
         carrying = build.of_robot(robot, picked, placed)
@@ -194,21 +181,10 @@ class _Expander:
         path = self.candidates.pick(self.choice)
         build.lead_in(path, f"to {brick}", None)
         start = self.world.stock_at_rest[self.choice.object][1].pose
-        flange = self._flange(robot, path.contact)
-        picked = build.skill(
-            path,
-            f"pick {brick}",
-            brick,
-            robot,
-            inverse(flange) @ start,
-            self.refill,
-        )
+        held = inverse(self._flange(robot, path.contact)) @ start
+        picked = build.skill(path, f"pick {brick}", brick, robot, held, self.refill)
         cell = self.world.stock[self.choice.object].cell
-        seat = (cell, self.kind, start)
-        fixtures = self.world.cell.fixtures
-        build.allow(
-            contacts_at_rest(robot, brick, seat, self.beside_source, fixtures), picked
-        )
+        self._allow_at_rest(picked, robot, cell, start, self.beside_source)
         self._home(robot, brick)
         return picked
 
@@ -216,12 +192,16 @@ class _Expander:
         """Write the place itself; return it."""
         goal = self.world.goal(self.choice.step)[1].pose
         placed = self.builder.skill(path, label, self.brick, None, goal)
-        seat, fixtures = (self.work.cell, self.kind, goal), self.world.cell.fixtures
-        self.builder.allow(
-            contacts_at_rest(path.robot, self.brick, seat, self.others, fixtures),
-            placed,
-        )
+        self._allow_at_rest(placed, path.robot, self.work.cell, goal, self.others)
         return placed
+
+    def _allow_at_rest(
+        self, task: int, robot: str, cell: Cell, pose: Transform, others: Bricks
+    ) -> None:
+        """Allow the contacts of the brick where it is picked or placed."""
+        seat, fixtures = (cell, self.kind, pose), self.world.cell.fixtures
+        pairs = contacts_at_rest(robot, self.brick, seat, others, fixtures)
+        self.builder.allow(pairs, task)
 
     def _support(self, path: SkillPath) -> int:
         """Write transit and support; return the support."""
@@ -240,7 +220,7 @@ class _Expander:
         self._home(robot)
         assert self.choice.support is not None
         bricks = {**self.others, self.brick: (self.work.cell, self.kind)}
-        support = self.world.supports(self.choice.step)[self.choice.support.pose]
+        support = self.work.supports[self.choice.support.pose]
         touched = supporting(robot, support, bricks)
         build.allow(touched, held, *ways_back)
         # What the placing robot brings touches the standing tool as well.

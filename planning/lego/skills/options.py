@@ -242,14 +242,13 @@ class SkillOptions:
         """Return the allowed contacts of a supporting tool, the step's brick included."""
         world = self.world
         bricks = {**world.cells_during(step), **world.goal_cells([step])}
-        return supporting(robot, world.supports(step)[choice], bricks)
+        return supporting(robot, world.step(step).supports[choice], bricks)
 
     def support_targets(self, step: int, choice: int) -> tuple[SkillTargets, ...]:
         """Return the support of a step as subgoals, from each of its pre-poses."""
-        find = (
-            support_top_targets if self.world.step(step).up else support_bottom_targets
-        )
-        return find(self.world.assembly.plate, self.world.supports(step)[choice])
+        work = self.world.step(step)
+        find = support_top_targets if work.up else support_bottom_targets
+        return find(self.world.assembly.plate, work.supports[choice])
 
     def _support(self, robot: str, step: int, choice: int) -> Found:
         """Return a support from the first pre-pose that works.
@@ -258,7 +257,7 @@ class SkillOptions:
         starts further back along the tool.
         """
         world = self.world
-        if not world.supports(step):
+        if not world.step(step).supports:
             return Obstruction("the step does not say where to support")
         held = self.supported(robot, step, choice)
         contacts = SkillContacts(NOTHING, held, held)

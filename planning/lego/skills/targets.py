@@ -62,7 +62,7 @@ def pick_targets(
         Subgoal("twist", "disassemble", turned),
         Subgoal("leave", "disassemble", _lifted(turned)),
     )
-    return SkillTargets("pick", subgoals, attach_at=2)
+    return SkillTargets("pick", subgoals, change_at=2)
 
 
 def place_down_targets(
@@ -102,7 +102,7 @@ def place_down_targets(
         Subgoal("twist", "assemble", turned),
         Subgoal("leave", "assemble", _lifted(turned)),
     )
-    return SkillTargets("place-down", subgoals, detach_at=2)
+    return SkillTargets("place-down", subgoals, change_at=2)
 
 
 def place_up_targets(
@@ -133,7 +133,7 @@ def place_up_targets(
         Subgoal("twist", "alt_assemble", turned),
         Subgoal("leave", "alt_assemble", turned @ translation(_LIFT, 0.0, -_LIFT)),
     )
-    return SkillTargets("place-up", subgoals, detach_at=3, lead=2)
+    return SkillTargets("place-up", subgoals, change_at=3, lead=2)
 
 
 def handover_targets(
@@ -165,7 +165,7 @@ def handover_targets(
         Subgoal("twist", "handover_assemble", turned),
         Subgoal("leave", "handover_assemble", _lifted(turned @ back)),
     )
-    return SkillTargets("handover", subgoals, detach_at=1)
+    return SkillTargets("handover", subgoals, change_at=1)
 
 
 def received_top(

@@ -13,7 +13,8 @@ GRIP = from_rpy((0.4, 0.1, 0.2), (np.pi, 0.5, 0.3))
 
 
 def ways(skill: SkillTargets) -> tuple[Array, Array, Array]:
-    at = skill.attach_at if skill.attach_at is not None else skill.detach_at
+    at = skill.change_at
+    assert at is not None
     points = np.array([item.pose[:3, 3] for item in skill.subgoals])
     return points[: at + 1], points[at], points[at:]
 
@@ -22,7 +23,7 @@ def ways(skill: SkillTargets) -> tuple[Array, Array, Array]:
 def test_a_pick_comes_along_the_tool_and_lifts_straight_up(length: float) -> None:
     skill = pick_targets("tool", GRIP, length, 0.05)
     before, attach, after = ways(skill)
-    assert (skill.skill, skill.lead, skill.detach_at) == ("pick", 1, None)
+    assert (skill.skill, skill.lead) == ("pick", 1)
     np.testing.assert_allclose(attach, GRIP[:3, 3])
     np.testing.assert_allclose(attach - before[0], length * GRIP[:3, 2], atol=1e-12)
     np.testing.assert_allclose(after[-1] - attach, [0, 0, 0.05], atol=1e-12)
@@ -31,7 +32,7 @@ def test_a_pick_comes_along_the_tool_and_lifts_straight_up(length: float) -> Non
 def test_a_place_comes_straight_down_and_leaves_along_the_tool() -> None:
     skill = place_targets("tool", GRIP, 0.08, 0.05)
     before, attach, after = ways(skill)
-    assert (skill.skill, skill.lead, skill.attach_at) == ("place-down", 1, None)
+    assert (skill.skill, skill.lead) == ("place-down", 1)
     np.testing.assert_allclose(before[0] - attach, [0, 0, 0.08], atol=1e-12)
     np.testing.assert_allclose(attach - after[-1], 0.05 * GRIP[:3, 2], atol=1e-12)
 

@@ -293,7 +293,7 @@ def test_grips_left_to_the_planner_are_those_that_the_structure_bears(
     assert narrowed.press == narrowed.presses[0]
     assert 0 < len(narrowed.presses) < 8
     for press in narrowed.presses:
-        one = replace(narrowed, press=press, presses=())
+        one = replace(narrowed, presses=(press,))
         steps = (*borne.steps[:6], one, *borne.steps[7:])
         assert stable_steps(replace(borne, steps=steps)).steps == steps
     full = build_lego(load_scenario(write(tmp_path)).assembly)

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=64)]
 """Names become parts of file names and of paths in a recording."""
+
+
+Item = TypeVar("Item")
+Two = Annotated[tuple[Item, ...], Field(min_length=2, max_length=2)]
+Three = Annotated[tuple[Item, ...], Field(min_length=3, max_length=3)]
+Several = Annotated[tuple[Item, ...], Field(min_length=1)]
+"""Lists of two and of three entries, and lists that are not empty."""
 
 
 class Section(BaseModel):

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 from pydantic import Field, model_validator
 
 from planning.errors import ScenarioError
-from twin.scenario.document.section import Name, Section
+from twin.scenario.document.section import Name, Section, Two
 from twin.scenario.sections.poses import PoseSection, Size3
 
-Vector2 = Annotated[tuple[float, ...], Field(min_length=2, max_length=2)]
+Vector2 = Two[float]
 
 
 class ParkedSection(Section):

@@ -6,16 +6,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from twin.scenario.document.section import Name, Section
+from twin.scenario.document.section import Name, Section, Several, Two
 from twin.scenario.sections.pick_place import Colour
 from twin.scenario.sections.poses import PoseSection, Size3, Vector3
 
 Length = Annotated[float, Field(gt=0, le=100)]
 Face = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
-Pair = Annotated[
-    tuple[Annotated[float, Field(gt=0, le=100)], ...],
-    Field(min_length=2, max_length=2),
-]
+Pair = Two[Annotated[float, Field(gt=0, le=100)]]
 
 
 class TowerSection(Section):
@@ -84,9 +81,7 @@ class PavilionSection(Section):
     """
 
     name: Literal["pavilion"]
-    arches: Annotated[
-        tuple[Annotated[int, Field(ge=3, le=200)], ...], Field(min_length=1)
-    ] = (15, 16, 17, 17, 17, 16, 15)
+    arches: Several[Annotated[int, Field(ge=3, le=200)]] = (15, 16, 17, 17, 17, 16, 15)
     chord_m: Length = 0.4
     depth_m: Length = 0.66
     thickness_m: Length = 0.14
@@ -121,7 +116,7 @@ class ConstructionPartSection(Section):
     goal: PoseSection
     start: PoseSection | None = None
     mass_kg: Annotated[float, Field(ge=0)] = 0.0
-    faces: Annotated[tuple[Face, ...], Field(min_length=1)] = ("+z",)
+    faces: Several[Face] = ("+z",)
     insertion: Vector3 | None = None
     colour: Colour = (200, 170, 120)
 
@@ -169,7 +164,7 @@ class RowsSection(Section):
     """
 
     layout: Literal["rows"]
-    first_m: Annotated[tuple[float, ...], Field(min_length=2, max_length=2)]
+    first_m: Two[float]
     columns: Annotated[int, Field(ge=1, le=1000)]
     pitch_m: Pair
     yaw_deg: float = 0.0
@@ -190,7 +185,7 @@ class PadSection(Section):
     """
 
     frame: Name = "tool"
-    offsets_m: Annotated[tuple[float, ...], Field(min_length=1)] = (0.0,)
+    offsets_m: Several[float] = (0.0,)
 
 
 class ConstructionSection(Section):

@@ -23,17 +23,11 @@ from planning.lego.bricks.drawing import (
     read_layer,
 )
 from twin.scenario.document.problems import unknown_name
-from twin.scenario.document.section import Name, Section
+from twin.scenario.document.section import Name, Section, Three, Two
 from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument
 
-Stud2 = Annotated[
-    tuple[Annotated[int, Field(ge=-1000, le=1000)], ...],
-    Field(min_length=2, max_length=2),
-]
-GridCell = Annotated[
-    tuple[Annotated[int, Field(ge=-1000, le=1000)], ...],
-    Field(min_length=3, max_length=3),
-]
+Stud2 = Two[Annotated[int, Field(ge=-1000, le=1000)]]
+GridCell = Three[Annotated[int, Field(ge=-1000, le=1000)]]
 
 
 class ElevationSection(Section):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
-from twin.scenario.document.section import Name, Section
+from twin.scenario.document.section import Name, Section, Several
 from twin.scenario.sections.poses import PoseSection
 
 
@@ -44,4 +44,4 @@ class GoalsSection(Section):
     """
 
     kind: Literal["goals"]
-    moves: Annotated[tuple[MoveSection, ...], Field(min_length=1)]
+    moves: Several[MoveSection]

@@ -7,16 +7,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
-from planning.lego.bricks.assembly import BRICKS, BrickType, Cell
+from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, Support
 from planning.lego.bricks.grid import Stud, occupied_studs
-from twin.scenario.document.section import Name, Section
+from twin.scenario.document.section import Name, Section, Several, Two
 from twin.scenario.sections.drawn_structure import GridCell, StructureSection
 from twin.scenario.sections.poses import PoseSection
 
-Studs = Annotated[
-    tuple[Annotated[int, Field(ge=1, le=1000)], ...],
-    Field(min_length=2, max_length=2),
-]
+Studs = Two[Annotated[int, Field(ge=1, le=1000)]]
 
 
 class PlateSection(Section):
@@ -192,7 +189,7 @@ class LegoSection(Section):
     plate: PlateSection
     storage_plate: PlateSection | None = None
     bricks: dict[Name, BrickSection] = Field(default_factory=dict)
-    stock: Annotated[tuple[StockSection, ...], Field(min_length=1)]
+    stock: Several[StockSection]
     steps: tuple[StepSection, ...] = ()
     structure: Annotated[StructureSection | None, Field(json_schema_extra=_or_file)] = (
         None
@@ -216,7 +213,7 @@ def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
     return {**BRICKS, **own}
 
 
-def cell_of(item: StockSection | StepSection | PressCellSection) -> Cell:
+def cell_of(item: StockSection | StepSection) -> Cell:
     """Return the cell of a brick of the stock or of a step."""
     x, y, z = item.at
     return Cell(x, y, z, item.turned)
@@ -227,3 +224,9 @@ def studs_of(
 ) -> frozenset[Stud]:
     """Return the places on the grid that a brick of the stock or of a step fills."""
     return occupied_studs(cell_of(item), types[item.brick])
+
+
+def support_of(item: SupportSection) -> Support:
+    """Return the place of a supporting tool."""
+    x, y, z = item.at
+    return Support(x, y, z, item.orientation)

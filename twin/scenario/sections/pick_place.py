@@ -6,13 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from twin.scenario.document.section import Name, Section
+from twin.scenario.document.section import Name, Section, Several, Three
 from twin.scenario.sections.poses import PoseSection, Size3, Vector3
 
 Distance = Annotated[float, Field(gt=0, le=1)]
-Colour = Annotated[
-    tuple[Annotated[int, Field(ge=0, le=255)], ...], Field(min_length=3, max_length=3)
-]
+Colour = Three[Annotated[int, Field(ge=0, le=255)]]
 
 
 class PartSection(Section):
@@ -55,13 +53,9 @@ class GripSection(Section):
     end_margin_m: Annotated[float, Field(ge=0, le=1)] = 0.02
     opening_m: Distance = 0.04
     depth_m: Distance = 0.03
-    directions: Annotated[tuple[Vector3, ...], Field(min_length=1)] = (
-        (0.0, 0.0, -1.0),
-    )
+    directions: Several[Vector3] = ((0.0, 0.0, -1.0),)
     steepest_deg: Annotated[float, Field(ge=0, le=180)] = 60.0
-    tilts_deg: Annotated[
-        tuple[Annotated[float, Field(gt=-90, lt=90)], ...], Field(min_length=1)
-    ] = (0.0,)
+    tilts_deg: Several[Annotated[float, Field(gt=-90, lt=90)]] = (0.0,)
 
     @model_validator(mode="after")
     def _real_directions(self) -> GripSection:
@@ -86,8 +80,8 @@ class PickPlaceSection(Section):
     """
 
     kind: Literal["pick-and-place"]
-    parts: Annotated[tuple[PartSection, ...], Field(min_length=1)]
-    steps: Annotated[tuple[Name, ...], Field(min_length=1)]
+    parts: Several[PartSection]
+    steps: Several[Name]
     approach_m: Distance = 0.06
     leave_m: Distance = 0.06
     touch_m: Annotated[float, Field(gt=0, le=0.05)] = 0.002

@@ -8,13 +8,11 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from planning.transforms import Transform, from_quat_wxyz, from_rpy
-from twin.scenario.document.section import Section
+from twin.scenario.document.section import Section, Three
 
-Vector3 = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
+Vector3 = Three[float]
 Vector4 = Annotated[tuple[float, ...], Field(min_length=4, max_length=4)]
-Size3 = Annotated[
-    tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=3, max_length=3)
-]
+Size3 = Three[Annotated[float, Field(gt=0)]]
 
 
 class PoseSection(Section):

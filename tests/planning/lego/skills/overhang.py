@@ -38,15 +38,24 @@ STOCK = (
     StockBrick("small", "2x2", Cell(10, 34, 1)),
 )
 STEPS = (
-    LegoStep("2x4", Cell(23, 20, 9), press=Press(1, 0), support=Support(23, 21, 7, 0)),
-    LegoStep("2x4", Cell(23, 22, 10), press=Press(4, 0), support=Support(24, 23, 8, 3)),
+    LegoStep(
+        "2x4",
+        Cell(23, 20, 9),
+        presses=(Press(1, 0),),
+        supports=(Support(23, 21, 7, 0),),
+    ),
+    LegoStep(
+        "2x4",
+        Cell(23, 22, 10),
+        presses=(Press(4, 0),),
+        supports=(Support(24, 23, 8, 3),),
+    ),
     LegoStep(
         "2x2",
         Cell(23, 24, 9),
         up=True,
-        press=Press(4, 0),
-        press_cell=Cell(24, 24, 8),
-        support=Support(23, 25, 11, 2),
+        presses=(Press(4, 0),),
+        supports=(Support(23, 25, 11, 2),),
     ),
 )
 

@@ -112,7 +112,7 @@ def test_postures_stay_within_limits_and_do_not_flip(found: LegoCandidates) -> N
 
 
 def test_all_grips_are_tried_where_none_is_prescribed() -> None:
-    steps = (replace(STEPS[0], press=None), *STEPS[1:])
+    steps = (replace(STEPS[0], presses=()), *STEPS[1:])
     found = find_candidates(*overhang(steps=steps), alternatives=28)
     tried = {c.grasp for c in found.problem.primaries if c.step == 1}
     assert len(tried) > 2
@@ -128,7 +128,7 @@ def test_all_grips_are_tried_where_none_is_prescribed() -> None:
 
 def test_a_brick_out_of_reach_is_explained() -> None:
     far = (StockBrick("far", "1x8", Cell(0, 0, 1)),)
-    step = LegoStep("1x8", Cell(40, 0, 1), press=Press(1, 3))
+    step = LegoStep("1x8", Cell(40, 0, 1), presses=(Press(1, 3),))
     found = find_candidates(*overhang(stock=STOCK + far, steps=(step,)))
     with pytest.raises(InfeasibleStepError) as caught:
         assign_steps(found.problem)
@@ -140,8 +140,8 @@ def test_a_brick_out_of_reach_is_explained() -> None:
 def test_a_blocked_goal_waits_until_the_brick_in_the_way_is_used() -> None:
     """Step 2's goal is where the brick of step 1 stands at the start."""
     start = STOCK[0].cell
-    first = LegoStep("2x4", Cell(16, 24, 1), press=Press(1, 1))
-    second = LegoStep("2x4", start, press=Press(1, 1))
+    first = LegoStep("2x4", Cell(16, 24, 1), presses=(Press(1, 1),))
+    second = LegoStep("2x4", start, presses=(Press(1, 1),))
     found = find_candidates(*overhang(steps=(first, second)))
     onto = [c for c in found.problem.primaries if c.step == 2 and c.robot == "left"]
     for item in onto:

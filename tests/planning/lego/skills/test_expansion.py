@@ -189,8 +189,8 @@ def test_stacked_stock_goes_from_the_top() -> None:
         StockBrick("lower", "2x4", Cell(23, 38, 1)),
     )
     goals = (
-        LegoStep("2x4", Cell(16, 30, 1), press=Press(1, 1), stock="upper"),
-        LegoStep("2x4", Cell(30, 30, 1), press=Press(4, 1), stock="lower"),
+        LegoStep("2x4", Cell(16, 30, 1), presses=(Press(1, 1),), stock="upper"),
+        LegoStep("2x4", Cell(30, 30, 1), presses=(Press(4, 1),), stock="lower"),
     )
     found = find_candidates(*overhang(stock=stock, steps=goals))
     primaries = found.problem.primaries

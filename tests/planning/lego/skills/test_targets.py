@@ -75,10 +75,10 @@ def test_a_brick_is_held_the_same_from_pick_to_place(
     brick, press = grip
     pick = pick_targets(FRAMES, brick, start, press)
     place = place_down_targets(FRAMES, brick, goal, press)
-    assert pick.attach_at is not None
-    assert place.detach_at is not None
-    taken = pick.subgoals[pick.attach_at]
-    put = place.subgoals[place.detach_at]
+    assert pick.change_at is not None
+    assert place.change_at is not None
+    taken = pick.subgoals[pick.change_at]
+    put = place.subgoals[place.change_at]
     np.testing.assert_allclose(
         held_box(FRAMES, taken.frame, taken.pose, start),
         held_box(FRAMES, put.frame, put.pose, goal),
@@ -96,15 +96,15 @@ def test_a_brick_passes_through_two_hands_to_its_goal(
     top = received_top(FRAMES, ready, goal, contact)
     give = handover_targets(FRAMES, brick, top, press)
     up = place_up_targets(FRAMES, contact)
-    assert give.detach_at is not None
-    assert up.detach_at is not None
-    in_giver = held_box(FRAMES, "tool", give.subgoals[give.detach_at].pose, top)
+    assert give.change_at is not None
+    assert up.change_at is not None
+    in_giver = held_box(FRAMES, "tool", give.subgoals[give.change_at].pose, top)
     pick = pick_targets(FRAMES, brick, TOP, press)
-    assert pick.attach_at is not None
-    from_pick = held_box(FRAMES, "tool", pick.subgoals[pick.attach_at].pose, TOP)
+    assert pick.change_at is not None
+    from_pick = held_box(FRAMES, "tool", pick.subgoals[pick.change_at].pose, TOP)
     np.testing.assert_allclose(in_giver, from_pick, atol=1e-12)
     in_receiver = held_box(FRAMES, "tool", ready, top)
-    at_goal = held_box(FRAMES, "alt", up.subgoals[up.detach_at].pose, goal)
+    at_goal = held_box(FRAMES, "alt", up.subgoals[up.change_at].pose, goal)
     np.testing.assert_allclose(in_receiver, at_goal, atol=1e-12)
 
 
@@ -115,7 +115,7 @@ def test_waypoints_and_handlings_of_each_skill() -> None:
     give = handover_targets(FRAMES, BRICK, TOP, Press(1, 1))
     held = support_bottom_targets(Plate(np.eye(4)), Support(9, 9, 9, 0))[3]
     assert names(pick) == ["approach", "above", "attach", "twist", "leave"]
-    assert (pick.attach_at, pick.detach_at, pick.lead) == (2, None, 1)
+    assert (pick.change_at, pick.lead) == (2, 1)
     assert names(down) == [
         "approach",
         "above",
@@ -124,17 +124,13 @@ def test_waypoints_and_handlings_of_each_skill() -> None:
         "twist",
         "leave",
     ]
-    assert (down.attach_at, down.detach_at, down.lead) == (None, 2, 1)
+    assert (down.change_at, down.lead) == (2, 1)
     assert names(up) == ["pre", "approach", "below", "place", "twist", "leave"]
-    assert (up.attach_at, up.detach_at, up.lead) == (None, 3, 2)
+    assert (up.change_at, up.lead) == (3, 2)
     assert names(give) == ["approach", "press", "twist", "leave"]
-    assert (give.attach_at, give.detach_at, give.lead) == (None, 1, 1)
+    assert (give.change_at, give.lead) == (1, 1)
     assert names(held) == ["pre", "support"]
-    assert (held.skill, held.attach_at, held.detach_at) == (
-        "support-bottom",
-        None,
-        None,
-    )
+    assert (held.skill, held.change_at) == ("support-bottom", None)
 
 
 @given(tops, grips, st.floats(0.05, 0.5))
