@@ -26,10 +26,9 @@ from planning.skills.joint_paths import (
     Obstruction,
     SkillPath,
     joint_distance,
-    resolve_skill,
 )
 from planning.skills.subgoals import SkillTargets
-from planning.skills.surroundings import SkillScene, find_obstruction
+from planning.skills.surroundings import SkillScene, resolve_skill
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
@@ -233,9 +232,8 @@ class _GripOption:
         part = self.step.part
         objects = {**self.step.around, part.name: (part, before)}
         scene = SkillScene(self.cell, objects, self._home, contacts, (part.name, after))
-        return resolve_skill(
-            self.robot, targets, lambda path: find_obstruction(path, scene)
-        )
+        found = resolve_skill(self.robot, targets, scene)
+        return found if isinstance(found, Obstruction) else found[0]
 
     @property
     def _home(self) -> dict[str, Array]:

@@ -91,31 +91,6 @@ def obstructions(
         yield found
 
 
-def resolve_skill(
-    robot: PlacedRobot,
-    targets: SkillTargets,
-    check: Callable[[SkillPath], Obstruction | None],
-) -> SkillPath | Obstruction:
-    """Return the skill in joint space, in the posture nearest to HOME that is free.
-
-    Args:
-        robot: who does it.
-        targets: poses to reach in order.
-        check: returns what is in the way of a path.
-
-    Returns:
-        The path, or why the posture nearest to HOME that came furthest failed.
-    """
-    reason: Obstruction | None = None
-    for path in skill_postures(robot, targets):
-        found = path if isinstance(path, Obstruction) else check(path)
-        if found is None:
-            assert isinstance(path, SkillPath)
-            return path
-        reason = nearer_reason(reason, found)
-    return reason or unreachable(targets)
-
-
 def skill_postures(
     robot: PlacedRobot, targets: SkillTargets
 ) -> Iterator[SkillPath | Obstruction]:
@@ -133,13 +108,6 @@ def skill_postures(
         # A path counts from its start, the last goal of the transits before it.
         change = None if at is None else at - lead + 1
         yield SkillPath(targets.skill, robot.name, chain[:lead], chain[lead:], change)
-
-
-def nearer_reason(known: Obstruction | None, found: Obstruction) -> Obstruction:
-    """Return the more telling of two reasons: a collision, in the earlier posture."""
-    if known is None or (known.by is None and found.by is not None):
-        return found
-    return known
 
 
 def unreachable(targets: SkillTargets) -> Obstruction:

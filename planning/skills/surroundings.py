@@ -1,4 +1,4 @@
-"""Scene of a skill, and collision checks of a path in it."""
+"""Scene of a skill, collision checks of a path in it, and the posture that is free."""
 
 from __future__ import annotations
 
@@ -8,14 +8,21 @@ from functools import cached_property
 
 import numpy as np
 
-from planning.cell.workcell import Attachment, CellObject, Workcell
+from planning.cell.workcell import Attachment, CellObject, PlacedRobot, Workcell
 from planning.geometry.near_boxes import boxes_in_reach
 from planning.geometry.robot_bodies import flange_pose, robot_bodies
 from planning.geometry.scene_checker import SceneChecker
 from planning.geometry.standing import StandingBoxes, stand_boxes
 from planning.motion.sequential import MARGIN
 from planning.skills.contacts import Phase, SkillContacts
-from planning.skills.joint_paths import Obstruction, SkillPath, obstructions
+from planning.skills.joint_paths import (
+    Obstruction,
+    SkillPath,
+    obstructions,
+    skill_postures,
+    unreachable,
+)
+from planning.skills.subgoals import SkillTargets
 from planning.transforms import Array
 
 Placed = tuple[CellObject, Attachment]
@@ -180,3 +187,53 @@ def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:
     its last configuration, from which the next transit starts.
     """
     return SkillTrial(path, scene).found
+
+
+def resolve_skill(
+    robot: PlacedRobot,
+    targets: SkillTargets,
+    scene: SkillScene,
+    loose: Collection[str] = (),
+) -> tuple[SkillPath, list[str]] | Obstruction:
+    """Return the skill in joint space, in the posture nearest to HOME that is free.
+
+    Args:
+        robot: who does it.
+        targets: poses to reach in order.
+        scene: of the skill.
+        loose: names of objects that may be gone by then, taken away where no posture is free.
+
+    Returns:
+        The path and what must be gone; or why the posture nearest to HOME that came furthest
+        failed.
+    """
+    trials: list[SkillTrial | Obstruction] = []
+    reason: Obstruction | None = None
+    for path in skill_postures(robot, targets):
+        trial = path if isinstance(path, Obstruction) else SkillTrial(path, scene)
+        found = trial if isinstance(trial, Obstruction) else trial.found
+        if found is None:
+            assert isinstance(path, SkillPath)
+            return path, []
+        trials.append(trial)
+        reason = _nearer_reason(reason, found)
+    if reason is None:
+        return unreachable(targets)
+    if reason.by not in loose:
+        return reason
+    reason = None
+    for item in trials:
+        found = item if isinstance(item, Obstruction) else item.take_away(loose)
+        if found is None:
+            assert isinstance(item, SkillTrial)
+            return item.path, item.gone
+        reason = _nearer_reason(reason, found)
+    assert reason is not None
+    return reason
+
+
+def _nearer_reason(known: Obstruction | None, found: Obstruction) -> Obstruction:
+    """Return the more telling of two reasons: a collision, in the earlier posture."""
+    if known is None or (known.by is None and found.by is not None):
+        return found
+    return known

@@ -17,7 +17,12 @@ from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld
 from planning.lego.skills.options import SkillOptions
 from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH
-from planning.skills.joint_paths import SkillPath, resolve_skill
+from planning.skills.joint_paths import (
+    Obstruction,
+    SkillPath,
+    skill_postures,
+    unreachable,
+)
 from planning.skills.subgoals import SkillTargets
 
 _MOST = 6
@@ -96,11 +101,14 @@ class _Reach:
         for robot, targets in ways:
             if robot.name in done:
                 continue
-            found = resolve_skill(robot, targets, lambda _: None)
-            if isinstance(found, SkillPath):
-                done.add(robot.name)
+            reason: Obstruction | None = None
+            for found in skill_postures(robot, targets):
+                if isinstance(found, SkillPath):
+                    done.add(robot.name)
+                    break
+                reason = reason or found
             else:
-                reasons[robot.name][found.words] += 1
+                reasons[robot.name][(reason or unreachable(targets)).words] += 1
         return {
             name: max(words, key=lambda w: words[w])
             for name, words in reasons.items()

@@ -29,10 +29,9 @@ from planning.skills.joint_paths import (
     LARGEST_TURN,
     Obstruction,
     SkillPath,
-    resolve_skill,
 )
 from planning.skills.subgoals import Subgoal
-from planning.skills.surroundings import SkillScene, find_obstruction
+from planning.skills.surroundings import SkillScene, find_obstruction, resolve_skill
 from planning.transforms import Array, Transform, rotation, translation
 
 REACH = 0.45
@@ -218,8 +217,8 @@ class HandoverOptions:
             contacts=SkillContacts(grip, grip | scene.contacts.during, NOTHING),
         )
         targets = handover_targets(frames, kind, top, press, twist=twist)
-        path = resolve_skill(giver, targets, lambda p: find_obstruction(p, scene))
-        return path if isinstance(path, Obstruction) else (path, top)
+        found = resolve_skill(giver, targets, scene)
+        return found if isinstance(found, Obstruction) else (found[0], top)
 
 
 def _receiver_clash(

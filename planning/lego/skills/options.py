@@ -6,7 +6,7 @@ the robot, the step and the grip (the place): their product is never checked pai
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
@@ -35,15 +35,9 @@ from planning.lego.skills.targets import (
     place_up_targets,
 )
 from planning.skills.contacts import NOTHING, Pairs, SkillContacts, gripped
-from planning.skills.joint_paths import (
-    Obstruction,
-    SkillPath,
-    nearer_reason,
-    skill_postures,
-    unreachable,
-)
+from planning.skills.joint_paths import Obstruction, SkillPath
 from planning.skills.subgoals import SkillTargets, Subgoal
-from planning.skills.surroundings import SkillScene, SkillTrial
+from planning.skills.surroundings import SkillScene, resolve_skill
 from planning.transforms import Array, Transform, translation
 
 _DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
@@ -277,34 +271,11 @@ class SkillOptions:
         loose: Iterable[str],
     ) -> Found:
         """Return a path clear of everything, or else of everything that will be gone."""
-        trials: list[SkillTrial | Obstruction] = []
-        reason: Obstruction | None = None
-        for path in skill_postures(self.world.cell.robot(robot), targets):
-            if isinstance(path, Obstruction):
-                trials.append(path)
-                reason = nearer_reason(reason, path)
-                continue
-            trial = SkillTrial(path, scene)
-            if trial.found is None:
-                return SkillOption(path)
-            trials.append(trial)
-            reason = nearer_reason(reason, trial.found)
-        if reason is None:
-            return unreachable(targets)
-        loose = set(loose)
-        if reason.by not in loose:
-            return reason
-        reason = None
-        for item in trials:
-            found = item if isinstance(item, Obstruction) else item.take_away(loose)
-            if found is None:
-                assert isinstance(item, SkillTrial)
-                return self._with_obstacles(item.path, item.gone)
-            reason = nearer_reason(reason, found)
-        assert reason is not None
-        return reason
-
-    def _with_obstacles(self, path: SkillPath, gone: Collection[str]) -> SkillOption:
+        placed = self.world.cell.robot(robot)
+        found = resolve_skill(placed, targets, scene, set(loose))
+        if isinstance(found, Obstruction):
+            return found
+        path, gone = found
         steps = range(1, len(self.world.assembly.steps) + 1)
         latest = min((k for k in steps if goal_name(k) in gone), default=None)
         return SkillOption(
