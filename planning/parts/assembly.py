@@ -1,13 +1,15 @@
-"""Pick-and-place assemblies as data: where every part goes, in which order, held how."""
+"""Pick-and-place assemblies as data: where every part goes, in which order, and the grips on it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
-from planning.transforms import Transform
+from planning.transforms import Array, Transform, readonly
 
 DOWN = (0.0, 0.0, -1.0)
 """The direction of a tool that points straight down, in the world."""
@@ -63,3 +65,92 @@ class PickPlaceAssembly:
     leave: float = 0.06
     touch: float = 0.002
     grips: GripRules = field(default_factory=GripRules)
+
+
+_AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class Grip:
+    """A grip on a box.
+
+    Attributes:
+        pose: of the tool frame in the frame of the box.
+        words: what it is, for messages.
+    """
+
+    pose: Transform
+    words: str
+
+
+def box_grips(
+    size: Array, start: Transform, goal: Transform, rules: GripRules
+) -> list[Grip]:
+    """Return the grips with which a box can be taken up and put down.
+
+    The tool points into a face, its fingers close on the two faces beside it, and it may lean
+    about the closing axis. What is left are grips whose tool points in a wanted direction both
+    where the box is picked and where it is placed, and whose fingers span the box. Places
+    nearest to the middle come first.
+
+    Args:
+        size: edge lengths, shape (3,) [m].
+        start, goal: poses of the box centre in the world.
+        rules: which grips are tried.
+    """
+    longest = int(np.argmax(size))
+    out: list[tuple[float, Grip]] = []
+    for face, sign, closing, turned in _holds(size, rules):
+        along = 3 - face - closing
+        for offset, tilt in product(
+            _offsets(size, rules) if along == longest else [0.0],
+            dict.fromkeys(rules.tilts),
+        ):
+            pose = np.eye(4)
+            pose[:3, :3] = _tool_axes(face, sign, closing, turned) @ _about_y(tilt)
+            if not all(_points_well(pose, box, rules) for box in (start, goal)):
+                continue
+            pose[along, 3] = offset
+            # From the middle towards the face that the tool comes from.
+            pose[face, 3] = sign * max(0.0, 0.5 * size[face] - rules.depth)
+            side = f"{'+' if sign > 0 else '-'}{_AXES[face]}"
+            words = f"grip {offset * 1e3:+.0f} mm from {side}"
+            words += " turned" if turned else ""
+            words += f" leaning {np.degrees(tilt):+.0f} deg" if tilt else ""
+            out.append((abs(offset), Grip(readonly(pose), words)))
+    return [grip for _, grip in sorted(out, key=lambda entry: round(entry[0], 9))]
+
+
+def _offsets(size: Array, rules: GripRules) -> list[float]:
+    """Return the places along the longest edge [m]."""
+    reach = max(0.0, 0.5 * float(size.max()) - rules.end_margin)
+    if rules.positions == 1 or reach == 0.0:
+        return [0.0]
+    return [float(at) for at in np.linspace(-reach, reach, rules.positions)]
+
+
+def _holds(size: Array, rules: GripRules) -> Iterator[tuple[int, int, int, bool]]:
+    """Yield face axis, its sign, closing axis, and whether the fingers are turned round."""
+    for face, sign, closing, turned in product(range(3), (1, -1), range(3), (0, 1)):
+        if face != closing and size[closing] <= rules.opening:
+            yield face, sign, closing, bool(turned)
+
+
+def _tool_axes(face: int, sign: int, closing: int, turned: bool) -> Array:
+    """Return the tool's axes in the box frame: z into the face, y along the closing axis."""
+    z, y = np.zeros(3), np.zeros(3)
+    z[face] = -sign
+    y[closing] = -1.0 if turned else 1.0
+    return np.column_stack([np.cross(y, z), y, z])
+
+
+def _about_y(angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def _points_well(grip: Transform, box: Transform, rules: GripRules) -> bool:
+    """Return whether the tool points along one of the wanted directions."""
+    pointing = box[:3, :3] @ grip[:3, 2]
+    nearest = max(float(np.dot(pointing, wanted)) for wanted in rules.directions)
+    return nearest >= math.cos(rules.steepest) - 1e-9

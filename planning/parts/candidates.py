@@ -17,9 +17,8 @@ from planning.errors import InfeasibleStepError
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import frame_in_flange
 from planning.motion.sequential import MARGIN
-from planning.parts.assembly import PickPlaceAssembly
+from planning.parts.assembly import Grip, PickPlaceAssembly, box_grips
 from planning.parts.contact_graph import near_to, standing
-from planning.parts.grips import Grip, box_grips
 from planning.parts.targets import pick_targets, place_targets
 from planning.skills.contacts import NOTHING, SkillContacts, gripped, touching
 from planning.skills.joint_paths import (

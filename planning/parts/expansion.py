@@ -29,12 +29,6 @@ def _expand_step(
 
     Every transit ends at the configuration that the next skill starts from, or at HOME, where
     robots stop between pick and place and after it.
-
-    Args:
-        candidates: joint paths of all skills.
-        plan: who does the step with which grip.
-        step: counted from 1.
-        first_index: index of its first task.
     """
     choice, handled = plan[step], candidates.steps[step - 1]
     robot, part = candidates.cell.robot(choice.robot), choice.object

@@ -21,7 +21,6 @@ from twin.scenario.sections.drawn_structure import (
 )
 from twin.scenario.sections.lego import (
     LegoSection,
-    RulesSection,
     StepSection,
     StockSection,
     brick_types,
@@ -53,17 +52,11 @@ def find_lego_problems(assembly: LegoSection, document: YamlDocument) -> list[Pr
 
 
 def _unknown_bricks(assembly: LegoSection, types: Mapping[str, BrickType]) -> Found:
-    groups: tuple[tuple[str, Sequence[StockSection | StepSection]], ...] = (
-        ("stock", assembly.stock),
-        ("steps", assembly.steps),
-    )
-    for group, items in groups:
-        for i, item in enumerate(items):
+    for group in ("stock", "steps"):
+        for i, item in enumerate(getattr(assembly, group)):
             if item.brick not in types:
-                yield (
-                    ("assembly", group, i, "brick"),
-                    unknown_name("brick type", item.brick, tuple(types)),
-                )
+                text = unknown_name("brick type", item.brick, tuple(types))
+                yield ("assembly", group, i, "brick"), text
 
 
 def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Found:
@@ -108,7 +101,13 @@ def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Foun
         taken.update(dict.fromkeys(cells, label))
         structure.update(cells)
         yield from _check_step(step, types[step.brick], at, taken)
-        yield from _check_allowed(step, assembly.rules, at, label)
+        # Steps must keep to the rules of the assembly.
+        if step.place == "up" and not assembly.rules.place_up:
+            text = f"{label} places from below, which 'rules' forbid (place_up)"
+            yield (*at, "place"), text
+        elif step.place == "down" and step.support and not assembly.rules.support:
+            text = f"{label} has a support, which 'rules' forbid (support)"
+            yield (*at, "support"), text
 
 
 def _check_step(
@@ -133,58 +132,35 @@ def _check_step(
             yield (*at, "support", "at"), f"the support goes where {other} is"
 
 
-def _check_allowed(
-    step: StepSection, rules: RulesSection, at: KeyPath, label: str
-) -> Found:
-    """Steps must keep to the rules of the assembly."""
-    if step.place == "up" and not rules.place_up:
-        text = f"{label} places from below, which 'rules' forbid (place_up)"
-        yield (*at, "place"), text
-    elif step.place == "down" and step.support is not None and not rules.support:
-        text = f"{label} has a support, which 'rules' forbid (support)"
-        yield (*at, "support"), text
-
-
 def _check_stock(
     stock: Sequence[tuple[int, StockSection]],
     types: Mapping[str, BrickType],
     studs: Sequence[int],
     taken: dict[Stud, str],
 ) -> Found:
-    """Check the stock of one plate, and note the studs it takes."""
+    """Check the stock of one plate, and note the studs it takes.
+
+    Every brick must be joined to the plate through others, never through a station.
+    """
+    cells = {item.name: studs_of(item, types) for _, item in stock}
     for i, item in stock:
         at: KeyPath = ("assembly", "stock", i, "at")
-        cells = studs_of(item, types)
-        if message := _off_plate(cells, studs):
+        own = studs_of(item, types)
+        if message := _off_plate(own, studs):
             yield at, message
-        if other := _first_taken(cells, taken):
+        if other := _first_taken(own, taken):
             yield at, f"{item.name} stands where {other} already stands"
-        taken.update(dict.fromkeys(cells, item.name))
-    yield from _check_stock_stands(stock, types, taken)
-
-
-def _check_stock_stands(
-    stock: Sequence[tuple[int, StockSection]],
-    types: Mapping[str, BrickType],
-    taken: Mapping[Stud, str],
-) -> Found:
-    """Every stock brick must be joined to the plate through others, never through a station."""
-    cells = {s.name: studs_of(s, types) for _, s in stock}
-    for i, item in stock:
-        below = {taken.get((x, y, z - 1)) for x, y, z in cells[item.name]}
-        for _, other in stock:
-            if other.station and other.name in below:
-                yield (
-                    ("assembly", "stock", i, "at"),
-                    f"{item.name} stands on the feeding station {other.name}",
-                )
+        taken.update(dict.fromkeys(own, item.name))
     held = joined_to_plate(cells)
+    stations = [item.name for _, item in stock if item.station]
     for i, item in stock:
+        at = ("assembly", "stock", i, "at")
+        below = {taken.get((x, y, z - 1)) for x, y, z in cells[item.name]}
+        for station in stations:
+            if station in below:
+                yield at, f"{item.name} stands on the feeding station {station}"
         if item.name not in held and item.at[2] >= 1:
-            yield (
-                ("assembly", "stock", i, "at"),
-                f"{item.name} floats: it is not joined to the plate",
-            )
+            yield at, f"{item.name} floats: it is not joined to the plate"
 
 
 def _check_supply(assembly: LegoSection) -> Found:

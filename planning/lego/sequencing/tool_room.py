@@ -227,10 +227,7 @@ def _above(item: PlacedBrick) -> Array:
 def _moved(item: PlacedBrick, goal: Transform, way: Iterable[Subgoal]) -> Array:
     """Return a box around a brick on its straight way to its goal, shape (1, 2, 3).
 
-    Args:
-        item: the brick at its goal.
-        goal: pose of the frame that carries it when the brick is there.
-        way: subgoals of that frame before, with the same axes.
+    The frame that carries it comes to the goal along subgoals with the same axes.
     """
     boxes = brick_box(item) + np.array(
         [(g.pose[:3, 3] - goal[:3, 3])[None] for g in way]

@@ -42,12 +42,7 @@ def _expand_step(
 
     Every transit ends at the configuration that the next skill starts from, or at HOME, where
     robots stop between pick and place and at the end of their part.
-
-    Args:
-        candidates: joint paths of all skills.
-        plan: choices of this step, and of the earlier ones, whose bricks stand around.
-        step: counted from 1.
-        first_index: index of its first task.
+    The plan must have the choices of the earlier steps, whose bricks stand around.
     """
     expander = _Expander(candidates, plan, StepBuilder(step, first_index))
     if candidates.world.step(step).up:

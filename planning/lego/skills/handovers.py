@@ -193,12 +193,7 @@ class HandoverOptions:
     ) -> tuple[SkillPath, Transform] | Obstruction:
         """Return the giver's skill and the pose of the brick's top face after it.
 
-        Args:
-            scene: in which the receiver stands with the brick.
-            giver: who gives.
-            tool: pose of the receiver's tool in the world.
-            step: counted from 1.
-            grasp: number of the grip.
+        The scene is that of the receiver, whose tool is at a pose in the world.
         """
         world, press = self._skills.world, press_of(grasp)
         kind, goal = world.kind(world.step(step).brick), world.goal_top(step)

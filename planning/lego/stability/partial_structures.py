@@ -190,12 +190,8 @@ class PartialStructures:
     ) -> StabilityReport:
         """Return the score of some bricks with those around them as border.
 
-        Args:
-            names: the partial structure.
-            inside: the bricks that are bodies of the linear program.
-            pressing: the brick that is pressed, if that is inside.
-            outside_pushes: True to let bricks outside take pushes only, False to let them be
-                as immovable as the plate.
+        With ``outside_pushes`` bricks outside take pushes only, else they are as immovable as
+        the plate.
         """
         if pressing is not None and pressing.brick not in inside:
             pressing = None

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planning.parts.assembly import GripRules
-from planning.parts.grips import box_grips
+from planning.parts.assembly import GripRules, box_grips
 from planning.transforms import from_rpy, identity
 
 ROD = np.array([0.3, 0.024, 0.024])
