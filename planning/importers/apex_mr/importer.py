@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +32,20 @@ from planning.importers.apex_mr.task_files import (
     integer,
     number,
     read_json,
-    tool_file,
     tool_offset,
 )
 from planning.transforms import Transform, from_rpy
+
+ROBOT_NAMES = ("left", "right")
+
+HOME_DEG = (0.0, -15.4560442, -40.3565653, 0.0, -65.0994789, 0.0)
+"""HOME of both arms: flange at (0.2, 0, 0.4) m in the base frame, pointing down [deg]."""
+
+_TABLE_SIZE = (0.6985, 1.219, 0.02)
+_STUDS = 48
+_PLATE_KEYS = frozenset(
+    ("x", "y", "z", "roll", "pitch", "yaw", "deg", "width", "height")
+)
 
 
 def available_tasks(folder: Path) -> tuple[str, ...]:
@@ -77,8 +87,8 @@ def import_apex_mr(
     notes = Notes()
     library = read_json(folder / "lego_library.json")
     names = brick_names(library)
-    robots = published_robots(folder)
-    plates = published_plates(folder, notes)
+    robots = _robots(folder)
+    plates = _plates(folder, notes)
     stock = published_stock(_stock_file(folder, task), names, notes)
     sequence = folder / "assembly_tasks" / f"{task}.json"
     chosen = folder / "steps" / f"{task}_seq.json"
@@ -92,14 +102,14 @@ def import_apex_mr(
         "version": 1,
         "name": re.sub(r"[^A-Za-z0-9_.-]", "_", task),
         "seed": 0,
-        "cell": {"robots": robots, "fixtures": [table_below(robots, plates)]},
+        "cell": {"robots": robots, "fixtures": [_table(robots, plates)]},
         "assembly": {
             "kind": "lego",
             **plates,
             "bricks": bricks,
             "stock": stock,
             "steps": steps,
-            **published_twists(folder),
+            **_twists(folder),
         },
     }
 
@@ -122,48 +132,26 @@ def _stock_file(folder: Path, task: str) -> Path:
     return path
 
 
-ROBOT_NAMES = ("left", "right")
-
-HOME_DEG = (0.0, -15.4560442, -40.3565653, 0.0, -65.0994789, 0.0)
-"""HOME of both arms: flange at (0.2, 0, 0.4) m in the base frame, pointing down [deg]."""
-
-_TABLE_SIZE = (0.6985, 1.219, 0.02)
-_STUDS = 48
-_PLATE_KEYS = frozenset(
-    ("x", "y", "z", "roll", "pitch", "yaw", "deg", "width", "height")
-)
-
-
-def published_robots(folder: Path) -> list[dict[str, Any]]:
-    """Return the entries of the two arms.
-
-    Raises:
-        ScenarioError: a file is missing, or describes another arm.
-    """
+def _robots(folder: Path) -> list[dict[str, Any]]:
+    """Return the entries of the two arms, which must be those that ``gp4`` describes."""
     properties = folder / "robot_properties"
     check_arm(properties)
-    robots: list[dict[str, Any]] = []
-    for k, name in enumerate(ROBOT_NAMES, start=1):
-        frames = {}
-        for frame, tool in TOOLS.items():
-            offset = tool_offset(tool_file(properties, f"r{k}", tool))
-            frames[frame] = {
-                "xyz_m": [tidy(v) for v in offset],
-                "rpy_deg": [0.0, 0.0, 0.0],
-            }
-        robots.append(
-            {
-                "name": name,
-                "model": "gp4",
-                "base": _pose(arm_base(properties, f"r{k}_base.txt")),
-                "home_deg": list(HOME_DEG),
-                "frames": frames,
-            }
-        )
-    return robots
+    return [
+        {
+            "name": name,
+            "model": "gp4",
+            "base": _pose(arm_base(properties, f"r{k}_base.txt")),
+            "home_deg": list(HOME_DEG),
+            "frames": {
+                frame: _upright(tool_offset(properties, f"r{k}", tool))
+                for frame, tool in TOOLS.items()
+            },
+        }
+        for k, name in enumerate(ROBOT_NAMES, start=1)
+    ]
 
 
-def published_plates(folder: Path, notes: Notes) -> dict[str, Any]:
+def _plates(folder: Path, notes: Notes) -> dict[str, Any]:
     """Return ``plate``, and ``storage_plate`` where it is not the same."""
     file = read_json(folder / "plate_calibration.json")
     notes.unused(file, frozenset(("assemble_plate", "storage_plate")))
@@ -179,19 +167,15 @@ def published_plates(folder: Path, notes: Notes) -> dict[str, Any]:
     return {"plate": plate} if same else {"plate": plate, "storage_plate": storage}
 
 
-def table_below(robots: list[dict[str, Any]], plates: dict[str, Any]) -> dict[str, Any]:
+def _table(robots: list[dict[str, Any]], plates: dict[str, Any]) -> dict[str, Any]:
     """Return the table between the robots, its top level with the lower plate's surface."""
     top = min(plate["pose"]["xyz_m"][2] for plate in plates.values())
     middle = sum(r["base"]["xyz_m"][0] for r in robots) / len(robots)
-    xyz = [tidy(middle), 0.0, tidy(top - _TABLE_SIZE[2] / 2)]
-    return {
-        "name": "table",
-        "size_m": list(_TABLE_SIZE),
-        "pose": {"xyz_m": xyz, "rpy_deg": [0.0, 0.0, 0.0]},
-    }
+    pose = _upright([middle, 0.0, top - _TABLE_SIZE[2] / 2])
+    return {"name": "table", "size_m": list(_TABLE_SIZE), "pose": pose}
 
 
-def published_twists(folder: Path) -> dict[str, Any]:
+def _twists(folder: Path) -> dict[str, Any]:
     """Return the twist angles where the folder has a ``user_config.json`` with others."""
     path = folder / "user_config.json"
     if not path.exists():
@@ -220,11 +204,15 @@ def _pose(pose: Transform) -> dict[str, Any]:
     pitch = math.atan2(-pose[2, 0], math.hypot(pose[2, 1], pose[2, 2]))
     roll = math.atan2(pose[2, 1], pose[2, 2])
     return {
-        "xyz_m": [tidy(v) for v in pose[:3, 3]],
-        "rpy_deg": [tidy(math.degrees(a)) for a in (roll, pitch, yaw)],
+        "xyz_m": [_tidy(v) for v in pose[:3, 3]],
+        "rpy_deg": [_tidy(math.degrees(a)) for a in (roll, pitch, yaw)],
     }
 
 
-def tidy(value: float) -> float:
+def _upright(xyz: Sequence[float]) -> dict[str, Any]:
+    return {"xyz_m": [_tidy(v) for v in xyz], "rpy_deg": [0.0, 0.0, 0.0]}
+
+
+def _tidy(value: float) -> float:
     """Drop what rounding has left behind, and the sign of zero."""
     return round(float(value), 12) + 0.0

@@ -164,8 +164,12 @@ def choice(
     return value
 
 
-def tool_file(properties: Path, robot: str, tool: str) -> Path:
-    """Return the table of a tool: the robot's own, else the one that all arms share.
+def tool_offset(properties: Path, robot: str, tool: str) -> list[float]:
+    """Return the origin of a tool frame in the flange frame [m].
+
+    A robot has a table of its own, or shares that of all arms. Tables differ in their last row
+    only, d and a of the tool. As that row ends with a half turn about x, a frame with (d, a) lies
+    at (a, 0, d_flange - d) in the flange frame, with the same axes.
 
     Args:
         properties: the folder ``robot_properties``.
@@ -173,36 +177,16 @@ def tool_file(properties: Path, robot: str, tool: str) -> Path:
         tool: a value of TOOLS.
 
     Raises:
-        ScenarioError: there is neither.
+        ScenarioError: there is no table, or it is not that of the same arm with another tool.
     """
-    own, shared = (
-        properties / f"{robot}_{tool}_DH.txt",
-        properties / f"gp4_{tool}_DH.txt",
-    )
-    if own.exists():
-        return own
-    if shared.exists():
-        return shared
-    raise ScenarioError(
-        f"{properties}: has no table of the tool frame {tool!r} for robot {robot!r}: "
-        f"neither {own.name} nor {shared.name}",
-        choices=tuple(sorted(p.name for p in properties.glob("*_DH.txt"))),
-    )
-
-
-def tool_offset(path: Path) -> list[float]:
-    """Return the origin of a tool frame in the flange frame [m].
-
-    The tables differ in their last row only, d and a of the tool. As that row ends with a half
-    turn about x, a frame with (d, a) lies at (a, 0, d_flange - d) in the flange frame, with the
-    same axes.
-
-    Args:
-        path: the tool's table.
-
-    Raises:
-        ScenarioError: the table is not that of the same arm with another tool.
-    """
+    names = [f"{owner}_{tool}_DH.txt" for owner in (robot, "gp4")]
+    path = next((properties / k for k in names if (properties / k).exists()), None)
+    if path is None:
+        raise ScenarioError(
+            f"{properties}: has no table of the tool frame {tool!r} for robot {robot!r}: "
+            f"neither {' nor '.join(names)}",
+            choices=tuple(sorted(p.name for p in properties.glob("*_DH.txt"))),
+        )
     table = _table(path, (6, 4))
     rest = table.copy()
     rest[5, 1:3] = _GP4[5, 1:3]
