@@ -21,7 +21,6 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.contacts import filled_places
 from planning.lego.bricks.grid import footprint, occupied_studs
 from planning.lego.bricks.grips import press_cell, presses
 from planning.lego.sequencing.tool_room import (
@@ -38,6 +37,7 @@ from planning.lego.skills.support import ORIENTATIONS
 from planning.lego.stability.equilibrium import StabilityReport
 from planning.lego.stability.partial_structures import Names, PartialStructures
 from planning.lego.stability.stability import Hold, Load
+from planning.transforms import Array
 
 PLAIN, SUPPORTED, FROM_BELOW = "plain", "supported", "from below"
 WAYS = (PLAIN, SUPPORTED, FROM_BELOW)
@@ -71,27 +71,22 @@ class Insertion:
     score: float
 
 
+@dataclass(frozen=True)
 class InsertionRules:
     """Finds insertions of the bricks of one design.
 
-    Args:
+    Attributes:
         structures: the partial structures of the design.
         force: insertion force [N].
-
-    Attributes:
-        structures: as given.
-        force: as given.
-        boxes: least and greatest corner of each brick in the plate's frame, shape (2, 3) [m].
-        filled: the brick in each place of the grid.
     """
 
-    def __init__(
-        self, structures: PartialStructures, *, force: float = INSERTION_FORCE
-    ) -> None:
-        self.structures = structures
-        self.force = force
-        self.boxes = {n: brick_box(item) for n, item in structures.bricks.items()}
-        self.filled = filled_places(structures.bricks)
+    structures: PartialStructures
+    force: float = INSERTION_FORCE
+
+    @cached_property
+    def boxes(self) -> dict[str, Array]:
+        """Least and greatest corner of each brick in the plate's frame, shape (2, 3) [m]."""
+        return {n: brick_box(item) for n, item in self.structures.bricks.items()}
 
     def at(self, names: Names, brick: str, *, up: bool) -> InsertionSite:
         """Return the insertion site of a brick in a partial structure.
@@ -300,7 +295,9 @@ class InsertionSite:
         height = (support.z - 1 if top else support.z) * LAYER_HEIGHT
         xs = range(int(low[0] // STUD_PITCH), int(high[0] // STUD_PITCH) + 1)
         ys = range(int(low[1] // STUD_PITCH), int(high[1] // STUD_PITCH) + 1)
-        touched = {self.rules.filled.get((x, y, layer)) for x, y in product(xs, ys)}
+        touched = {
+            self.rules.structures.filled.get((x, y, layer)) for x, y in product(xs, ys)
+        }
         out = []
         for name in sorted(n for n in touched if n is not None and n in self.names):
             box = self.rules.boxes[name]

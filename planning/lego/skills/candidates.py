@@ -11,14 +11,13 @@ from planning.cell.workcell import Workcell
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld, press_of
-from planning.lego.skills.handovers import HandoverOption, HandoverOptions
+from planning.lego.skills.handovers import HandoverOptions
 from planning.lego.skills.options import SkillOption, SkillOptions, StandingSupport
 from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
     Rejection,
-    StepChoice,
     SupportCandidate,
 )
 
@@ -41,34 +40,6 @@ class LegoCandidates:
     problem: AssignmentProblem
     skills: SkillOptions = field(repr=False)
     handovers: HandoverOptions = field(repr=False)
-
-    def pick(self, choice: StepChoice) -> SkillPath:
-        """Return the pick of a choice; in a place-up the support robot picks."""
-        robot = choice.primary.partner or choice.robot
-        return _path(self.skills.pick(robot, choice.object, choice.grasp))
-
-    def place(self, choice: StepChoice) -> SkillPath:
-        """Return the place of a choice, with its support robot standing by."""
-        beside = None
-        if choice.support is not None:
-            beside = StandingSupport(choice.support.robot, choice.support.pose)
-        return _path(self.skills.place(choice.robot, choice.step, choice.grasp, beside))
-
-    def support(self, choice: StepChoice) -> SkillPath | None:
-        """Return the support of a choice, None where there is none."""
-        if choice.support is None:
-            return None
-        by = choice.support
-        return _path(self.skills.support(by.robot, choice.step, by.pose))
-
-    def handover(self, choice: StepChoice) -> HandoverOption:
-        """Return the handover of a place-up."""
-        assert choice.primary.partner is not None
-        found = self.handovers.handover(
-            choice.primary.partner, choice.robot, choice.step, choice.grasp
-        )
-        assert isinstance(found, HandoverOption), found
-        return found
 
 
 def find_candidates(
@@ -267,11 +238,6 @@ class _Collector:
 
     def _reject(self, step: int, what: str, reason: Obstruction) -> None:
         self.rejections.append(Rejection(step, what, reason.words))
-
-
-def _path(found: SkillOption | Obstruction) -> SkillPath:
-    assert isinstance(found, SkillOption), found
-    return found.path
 
 
 def _grip(grasp: int) -> str:

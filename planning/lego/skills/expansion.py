@@ -14,8 +14,10 @@ from planning.lego.bricks.grid import box_from_top
 from planning.lego.bricks.objects import copy_name, next_copy, object_names, source_of
 from planning.lego.skills.allowed_contacts import Bricks, contacts_at_rest, supporting
 from planning.lego.skills.candidates import LegoCandidates
+from planning.lego.skills.handovers import HandoverOption
+from planning.lego.skills.options import SkillOption, StandingSupport
 from planning.skills.contacts import gripped
-from planning.skills.joint_paths import SkillPath
+from planning.skills.joint_paths import Obstruction, SkillPath
 from planning.skills.step_builder import StepBuilder
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks, Task
@@ -84,7 +86,7 @@ class _Expander:
     def __init__(
         self, candidates: LegoCandidates, plan: TaskPlan, builder: StepBuilder
     ) -> None:
-        self.candidates = candidates
+        self.skills, self.handovers = candidates.skills, candidates.handovers
         self.world: BrickWorld = candidates.world
         self.choice = plan[builder.step]
         self.builder = builder
@@ -121,8 +123,7 @@ class _Expander:
     def place_down(self) -> None:
         """Write pick, the support if any, place, and the ways back."""
         build, robot = self.builder, self.choice.robot
-        place = self.candidates.place(self.choice)
-        support = self.candidates.support(self.choice)
+        place, support = self._cooperation()
         picked = self._pick(robot)
         held = 0 if support is None else self._support(support)
         build.lead_in(place, f"{self.brick} to its place", self.brick)
@@ -137,11 +138,12 @@ class _Expander:
         """Write pick, handover, support from above, place from below, and the ways back."""
         build, receiver = self.builder, self.choice.robot
         giver = self.choice.primary.partner
-        support = self.candidates.support(self.choice)
+        place, support = self._cooperation()
         assert giver is not None
         assert support is not None
-        handover = self.candidates.handover(self.choice)
-        place = self.candidates.place(self.choice)
+        step, grasp = self.choice.step, self.choice.grasp
+        handover = self.handovers.handover(giver, receiver, step, grasp)
+        assert isinstance(handover, HandoverOption), handover
         picked = self._pick(giver)
         build.transit(receiver, handover.pre_receive, "to the handover", None)
         ready = build.transit(receiver, handover.receive, "ready to receive", None)
@@ -170,10 +172,20 @@ class _Expander:
         self._home(receiver)
         self._retract(support, held, placed)
 
+    def _cooperation(self) -> tuple[SkillPath, SkillPath | None]:
+        """Return the place beside the support, and the support if there is one."""
+        robot, step, grasp = self.choice.robot, self.choice.step, self.choice.grasp
+        by = self.choice.support
+        if by is None:
+            return _path(self.skills.place(robot, step, grasp, None)), None
+        beside = StandingSupport(by.robot, by.pose)
+        place = _path(self.skills.place(robot, step, grasp, beside))
+        return place, _path(self.skills.support(by.robot, step, by.pose))
+
     def _pick(self, robot: str) -> int:
         """Write transit, pick and the way HOME; return the pick."""
         build, brick = self.builder, self.brick
-        path = self.candidates.pick(self.choice)
+        path = _path(self.skills.pick(robot, self.choice.object, self.choice.grasp))
         build.lead_in(path, f"to {brick}", None)
         start = self.world.stock_at_rest[self.choice.object][1].pose
         held = inverse(self._flange(robot, path.contact)) @ start
@@ -228,3 +240,8 @@ class _Expander:
 
     def _flange(self, robot: str, q: Array) -> Transform:
         return frame_pose(self.world.cell.robot(robot), q)
+
+
+def _path(found: SkillOption | Obstruction) -> SkillPath:
+    assert isinstance(found, SkillOption), found
+    return found.path

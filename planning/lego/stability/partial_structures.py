@@ -74,8 +74,9 @@ class PartialStructures:
 
     def __init__(self, design: Iterable[PlacedBrick]) -> None:
         self.bricks = by_name(design)
-        filled = filled_places(self.bricks)
-        self._joints = joints(self.bricks, filled)
+        self.filled = filled_places(self.bricks)
+        """The brick in each place of the grid."""
+        self._joints = joints(self.bricks, self.filled)
         self._under: dict[str, list[Joint]] = defaultdict(list)
         self._over: dict[str, list[Joint]] = defaultdict(list)
         self._beside: dict[str, list[SideContact]] = defaultdict(list)
@@ -86,7 +87,7 @@ class PartialStructures:
                 self._over[joint.lower].append(joint)
                 self._linked[joint.lower].add(joint.upper)
                 self._linked[joint.upper].add(joint.lower)
-        for side in side_contacts(self.bricks, filled):
+        for side in side_contacts(self.bricks, self.filled):
             self._beside[side.first].append(side)
             self._beside[side.second].append(side)
             self._linked[side.first].add(side.second)
