@@ -20,10 +20,10 @@ from planning.construction.problem.problem import ConstructionProblem
 from planning.errors import TwinError
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.rollout import earliest_times
-from twin.assemblies.construction import ConstructionKind
 from twin.host.progress import Report
+from twin.planning.build_workcell import build_workcell
+from twin.planning.construction import ConstructionKind
 from twin.planning.pipeline import motion_settings
-from twin.scenario.build_workcell import build_workcell
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.construction import ConstructionSection

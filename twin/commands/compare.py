@@ -40,8 +40,8 @@ def compare(
     """
     from twin.host.atomic import write_json
     from twin.host.progress import StageDisplay, compilation_shown
+    from twin.planning.build_workcell import build_workcell
     from twin.run.folder import CHART, COMPARISON, run_folder
-    from twin.scenario.build_workcell import build_workcell
     from twin.scenario.file import load_scenario
     from twin.scenario.manifest import write_manifest
 

@@ -40,9 +40,9 @@ def apex_mr(
     """Read a task as the authors of APEX-MR publish them."""
     from planning.importers.apex_mr.importer import import_apex_mr
     from planning.lego.sequencing.stable_steps import stable_steps
-    from twin.assemblies.kind import assembly_kind
-    from twin.assemblies.lego import build_lego
     from twin.host.atomic import write_text
+    from twin.planning.kind import assembly_kind
+    from twin.planning.lego import build_lego
     from twin.scenario.document.text import scenario_text
     from twin.scenario.file import load_scenario
     from twin.scenario.sections.lego import LegoSection

@@ -184,7 +184,7 @@ def _chosen(
 
 def _saved_plan(folder: Path, scenario: Scenario, base: Path) -> TemporalPlanGraph:
     from scheduling.graph.plan_files import load_plan
-    from twin.scenario.build_workcell import build_workcell
+    from twin.planning.build_workcell import build_workcell
 
     tpg = load_plan(folder)
     cell = build_workcell(scenario, base)
@@ -202,7 +202,7 @@ def _saved_plan(folder: Path, scenario: Scenario, base: Path) -> TemporalPlanGra
 def _announce(scenario: Scenario, folder: Path) -> None:
     from rich.console import Console
 
-    from twin.assemblies.kind import assembly_kind
+    from twin.planning.kind import assembly_kind
 
     console = Console(stderr=True, highlight=False)
     console.print(

@@ -34,8 +34,8 @@ def sequence(
     reach every brick is checked, but not what may be in their way.
     """
     from planning.lego.sequencing.reachability import check_reach
-    from twin.assemblies.lego import find_sequence
-    from twin.scenario.build_workcell import build_workcell
+    from twin.planning.build_workcell import build_workcell
+    from twin.planning.lego import find_sequence
     from twin.scenario.file import load_scenario
     from twin.scenario.sections.lego import LegoSection
 

@@ -27,7 +27,7 @@ Resolved = Annotated[
 @guarded
 def validate(files: Files, resolved: Resolved = False) -> int:
     """Check scenario files and report every problem in them."""
-    from twin.assemblies.kind import assembly_kind
+    from twin.planning.kind import assembly_kind
     from twin.scenario.file import load_scenario
     from twin.scenario.sections import scenario as model
 

@@ -12,10 +12,10 @@ from pathlib import Path
 
 from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.assemblies.kind import PlannedMotions
 from twin.comparison.bounds import straight_line_ratio, straight_line_s
 from twin.durations import NANOSECONDS
 from twin.host.progress import Report, StageWatch, report_nothing
+from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import (
     default_shortcuts,
     order_motions,

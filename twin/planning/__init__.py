@@ -1,4 +1,4 @@
-"""Planning pipeline: from a scenario to its temporal plan graph, stage by stage.
+"""Planning of scenarios: kinds of assemblies, the cell, and the pipeline to the temporal plan graph.
 
-Imports scenario, assemblies, scheduling and planning; commands, comparison and study import it.
+Imports scenario.sections, scenario.document, host, scheduling and planning; scenario asks it for checks.
 """

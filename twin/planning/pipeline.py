@@ -22,9 +22,9 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.ordering.reordering import reorder_tasks
 from scheduling.ordering.task_conflicts import SweptTaskConflicts
 from scheduling.shortcuts.shortcutting import shorten_tpg
-from twin.assemblies.kind import PlannedMotions, assembly_kind
 from twin.host.progress import Report, StageWatch, report_nothing
-from twin.scenario.build_workcell import build_workcell
+from twin.planning.build_workcell import build_workcell
+from twin.planning.kind import PlannedMotions, assembly_kind
 from twin.scenario.sections.scenario import Scenario
 
 SLOTS, ORDER = "who moves at once", "what waits for what"

@@ -1,4 +1,4 @@
-"""Scenario files: from YAML to checked sections, and from those to cells, models, manifests.
+"""Scenario files: from YAML to checked sections, and from those to manifests and variations.
 
-Imports its rooms (document, sections), assemblies, durations and uncertainty.
+Imports its rooms (document, sections), planning, durations and uncertainty.
 """

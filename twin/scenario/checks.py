@@ -8,8 +8,8 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from planning.errors import RobotModelError, ScenarioError
-from twin.assemblies.kind import assembly_kind
 from twin.durations import DurationModel, Empirical
+from twin.planning.kind import assembly_kind
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection

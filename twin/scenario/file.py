@@ -92,7 +92,7 @@ def _include_structure(
 
 def _check_structure_file(scenario: Scenario, included: YamlDocument) -> None:
     """Raise an error, with places in that file, for bricks that cannot be as they are drawn."""
-    from twin.assemblies.brick_checks import find_structure_problems
+    from twin.planning.brick_checks import find_structure_problems
     from twin.scenario.sections.lego import brick_types
 
     lego = scenario.assembly

@@ -12,7 +12,7 @@ from twin.durations import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.host.atomic import write_json
 from twin.host.progress import Report, report_nothing
-from twin.scenario.build_workcell import build_workcell
+from twin.planning.build_workcell import build_workcell
 from twin.scenario.variations import varied
 from twin.study.folder import (
     AUDITS,

@@ -9,7 +9,7 @@ import pytest
 
 from planning.lego.bricks.grid import occupied_studs
 from planning.lego.sequencing.sequencing import sequenced
-from twin.assemblies.lego import build_lego, build_structure
+from twin.planning.lego import build_lego, build_structure
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import LegoSection
 

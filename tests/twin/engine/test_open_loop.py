@@ -16,7 +16,7 @@ from scheduling.build_tpg import build_tpg
 from scheduling.graph.plan_files import save_plan
 from tests.twin.turning_arms import SCENARIO, straight
 from twin.cli import app
-from twin.scenario.build_workcell import build_workcell
+from twin.planning.build_workcell import build_workcell
 from twin.scenario.file import load_scenario
 
 LATE = """\

@@ -15,7 +15,7 @@ from scheduling.graph.plan_files import save_plan
 from tests.twin.turning_arms import SCENARIO, turning_plan
 from twin.cli import app
 from twin.exports.formats import FORMATS
-from twin.scenario.build_workcell import build_workcell
+from twin.planning.build_workcell import build_workcell
 from twin.scenario.file import load_scenario
 
 

@@ -31,9 +31,9 @@ from twin.follow.display import JsonLines, PlainLines, TerminalDisplay, run_pict
 from twin.follow.follow import follow, growing_file, piped
 from twin.follow.forecast import Forecaster
 from twin.follow.state import FollowedRun
+from twin.planning.build_workcell import build_workcell
 from twin.recorders.observers import MemoryRecorder
 from twin.run.events import EventLogError, event_line
-from twin.scenario.build_workcell import build_workcell
 from twin.scenario.file import load_scenario
 from twin.uncertainty.skill_durations import SkillDurations
 

@@ -10,7 +10,7 @@ import pytest
 from planning.lego.bricks.assembly import brick_type
 from planning.lego.bricks.grid import box_pose
 from scheduling.verification.verify import verify_plan
-from twin.assemblies.in_turns import MOTION
+from twin.planning.in_turns import MOTION
 from twin.planning.pipeline import Planned, plan_scenario
 from twin.scenario.file import load_scenario
 from twin.trial.trial import Keep, Trial, try_plan

@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 from planning.construction.problem.problem import ConstructionProblem, SkillSeconds
 from planning.errors import ConstructionError, RobotModelError, ScenarioError
 from planning.motion.sequential import MotionSettings
-from twin.assemblies.construction import ConstructionKind
-from twin.assemblies.kind import assembly_kind
 from twin.cli import app
+from twin.planning.build_workcell import build_workcell
+from twin.planning.construction import ConstructionKind
+from twin.planning.kind import assembly_kind
 from twin.planning.pipeline import motion_settings
-from twin.scenario.build_workcell import build_workcell
 from twin.scenario.document.problems import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.cell import choose_robots

@@ -18,8 +18,8 @@ from typer.testing import CliRunner, Result
 
 from planning.errors import InfeasibleStepError
 from planning.lego.sequencing.stable_steps import stable_steps
-from twin.assemblies.lego import build_lego
 from twin.cli import app
+from twin.planning.lego import build_lego
 from twin.scenario.file import load_scenario, scenario_schema
 
 ROOT = Path(__file__).parents[3]

@@ -18,8 +18,8 @@ from scheduling.build_tpg import build_tpg
 from scheduling.graph.plan_files import save_plan
 from tests.twin.turning_arms import SCENARIO, turning_plan
 from twin.cli import app
+from twin.planning.build_workcell import build_workcell
 from twin.recorders.observers import JsonlRecorder
-from twin.scenario.build_workcell import build_workcell
 from twin.scenario.file import load_scenario
 from twin.trial.trial import ResumeError, resume_run
 

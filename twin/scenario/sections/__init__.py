@@ -1,4 +1,4 @@
 """The sections of a scenario file as pydantic models.
 
-Imports document, durations and uncertainty; assemblies and scenario import it.
+Imports document, durations and uncertainty; planning and scenario import it.
 """

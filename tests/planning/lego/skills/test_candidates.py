@@ -176,8 +176,8 @@ def test_an_arm_that_stands_in_the_way_is_an_obstruction() -> None:
 )
 def test_the_published_cliff_gets_the_published_robots() -> None:
     from planning.importers.apex_mr.importer import import_apex_mr
-    from twin.assemblies.lego import build_lego
-    from twin.scenario.build_workcell import build_workcell
+    from twin.planning.build_workcell import build_workcell
+    from twin.planning.lego import build_lego
     from twin.scenario.sections.scenario import Scenario
 
     content = import_apex_mr(DATA, "cliff")

@@ -102,10 +102,10 @@ class AssemblyKind(Protocol):
 
 
 _KINDS = {
-    "lego": ("twin.assemblies.lego", "LegoKind"),
-    "pick-and-place": ("twin.assemblies.pick_place", "PickPlaceKind"),
-    "goals": ("twin.assemblies.goals", "GoalsKind"),
-    "construction": ("twin.assemblies.construction", "ConstructionKind"),
+    "lego": ("twin.planning.lego", "LegoKind"),
+    "pick-and-place": ("twin.planning.pick_place", "PickPlaceKind"),
+    "goals": ("twin.planning.goals", "GoalsKind"),
+    "construction": ("twin.planning.construction", "ConstructionKind"),
 }
 """Module and class by the ``kind`` of a section."""
 

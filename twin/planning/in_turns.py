@@ -8,8 +8,8 @@ from planning.cell.workcell import Workcell
 from planning.motion.sequential import MotionSettings, plan_sequential
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.work import AssemblyWork, StepExpansions
-from twin.assemblies.kind import PlannedMotions
 from twin.host.progress import StageWatch
+from twin.planning.kind import PlannedMotions
 
 ASSIGNMENT, MOTION = "who does what", "motions"
 """Names of the stages for progress displays."""

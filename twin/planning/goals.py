@@ -13,8 +13,8 @@ from planning.cell.workcell import Workcell
 from planning.errors import ScenarioError
 from planning.goals.robot_goals import RobotGoal
 from planning.transforms import readonly
-from twin.assemblies.kind import AssemblyKind, PlannedMotions
 from twin.host.progress import StageWatch
+from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
@@ -52,7 +52,7 @@ class GoalsKind(AssemblyKind):
     ) -> PlannedMotions:
         """Find the configurations of all goals, then the ways to them."""
         from planning.goals.robot_goals import prepare_goals
-        from twin.assemblies.in_turns import ASSIGNMENT, plan_in_turns
+        from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
 
         goals = tuple(
             _goal(cell, move, k) for k, move in enumerate(self.section.moves, start=1)

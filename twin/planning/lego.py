@@ -18,8 +18,8 @@ from planning.lego.bricks.assembly import (
     Press,
     StockBrick,
 )
-from twin.assemblies.kind import AssemblyKind, PlannedMotions
 from twin.host.progress import StageWatch
+from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.problems import Problem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.drawn_structure import read_structure
@@ -85,7 +85,7 @@ class LegoKind(AssemblyKind):
 
     def problems(self, document: YamlDocument) -> list[Problem]:
         """Return the problems of the section."""
-        from twin.assemblies.brick_checks import find_lego_problems
+        from twin.planning.brick_checks import find_lego_problems
 
         return find_lego_problems(self.section, document)
 
@@ -117,7 +117,7 @@ class LegoKind(AssemblyKind):
         from planning.lego.sequencing.stable_steps import stable_steps
         from planning.lego.skills.candidates import find_candidates
         from planning.lego.skills.expansion import lego_work
-        from twin.assemblies.in_turns import ASSIGNMENT, plan_in_turns
+        from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
 
         robots = len(cell.robots)
         if self.section.structure is not None:

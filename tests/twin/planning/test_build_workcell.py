@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from planning.lego.bricks.assembly import Cell, Press, Support
-from twin.assemblies.lego import build_lego
-from twin.scenario.build_workcell import build_workcell
+from twin.planning.build_workcell import build_workcell
+from twin.planning.lego import build_lego
 from twin.scenario.file import load_scenario
 
 SCENARIO = """\

@@ -11,8 +11,8 @@ import numpy as np
 from planning.cell.workcell import CellObject, Workcell
 from planning.parts.assembly import GripRules, PickPlaceAssembly
 from planning.transforms import readonly
-from twin.assemblies.kind import AssemblyKind, PlannedMotions
 from twin.host.progress import StageWatch
+from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.section import plain_values
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
@@ -60,7 +60,7 @@ class PickPlaceKind(AssemblyKind):
         """Find the candidates, choose, and plan one task after another."""
         from planning.parts.candidates import find_candidates
         from planning.parts.expansion import pick_place_work
-        from twin.assemblies.in_turns import ASSIGNMENT, plan_in_turns
+        from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
 
         assembly = build_pick_place(self.section)
         with watch.stage("assignment", ASSIGNMENT):

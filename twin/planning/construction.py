@@ -12,8 +12,8 @@ import numpy as np
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import ScenarioError
 from planning.transforms import Array, Transform, readonly
-from twin.assemblies.kind import AssemblyKind, PlannedMotions
 from twin.host.progress import StageWatch
+from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.section import plain_values
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.construction import (

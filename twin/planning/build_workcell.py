@@ -10,7 +10,7 @@ import numpy as np
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import Clearances, Fixture, PlacedRobot, Workcell
 from planning.transforms import readonly
-from twin.assemblies.kind import assembly_kind
+from twin.planning.kind import assembly_kind
 from twin.scenario.sections.poses import build_transform
 from twin.scenario.sections.scenario import FixtureSection, RobotSection, Scenario
 
