@@ -22,7 +22,7 @@ from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Uniform, packaged_timings
 from twin.engine.engine import Simulator
-from twin.engine.messages import Messages
+from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder
 from twin.run.run_record import Run
 from twin.scenario.file import load_scenario
@@ -74,9 +74,10 @@ def measure(what: str, runs: int, execute: Callable[[int], Run]) -> Rate:
 def rates(tpg: TemporalPlanGraph, runs: int) -> list[Rate]:
     """Measure every kind of run of a plan."""
     durations = SkillDurations(packaged_timings())
-    plain = Simulator(tpg, durations)
-    late = Simulator(tpg, durations, messages=Messages.of_seconds(3, 0.005, 0.005))
-    disturbed = Simulator(tpg, durations, disturbances=DISTURBED)
+    plain = Simulator(tpg, ExecutionModel(durations))
+    messages = Messages.of_seconds(3, 0.005, 0.005)
+    late = Simulator(tpg, ExecutionModel(durations, messages=messages))
+    disturbed = Simulator(tpg, ExecutionModel(durations, disturbances=DISTURBED))
     few = max(runs // 10, 1)
     return [
         measure("chains contracted", runs, lambda r: plain.run(seed=0, replication=r)),

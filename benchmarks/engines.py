@@ -26,6 +26,7 @@ from twin.durations import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.bulk.max_plus import completions, makespans
 from twin.engine.engine import Simulator
+from twin.engine.execution_model import ExecutionModel
 from twin.host.progress import StageDisplay, StageWatch
 from twin.planning.pipeline import order_motions, plan_in_turns
 from twin.scenario.file import load_scenario
@@ -100,9 +101,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def measure(name: str, tpg: TemporalPlanGraph, durations: SkillDurations) -> Rates:
     """Measure both engines with one plan, kernels compiled."""
-    bulk = BulkEngine(tpg, durations)
+    model = ExecutionModel(durations)
+    bulk = BulkEngine(tpg, model)
     _everything(bulk, range(2))
-    events = Simulator(tpg, durations)
+    events = Simulator(tpg, model)
     found = _makespans_ns(bulk, MANY)
     count = 0
 
@@ -168,7 +170,6 @@ def _study_in_this_process(graph: Path, count: int) -> float:
     """Run a study of one cell and return the peak memory of this process [MiB]."""
     import tempfile
 
-    from twin.engine.execution_model import ExecutionModel
     from twin.study.replications.executors import open_executor
     from twin.study.replications.experiment import Experiment
     from twin.study.replications.runner import run_replications

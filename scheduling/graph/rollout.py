@@ -16,8 +16,6 @@ from scheduling.graph.flat_graph import FlatGraph, flatten
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.total_order import planned_ranks
 
-NANOSECONDS = 1_000_000_000
-
 
 @dataclass(frozen=True)
 class Rollout:
@@ -108,10 +106,3 @@ def latest_ends(
     start, _ = _longest_paths(graph, duration)
     latest = float(rollout.makespan) - start[::-1]
     return np.split(latest, np.cumsum(lengths)[:-1])
-
-
-def durations_ns(tpg: TemporalPlanGraph) -> list[Indices]:
-    """Return the nominal durations rounded to integer nanoseconds, one array a chain."""
-    return [
-        np.rint(chain.duration * NANOSECONDS).astype(np.int64) for chain in tpg.chains
-    ]

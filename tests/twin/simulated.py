@@ -8,7 +8,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.bulk.max_plus import Completions, completions
 from twin.engine.engine import Simulator
-from twin.engine.messages import Messages
+from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import Recorder
 from twin.run.run_record import Policy, Run
 from twin.uncertainty.disturbances import Disturbances
@@ -27,14 +27,12 @@ def simulate(
     recorders: Sequence[Recorder] = (),
 ) -> Run:
     """Execute a graph once."""
-    simulator = Simulator(
-        tpg,
-        durations,
-        policy=policy,
-        messages=messages,
-        disturbances=disturbances,
+    model = ExecutionModel(
+        durations, policy, messages or Messages(), disturbances or Disturbances()
     )
-    return simulator.run(seed=seed, replication=replication, recorders=recorders)
+    return Simulator(tpg, model).run(
+        seed=seed, replication=replication, recorders=recorders
+    )
 
 
 def run_bulk(

@@ -2,12 +2,47 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
-from twin.engine.messages import Messages
+from planning.errors import TwinError
+from twin.durations import to_nanoseconds
 from twin.run.run_record import Policy
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.skill_durations import SkillDurations
+
+
+@dataclass(frozen=True)
+class Messages:
+    """Queue depth and latencies of messages between robots and dispatcher.
+
+    Attributes:
+        queue_depth: actions sent to a robot of which completion is not yet reported, at most.
+        report_ns: time a message takes from robot to dispatcher [ns].
+        release_ns: time a message takes from dispatcher to robot [ns].
+    """
+
+    queue_depth: int = 1
+    report_ns: int = 0
+    release_ns: int = 0
+
+    @classmethod
+    def of_seconds(
+        cls, queue_depth: int = 1, report_s: float = 0.0, release_s: float = 0.0
+    ) -> Messages:
+        """Return messages that take some seconds; TwinError if a number is out of range."""
+        if queue_depth < 1:
+            raise TwinError(f"queue_depth must be at least 1, not {queue_depth}")
+        for value in (report_s, release_s):
+            if not 0 <= value < math.inf:
+                raise TwinError(f"a latency must be at least 0 s, not {value}")
+        report, release = to_nanoseconds([report_s, release_s]).tolist()
+        return cls(queue_depth, report, release)
+
+    @property
+    def instant(self) -> bool:
+        """True if messages take no time; then the depth of the queues makes no difference."""
+        return self.report_ns == 0 and self.release_ns == 0
 
 
 @dataclass(frozen=True)
@@ -16,7 +51,11 @@ class ExecutionModel:
 
     Attributes:
         durations: of skills.
-        policy: how nodes are released; see Simulator.
+        policy: ``"asynchronous"`` releases whatever the TPG says is safe; ``"sequential"`` lets
+            one robot work at a time, always on the first task in planned order that is safe;
+            ``"synchronous"`` lets nobody enter a slot of the plan before everyone has left the
+            one before; in ``"open-loop"`` every robot follows the planned clock and waits for
+            nobody, so that robots may collide.
         messages: between robots and dispatcher.
         disturbances: what may go wrong.
     """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.recorders.observers import Observers
@@ -17,7 +16,13 @@ _Change = tuple[int, str, str | None]
 
 
 class Narrator:
-    """Makes the event rows of one run."""
+    """Makes the event rows of one run.
+
+    Attributes:
+        handlings: (offset from the first motion [ns], object, holder) within a node, by chain
+            and node.
+        standstills: those of a robot before a node moves, by chain and node.
+    """
 
     def __init__(
         self,
@@ -31,11 +36,11 @@ class Narrator:
         self._observers = observers
         self._now = now
         self._task = [chain.task.tolist() for chain in tpg.chains]
-        self._handlings = _handlings_by_node(tpg, times)
-        self._standstills: dict[tuple[int, int], list[Standstill]] = {}
+        self.handlings = _handlings_by_node(tpg, times)
+        self.standstills: dict[tuple[int, int], list[Standstill]] = {}
         for chain, stands in enumerate(times.standstills):
             for entry in stands:
-                self._standstills.setdefault((chain, entry.node), []).append(entry)
+                self.standstills.setdefault((chain, entry.node), []).append(entry)
         self._holder: dict[str, str] = {}
 
     def emit(
@@ -45,21 +50,18 @@ class Narrator:
         node: int = -1,
         name: str = "",
         detail: str = "",
+        *,
+        t_ns: int | None = None,
     ) -> None:
-        """Tell of an event that happens now."""
-        self._emit_at(self._now(), kind, chain, node, name, detail)
+        """Tell of an event that happens now, or at a time [ns]."""
+        when = self._now() if t_ns is None else t_ns
+        robot = self._tpg.chains[chain].robot if chain >= 0 else ""
+        task = self._task[chain][node] if node >= 0 else -1
+        self._observers.record(Event(when, robot, kind, task, node, name, detail))
 
     def close(self) -> None:
         """Tell that there is no more to come."""
         self._observers.close()
-
-    def handlings(self, chain: int, node: int) -> Sequence[_Change]:
-        """Return (offset from the first motion [ns], object, holder) within a node."""
-        return self._handlings.get((chain, node), ())
-
-    def standstills(self, chain: int, node: int) -> Sequence[Standstill]:
-        """Return the standstills of a robot before a node moves."""
-        return self._standstills.get((chain, node), ())
 
     def handle(self, chain: int, node: int, name: str, holder: str | None) -> None:
         """Tell that an object changes hands."""
@@ -111,43 +113,11 @@ class Narrator:
         stops = [s for s in halts[chain].stops(t_ns) if s.end_ns > s.start_ns]
         for stop in stops:
             if stop.start_ns == t_ns:
-                self._emit_at(t_ns, "stopped", chain, node, "", stop.reason)
+                self.emit("stopped", chain, node, "", stop.reason, t_ns=t_ns)
         for begin, end in halts[chain].intervals(t_ns + 1):
             if end == t_ns:
                 for _ in range(sum(begin <= s.start_ns < end for s in stops)):
-                    self._emit_at(t_ns, "resumed", chain, node, "", "")
-
-    def _emit_at(
-        self,
-        t_ns: int,
-        kind: EventKind,
-        chain: int,
-        node: int,
-        name: str,
-        detail: str,
-    ) -> None:
-        robot = self._tpg.chains[chain].robot if chain >= 0 else ""
-        task = self._task[chain][node] if node >= 0 else -1
-        self._observers.record(Event(t_ns, robot, kind, task, node, name, detail))
-
-
-def waiting_cause(
-    tpg: TemporalPlanGraph,
-    dispatcher: Dispatcher,
-    chain: int,
-    node: int,
-    *,
-    sequential: bool = False,
-) -> str:
-    """Return the cause for which a node has not been released, in words."""
-    waited_for = [
-        f"{tpg.chains[k].robot} to complete node {n} "
-        f"({tpg.tasks[int(tpg.chains[k].task[n])].label})"
-        for k, n in dispatcher.waits_for(chain, node)
-    ]
-    if waited_for:
-        return "waits for " + " and ".join(waited_for)
-    return "waits for its turn" if sequential else "waits for its release"
+                    self.emit("resumed", chain, node, t_ns=t_ns)
 
 
 def failure_text(tpg: TemporalPlanGraph, times: NodeTimes, chain: int) -> str:
@@ -167,7 +137,7 @@ def failure_text(tpg: TemporalPlanGraph, times: NodeTimes, chain: int) -> str:
 def _handlings_by_node(
     tpg: TemporalPlanGraph, times: NodeTimes
 ) -> dict[tuple[int, int], list[_Change]]:
-    """Return (offset, object, holder) of the handlings of each node, in order of time."""
+    """Return the handlings of each node, in order of time."""
     offsets = [
         waypoint_offsets_ns(chain, motion)
         for chain, motion in zip(tpg.chains, times.motion, strict=True)
@@ -181,4 +151,4 @@ def _handlings_by_node(
         found.setdefault((item.robot, item.node), []).append(change)
     for changes in found.values():
         changes.sort(key=lambda change: change[0])
-    return {node: [*changes] for node, changes in found.items()}
+    return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from typing import Any
 
 import simpy
@@ -13,8 +13,8 @@ from simpy.events import EventPriority
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS, Nanoseconds
-from twin.engine.messages import Messages
-from twin.engine.narrator import Narrator, failure_text, waiting_cause
+from twin.engine.execution_model import Messages
+from twin.engine.narrator import Narrator, failure_text
 from twin.recorders.observers import Observers
 from twin.run.run_record import Outcome
 from twin.uncertainty.halts import Halts
@@ -152,7 +152,8 @@ class Execution:
                 return
             end[node] = int(env.now)
             if self.planned is None:
-                self._report(chain, node)
+                report = self._receive_report
+                self._deliver(self.messages.report_ns, report, chain, node)
         if narrator is not None:
             narrator.emit("finished", chain)
 
@@ -178,7 +179,7 @@ class Execution:
         """Execute a node and tell of everything that happens in it."""
         narrator.emit("started", chain, node)
         failed = node == self.times.failed[chain]
-        stands = narrator.standstills(chain, node)
+        stands = narrator.standstills.get((chain, node), ())
         attempt = 0
         for k, entry in enumerate(stands):
             narrator.stands(chain, node, entry)
@@ -190,7 +191,7 @@ class Execution:
                 return
             narrator.goes_on(chain, node, entry, attempt)
         passed = 0
-        for offset, name, holder in narrator.handlings(chain, node):
+        for offset, name, holder in narrator.handlings.get((chain, node), ()):
             if offset > passed:
                 yield self._work(chain, offset - passed)
                 passed = offset
@@ -212,9 +213,15 @@ class Execution:
         self.env.schedule(check, priority=_LAST)
 
     def _cause(self, chain: int, node: int) -> str:
-        return waiting_cause(
-            self.tpg, self.dispatcher, chain, node, sequential=self.sequential
-        )
+        """Return why a node has not been released, in words."""
+        waited_for = [
+            f"{self.tpg.chains[k].robot} to complete node {n} "
+            f"({self.tpg.tasks[self.task[k][n]].label})"
+            for k, n in self.dispatcher.waits_for(chain, node)
+        ]
+        if waited_for:
+            return "waits for " + " and ".join(waited_for)
+        return "waits for its turn" if self.sequential else "waits for its release"
 
     def _run_and_tell_of_halts(
         self, narrator: Narrator, halts: Sequence[Halts]
@@ -245,26 +252,24 @@ class Execution:
 
     # Messages
 
-    def _report(self, chain: int, node: int) -> None:
-        """Send the dispatcher word that a node is complete."""
-        if self.messages.report_ns == 0:
-            self._receive_report(chain, node)
+    def _deliver(
+        self,
+        delay_ns: int,
+        receive: Callable[[int, int], None],
+        chain: int,
+        node: int,
+    ) -> None:
+        """Send a message about a node, which is received after a delay."""
+        if delay_ns == 0:
+            receive(chain, node)
         else:
-            message = self.env.timeout(self.messages.report_ns)
-            message.callbacks.append(lambda _: self._receive_report(chain, node))
+            message = self.env.timeout(delay_ns)
+            message.callbacks.append(lambda _: receive(chain, node))
 
     def _receive_report(self, chain: int, node: int) -> None:
         self.reports.append((chain, node))
         if not self.report_arrived.triggered:
             self.report_arrived.succeed()
-
-    def _send(self, chain: int, node: int) -> None:
-        """Send a robot its next node."""
-        if self.messages.release_ns == 0:
-            self._enqueue(chain, node)
-        else:
-            message = self.env.timeout(self.messages.release_ns)
-            message.callbacks.append(lambda _: self._enqueue(chain, node))
 
     def _enqueue(self, chain: int, node: int) -> None:
         self.queue[chain].append(node)
@@ -319,4 +324,4 @@ class Execution:
         self.outstanding[chain] += 1
         if self.narrator is not None:
             self.narrator.emit("released", chain, node)
-        self._send(chain, node)
+        self._deliver(self.messages.release_ns, self._enqueue, chain, node)

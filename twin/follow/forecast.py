@@ -23,8 +23,7 @@ from twin.durations import (
 )
 from twin.engine.bulk.message_times import Past, end_times
 from twin.engine.bulk.policy_graph import policy_graph
-from twin.engine.execution_model import ExecutionModel
-from twin.engine.messages import Messages
+from twin.engine.execution_model import ExecutionModel, Messages
 from twin.follow.state import FollowedRun, RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, Standstill

@@ -159,7 +159,7 @@ def _check_possible(deadline_s: float | None, loads: Sequence[Workload]) -> None
     if deadline_s is None:
         return
     bounds = [
-        _least_makespan_ns(load)
+        BulkEngine(load.tpg, load.execution).least_makespan_ns()
         for load in loads
         # A controller may be faster than planned: then there is no such bound.
         if load.execution.disturbances.speed == Speed()
@@ -169,8 +169,3 @@ def _check_possible(deadline_s: float | None, loads: Sequence[Workload]) -> None
             f"a deadline of {deadline_s:g} s is impossible: even if every skill is as"
             f" quick as it can be, the run takes {min(bounds) / NANOSECONDS:.1f} s"
         )
-
-
-def _least_makespan_ns(load: Workload) -> int:
-    own = load.execution
-    return BulkEngine(load.tpg, own.durations, policy=own.policy).least_makespan_ns()

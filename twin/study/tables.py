@@ -18,8 +18,7 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from twin.durations import NANOSECONDS, Nanoseconds
-from twin.engine.bulk.critical_paths import OTHER
-from twin.engine.bulk.policy_graph import policy_graph
+from twin.engine.bulk.policy_graph import OTHER, policy_graph
 from twin.host.atomic import replacing
 from twin.recorders.motion_tables import write_table
 from twin.scenario.variations import Variant

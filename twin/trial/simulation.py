@@ -7,8 +7,7 @@ from pathlib import Path
 from planning.errors import ScenarioError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import packaged_timings
-from twin.engine.execution_model import ExecutionModel
-from twin.engine.messages import Messages
+from twin.engine.execution_model import ExecutionModel, Messages
 from twin.run.run_record import Policy
 from twin.scenario.file import load_scenario
 from twin.scenario.manifest import MANIFEST, read_manifest

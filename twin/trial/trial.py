@@ -215,7 +215,7 @@ def execute(
         DeadlockError: no robot could go on.
     """
     model = scenario_execution(scenario, base, policy=policy)
-    return Simulator.of_model(tpg, model).run(seed=scenario.seed, recorders=recorders)
+    return Simulator(tpg, model).run(seed=scenario.seed, recorders=recorders)
 
 
 def _audit(folder: Path, progress: Report) -> dict[str, Any]:

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.transforms import Array, Indices
-from scheduling.graph.rollout import durations_ns
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import (
     DurationModel,
@@ -74,7 +73,7 @@ class SkillDurations:
                 groups.setdefault(model, []).append(len(varying))
                 varying.append(index)
         return SkillDraws(
-            nominal=tuple(durations_ns(tpg)),
+            nominal=nominal_ns(tpg),
             tasks=np.array(varying, dtype=np.int64),
             robots=[tpg.tasks[index].robot for index in varying],
             skills=[tpg.tasks[index].kind for index in varying],
@@ -140,6 +139,11 @@ class SkillDraws:
         for total, (chain, nodes, weights) in zip(totals, self.nodes, strict=True):
             out[chain][nodes] = share_duration(total, weights)
         return out
+
+
+def nominal_ns(tpg: TemporalPlanGraph) -> tuple[Nanoseconds, ...]:
+    """Return the planned duration of every node, one array a chain [ns]."""
+    return tuple(to_nanoseconds(chain.duration) for chain in tpg.chains)
 
 
 def cumulative_shares(weights: Array) -> Array:

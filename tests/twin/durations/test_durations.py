@@ -18,7 +18,6 @@ from benchmarks.packaged_timings import (
 )
 from planning.errors import ScenarioError
 from planning.tasks.task import SKILLS
-from scheduling.graph.rollout import durations_ns
 from tests.twin.one_draw import sample
 from tests.twin.twin_toys import random_tpg
 from twin.durations import (
@@ -33,7 +32,7 @@ from twin.durations import (
     packaged_timings,
     to_nanoseconds,
 )
-from twin.uncertainty.skill_durations import SkillDurations
+from twin.uncertainty.skill_durations import SkillDurations, nominal_ns
 
 PROBABILITIES = (np.arange(200_000) + 0.5) / 200_000
 MEASURED = [3.0, 1.0, 2.0, 2.0, 8.0]
@@ -177,7 +176,7 @@ def test_motions_keep_their_nominal_time_and_skills_vary() -> None:
     tpg = random_tpg(5, tasks=12)
     durations = sample(SkillDurations(packaged_timings()), tpg, seed=1)
     for chain, drawn, nominal in zip(
-        tpg.chains, durations, durations_ns(tpg), strict=True
+        tpg.chains, durations, nominal_ns(tpg), strict=True
     ):
         assert np.array_equal(drawn[~chain.skill], nominal[~chain.skill])
         for node in np.flatnonzero(chain.skill):
@@ -189,7 +188,7 @@ def test_motions_keep_their_nominal_time_and_skills_vary() -> None:
 def test_a_skill_without_a_model_keeps_its_nominal_time() -> None:
     tpg = random_tpg(5, tasks=12)
     for drawn, nominal in zip(
-        sample(SkillDurations({}), tpg, seed=1), durations_ns(tpg), strict=True
+        sample(SkillDurations({}), tpg, seed=1), nominal_ns(tpg), strict=True
     ):
         assert np.array_equal(drawn, nominal)
 

@@ -17,7 +17,7 @@ from tests.twin.recorded_events import InterruptsAt, story
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.engine.engine import Simulator
-from twin.engine.messages import Messages
+from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder
 from twin.run.events import Event
 from twin.run.run_record import DeadlockError, Run
@@ -325,7 +325,7 @@ def test_a_recorder_that_fails_is_dropped(
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Simulator(two_robot_tpg([]), NOMINAL, policy="parallel"),  # type: ignore[arg-type]
+        lambda: Simulator(two_robot_tpg([]), ExecutionModel(NOMINAL, "parallel")),  # type: ignore[arg-type]
         lambda: Messages.of_seconds(queue_depth=0),
         lambda: Messages.of_seconds(report_s=-1.0),
     ],

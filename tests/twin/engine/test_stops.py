@@ -18,7 +18,7 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.durations import Fixed, Uniform
 from twin.engine.engine import Simulator
-from twin.engine.messages import Messages
+from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder
 from twin.run.activities import FAILED, STOPPED
 from twin.run.run_record import Run
@@ -175,13 +175,9 @@ def test_when_one_robot_stops_the_others_go_on_as_far_as_the_graph_allows(
     tpg: TemporalPlanGraph, seed: int, at_s: float, watched: bool
 ) -> None:
     """A stop of many days: whatever does not depend on the rest of its nodes happens at once."""
-    simulator = Simulator(
-        tpg,
-        VARIED,
-        disturbances=Disturbances(
-            emergency_stops=(EmergencyStop(robot="robot_0", at_s=at_s, duration_s=1e6),)
-        ),
-    )
+    stop = EmergencyStop(robot="robot_0", at_s=at_s, duration_s=1e6)
+    disturbances = Disturbances(emergency_stops=(stop,))
+    simulator = Simulator(tpg, ExecutionModel(VARIED, disturbances=disturbances))
     run = simulator.run(seed=seed, recorders=[MemoryRecorder()] if watched else [])
     free = simulate(tpg, VARIED, seed=seed)
     stop_ns = round(at_s * 1e9)
@@ -209,12 +205,8 @@ def test_when_one_robot_stops_the_others_go_on_as_far_as_the_graph_allows(
 def test_watched_and_contracted_runs_are_the_same(
     tpg: TemporalPlanGraph, seed: int, disturbances: Disturbances, policy: str
 ) -> None:
-    simulator = Simulator(
-        tpg,
-        VARIED,
-        policy=policy,  # type: ignore[arg-type]
-        disturbances=disturbances,
-    )
+    model = ExecutionModel(VARIED, policy, disturbances=disturbances)  # type: ignore[arg-type]
+    simulator = Simulator(tpg, model)
     recorder = MemoryRecorder()
     quick, watched = (
         simulator.run(seed=seed),

@@ -14,8 +14,7 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.durations import Exponential, Fixed, Lognormal, Measured, Uniform
 from twin.engine.engine import Simulator
-from twin.engine.execution_model import ExecutionModel
-from twin.engine.messages import Messages
+from twin.engine.execution_model import ExecutionModel, Messages
 from twin.follow.forecast import Forecaster, conditional_quantiles
 from twin.follow.state import FollowedRun
 from twin.recorders.observers import MemoryRecorder
@@ -84,13 +83,13 @@ def test_before_it_begins_a_run_is_any_run(
         stalls=Stalls(rate_per_h=300.0, duration=Uniform(low_s=1.0, high_s=2.0)),
         failures={"pick": SkillFailure(probability=0.3, retries=0)},
     )
-    engine = Simulator(
-        tpg,
+    model = ExecutionModel(
         VARIED,
-        policy=policy,  # type: ignore[arg-type]
-        messages=Messages.of_seconds(depth, latency, latency),
-        disturbances=disturbances,
+        policy,  # type: ignore[arg-type]
+        Messages.of_seconds(depth, latency, latency),
+        disturbances,
     )
+    engine = Simulator(tpg, model)
     ns = round(latency * 1e9)
     forecast = Forecaster(
         tpg,
@@ -172,10 +171,8 @@ def test_forecasts_bracket_the_truth_as_often_as_they_say() -> None:
         breakdowns=Breakdowns(mtbf_s=60.0, mttr_s=4.0),
     )
     tpg = random_tpg(16, tasks=14, edges=12)
-    engine = Simulator(tpg, SPREAD, disturbances=disturbances)
-    forecaster = Forecaster(
-        tpg, ExecutionModel(SPREAD, disturbances=disturbances), samples=120
-    )
+    model = ExecutionModel(SPREAD, disturbances=disturbances)
+    engine, forecaster = Simulator(tpg, model), Forecaster(tpg, model, samples=120)
     ranks = []
     for seed in range(150):
         truth, futures = seen_from(engine, forecaster, seed, 0.4)
@@ -187,7 +184,8 @@ def test_forecasts_bracket_the_truth_as_often_as_they_say() -> None:
 
 def test_forecasts_become_surer() -> None:
     tpg = random_tpg(16, tasks=14, edges=12)
-    engine, forecaster = Simulator(tpg, SPREAD), Forecaster(tpg, ExecutionModel(SPREAD))
+    model = ExecutionModel(SPREAD)
+    engine, forecaster = Simulator(tpg, model), Forecaster(tpg, model)
     spreads = [
         np.mean([np.std(seen_from(engine, forecaster, s, share)[1]) for s in range(12)])
         for share in (0.0, 0.5, 0.9)

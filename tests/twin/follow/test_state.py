@@ -13,7 +13,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.engine.messages import Messages
+from twin.engine.execution_model import Messages
 from twin.follow.state import FollowedRun
 from twin.recorders.observers import MemoryRecorder
 from twin.run.events import Event, EventLogError, event_line, parse_event

@@ -38,6 +38,7 @@ from twin.audit.audit import Auditor
 from twin.audit.executed import read_recording
 from twin.durations import Uniform
 from twin.engine.engine import Simulator
+from twin.engine.execution_model import ExecutionModel
 from twin.recorders.motion_tables import objects_table, trajectory_table, write_table
 from twin.run.folder import OBJECTS, TRAJECTORY
 from twin.run.trajectory import object_placements, robot_trajectories
@@ -141,9 +142,9 @@ def test_nothing_touches_whatever_is_delayed(tmp_path: Path) -> None:
     stalls = Disturbances(stalls=Stalls(count_per_robot=4, duration_s=(1.0, 10.0)))
     with Auditor(tpg) as auditor:
         for seed in range(4):
-            simulator = Simulator(tpg, SkillDurations({}))
+            simulator = Simulator(tpg, ExecutionModel(SkillDurations({})))
             if seed:
-                simulator = Simulator(tpg, varied, disturbances=stalls)
+                simulator = Simulator(tpg, ExecutionModel(varied, disturbances=stalls))
             run = simulator.run(seed=seed)
             assert run.outcome == "completed"
             motions = robot_trajectories(tpg, run)

@@ -12,6 +12,7 @@ from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
 from tests.twin.run.lane_oracle import Span, robot_lanes
 from tests.twin.twin_toys import two_robot_tpg
 from twin.engine.engine import Simulator
+from twin.engine.execution_model import ExecutionModel
 from twin.recorders.observers import MemoryRecorder
 from twin.run.activities import IDLE, STOPPED, WAITING, Activity, robot_activities
 from twin.run.events import Event
@@ -46,7 +47,9 @@ def test_the_log_tells_the_same_as_the_run(
     tpg: TemporalPlanGraph, seed: int, disturbances: Disturbances, policy: str
 ) -> None:
     recorder = MemoryRecorder()
-    simulator = Simulator(tpg, VARIED, policy=policy, disturbances=disturbances)
+    simulator = Simulator(
+        tpg, ExecutionModel(VARIED, policy, disturbances=disturbances)
+    )
     run = simulator.run(seed=seed, recorders=[recorder])
     told = robot_activities(tpg, recorder.events)
     lanes = {lane.robot: lane for lane in robot_lanes(tpg, run)}

@@ -10,7 +10,7 @@ from tests.twin.drawn_runs import TPGS, VARIED
 from tests.twin.recorded_events import InterruptsAt
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.engine.messages import Messages
+from twin.engine.execution_model import Messages
 from twin.recorders.motion_tables import objects_table, trajectory_table
 from twin.run.run_record import Run
 from twin.run.trajectory import object_placements, robot_trajectories

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.tasks.task import SKILLS
-from scheduling.graph.rollout import durations_ns
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.one_draw import sample, uniform
 from tests.twin.twin_toys import random_tpg
@@ -22,7 +21,7 @@ from twin.durations import (
     Uniform,
     to_nanoseconds,
 )
-from twin.uncertainty.skill_durations import SkillDurations, share_duration
+from twin.uncertainty.skill_durations import SkillDurations, nominal_ns, share_duration
 
 MODELS: dict[str, DurationModel] = {
     "pick": Lognormal(median_s=6.0, p95_s=8.0),
@@ -133,7 +132,7 @@ def test_nothing_to_draw_is_nothing_drawn() -> None:
     assert draws.tasks.shape == (0,)
     assert draws.totals(seed=1, replications=range(3)).shape == (0, 3)
     bulk = draws.durations(seed=1, replications=range(3))
-    for rows, nominal in zip(bulk, durations_ns(tpg), strict=True):
+    for rows, nominal in zip(bulk, nominal_ns(tpg), strict=True):
         assert np.array_equal(rows, np.stack([nominal] * 3, axis=1))
 
 

@@ -7,7 +7,7 @@ policies make of a plan is in ``policy_graph``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,22 +16,19 @@ from planning.kernels import kernel
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds, to_nanoseconds
-from twin.engine.bulk.flat_graph import PrecedenceArrays
 from twin.engine.bulk.max_plus import makespans
-from twin.engine.bulk.policy_graph import policy_graph
-from twin.run.run_record import Policy
+from twin.engine.bulk.policy_graph import PrecedenceArrays, policy_graph
+from twin.engine.execution_model import ExecutionModel
 from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.node_times import NodeTimeSampler, SegmentTimes
 from twin.uncertainty.skill_durations import (
     SkillDraws,
-    SkillDurations,
     cumulative_shares,
 )
 
 
-@dataclass(frozen=True)
-class _Shares:
+class _Shares(NamedTuple):
     """How totals of skills make up the segments of a contraction.
 
     Attributes:
@@ -52,30 +49,19 @@ class BulkEngine:
 
     Args:
         tpg: what to execute.
-        durations: gives skills their durations.
-        policy: how nodes are released.
-        disturbances: what may go wrong, None for nothing.
+        model: how it is executed, and what varies; messages take no time, whatever it says.
 
     Raises:
         PlanInvariantError: the policy is synchronous, but the plan was not made in slots.
     """
 
-    def __init__(
-        self,
-        tpg: TemporalPlanGraph,
-        durations: SkillDurations,
-        *,
-        policy: Policy = "asynchronous",
-        disturbances: Disturbances | None = None,
-    ) -> None:
-        self.tpg = tpg
-        chosen = disturbances or Disturbances()
-        self._sampler = NodeTimeSampler(tpg, durations, chosen)
+    def __init__(self, tpg: TemporalPlanGraph, model: ExecutionModel) -> None:
+        self._sampler = NodeTimeSampler(tpg, model.durations, model.disturbances)
         self.contraction: Contraction = contract(tpg)
-        self.graph: PrecedenceArrays = policy_graph(self.contraction.tpg, policy)
-        self._draws = durations.bind(tpg)
+        self.graph: PrecedenceArrays = policy_graph(self.contraction.tpg, model.policy)
+        self._draws = model.durations.bind(tpg)
         self._shares = _shares(self._draws, self.contraction)
-        self._undisturbed = chosen == Disturbances()
+        self._undisturbed = model.disturbances == Disturbances()
 
     def sample(self, *, seed: int, replications: npt.ArrayLike) -> SegmentTimes:
         """Draw what every segment takes in some replications."""
@@ -90,16 +76,8 @@ class BulkEngine:
 
     def _busy(self, totals: Nanoseconds) -> Nanoseconds:
         """Return the times of segments from those of skills, shape (tasks, r) [ns]."""
-        shares = self._shares
-        busy = np.repeat(shares.fixed[:, None], totals.shape[1], axis=1)
-        _add_shares(
-            totals,
-            shares.segment,
-            shares.draw,
-            shares.low,
-            shares.high,
-            busy,
-        )
+        busy = np.repeat(self._shares.fixed[:, None], totals.shape[1], axis=1)
+        _add_shares(totals, self._shares, busy)
         return busy
 
     def least_makespan_ns(self) -> int:
@@ -143,16 +121,10 @@ def _shares(draws: SkillDraws, contraction: Contraction) -> _Shares:
 
 
 @kernel
-def _add_shares(
-    totals: Nanoseconds,
-    segment: Indices,
-    draw: Indices,
-    low: Array,
-    high: Array,
-    busy: Nanoseconds,
-) -> None:
-    for k in range(len(segment)):
+def _add_shares(totals: Nanoseconds, shares: _Shares, busy: Nanoseconds) -> None:
+    for k in range(len(shares.segment)):
+        segment, draw = shares.segment[k], shares.draw[k]
         for r in range(busy.shape[1]):
-            total = float(totals[draw[k], r])
-            part = np.rint(high[k] * total) - np.rint(low[k] * total)
-            busy[segment[k], r] += np.int64(part)
+            total = float(totals[draw, r])
+            part = np.rint(shares.high[k] * total) - np.rint(shares.low[k] * total)
+            busy[segment, r] += np.int64(part)

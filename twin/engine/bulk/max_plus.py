@@ -1,8 +1,9 @@
-"""Completion times of many replications at once: longest paths in a max-plus algebra.
+"""Completion times of many replications at once, and what decided them: max-plus longest paths.
 
 Where every node starts as soon as what it waits for is complete, its end is the greatest end of
 its predecessors plus its own time. That needs no events: one pass over the nodes in a total
 order, for all replications side by side, in the same integer nanoseconds as the event engine.
+What robots waited for, and critical paths, are found from node times of either engine.
 """
 
 from __future__ import annotations
@@ -14,8 +15,7 @@ import numpy.typing as npt
 
 from planning.kernels import kernel
 from twin.durations import Nanoseconds
-from twin.engine.bulk.critical_paths import explain
-from twin.engine.bulk.flat_graph import PrecedenceArrays, last_ends
+from twin.engine.bulk.policy_graph import OTHER, PrecedenceArrays
 
 _BLOCK = 64
 """Replications computed together: their ends of all nodes of a cell stay in the cache."""
@@ -27,22 +27,30 @@ class Completions:
 
     Attributes:
         start_ns, end_ns: of every node, shape (nodes, replications) [ns].
-        makespan_ns: shape (replications,) [ns].
         chain_end_ns: end of each robot's last node, shape (chains, replications) [ns].
-        waited_ns: see explain.
-        critical, critical_edge: see explain.
+        waited_ns: what each robot waited for, shape (chains, 3, replications) [ns], by
+            TASK_DEPENDENCY, MOTION_CONFLICT and OTHER: the time until the last of the nodes
+            waited for was complete is its edge's, a dependency's on a tie, and what is left is
+            OTHER.
+        critical: True where a node is on a critical path, shape (nodes, replications); there is
+            one path a replication, and a robot's own predecessor comes before another robot's.
+        critical_edge: the same for edges, shape (edges, replications).
         slack_ns: by how much a node could end later without a later end of the run,
-            shape (nodes, replications) [ns].
+            shape (nodes, replications) [ns]; None where that is not known.
     """
 
     start_ns: Nanoseconds
     end_ns: Nanoseconds
-    makespan_ns: Nanoseconds
     chain_end_ns: Nanoseconds
     waited_ns: Nanoseconds
     critical: npt.NDArray[np.bool_]
     critical_edge: npt.NDArray[np.bool_]
-    slack_ns: Nanoseconds
+    slack_ns: Nanoseconds | None
+
+    @property
+    def makespan_ns(self) -> Nanoseconds:
+        """Makespan of every replication, shape (replications,) [ns]."""
+        return np.asarray(self.chain_end_ns.max(axis=0, initial=0), dtype=np.int64)
 
 
 def makespans(graph: PrecedenceArrays, busy_ns: Nanoseconds) -> Nanoseconds:
@@ -56,7 +64,7 @@ def makespans(graph: PrecedenceArrays, busy_ns: Nanoseconds) -> Nanoseconds:
         Shape (replications,) [ns].
     """
     end = _end_times(graph, np.ascontiguousarray(busy_ns, dtype=np.int64))
-    return np.asarray(last_ends(graph, end).max(axis=0, initial=0), dtype=np.int64)
+    return np.asarray(_last_ends(graph, end).max(axis=0, initial=0), dtype=np.int64)
 
 
 def completions(graph: PrecedenceArrays, busy_ns: Nanoseconds) -> Completions:
@@ -68,16 +76,10 @@ def completions(graph: PrecedenceArrays, busy_ns: Nanoseconds) -> Completions:
     """
     busy = np.ascontiguousarray(busy_ns, dtype=np.int64)
     end = _end_times(graph, busy)
-    chain_end = last_ends(graph, end)
-    makespan = chain_end.max(axis=0, initial=0)
-    start = end - busy
-    latest = np.empty_like(busy)
-    _latest_ends(graph, busy, makespan, latest)
-    waited, critical, critical_edge = explain(graph, start, end)
-    slack = latest - end
-    return Completions(
-        start, end, makespan, chain_end, waited, critical, critical_edge, slack
-    )
+    makespan = _last_ends(graph, end).max(axis=0, initial=0)
+    latest = np.tile(makespan, (len(busy), 1))
+    _latest_ends(graph, busy, latest)
+    return explain(graph, end - busy, end, latest - end)
 
 
 def _end_times(graph: PrecedenceArrays, busy: Nanoseconds) -> Nanoseconds:
@@ -112,16 +114,10 @@ def _ends(
 
 @kernel
 def _latest_ends(
-    graph: PrecedenceArrays,
-    busy: Nanoseconds,
-    makespan: Nanoseconds,
-    latest: Nanoseconds,
+    graph: PrecedenceArrays, busy: Nanoseconds, latest: Nanoseconds
 ) -> None:
-    """Write how late every node may end, by a pass in reverse order."""
+    """Lower how late nodes may end from the makespan, by a pass in reverse order."""
     replications = busy.shape[1]
-    for n in range(busy.shape[0]):
-        for r in range(replications):
-            latest[n, r] = makespan[r]
     for k in range(len(graph.order) - 1, -1, -1):
         n = graph.order[k]
         own = n - 1 if n > graph.first[graph.chain[n]] else -1
@@ -132,3 +128,105 @@ def _latest_ends(
             for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
                 source = graph.source[e]
                 latest[source, r] = min(latest[source, r], begin)
+
+
+def explain(
+    graph: PrecedenceArrays,
+    start_ns: Nanoseconds,
+    end_ns: Nanoseconds,
+    slack_ns: Nanoseconds | None = None,
+) -> Completions:
+    """Return waiting times by cause, and the critical path of each replication.
+
+    Args:
+        graph: what must wait for what.
+        start_ns, end_ns: of every node, shape (nodes, replications) [ns].
+        slack_ns: see Completions.
+    """
+    start = np.ascontiguousarray(start_ns, dtype=np.int64)
+    end = np.ascontiguousarray(end_ns, dtype=np.int64)
+    chain_end = _last_ends(graph, end)
+    replications = start.shape[1]
+    waited = np.zeros((len(chain_end), 3, replications), dtype=np.int64)
+    critical = np.zeros(start.shape, dtype=np.bool_)
+    critical_edge = np.zeros((len(graph.source), replications), dtype=np.bool_)
+    _waits(graph, start, end, waited)
+    _critical_paths(graph, start, end, chain_end, critical, critical_edge)
+    return Completions(start, end, chain_end, waited, critical, critical_edge, slack_ns)
+
+
+@kernel
+def _latest_source(
+    graph: PrecedenceArrays, end: Nanoseconds, n: int, r: int
+) -> tuple[int, int]:
+    """Return the edge whose source was complete last, and when; -1 and 0 without edges."""
+    found, latest, cause = -1, 0, OTHER
+    for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
+        done = end[graph.source[e], r]
+        if (
+            found < 0
+            or done > latest
+            or (done == latest and int(graph.cause[e]) < cause)
+        ):
+            found, latest, cause = e, done, int(graph.cause[e])
+    return found, latest
+
+
+@kernel
+def _waits(
+    graph: PrecedenceArrays,
+    start: Nanoseconds,
+    end: Nanoseconds,
+    waited: Nanoseconds,
+) -> None:
+    for n in range(len(graph.order)):
+        chain = graph.chain[n]
+        own = n - 1 if n > graph.first[chain] else -1
+        for r in range(start.shape[1]):
+            since = end[own, r] if own >= 0 else 0
+            if start[n, r] <= since:
+                continue
+            edge, done = _latest_source(graph, end, n, r)
+            if edge >= 0 and done > since:
+                until = min(done, start[n, r])
+                waited[chain, int(graph.cause[edge]), r] += until - since
+                since = until
+            waited[chain, OTHER, r] += start[n, r] - since
+
+
+@kernel
+def _critical_paths(
+    graph: PrecedenceArrays,
+    start: Nanoseconds,
+    end: Nanoseconds,
+    last_end: Nanoseconds,
+    critical: npt.NDArray[np.bool_],
+    critical_edge: npt.NDArray[np.bool_],
+) -> None:
+    """Mark one critical path a replication, from the end back to the start of the run."""
+    for r in range(start.shape[1]):
+        n, latest = -1, -1
+        for chain in range(len(graph.first) - 1):
+            last = graph.first[chain + 1] - 1
+            if last >= graph.first[chain] and last_end[chain, r] > latest:
+                n, latest = last, last_end[chain, r]
+        while n >= 0:
+            critical[n, r] = True
+            own = n - 1 if n > graph.first[graph.chain[n]] else -1
+            since = end[own, r] if own >= 0 else 0
+            edge, done = _latest_source(graph, end, n, r)
+            if graph.not_before[n] > max(since, done):
+                break  # the clock let it start, nobody else
+            if edge >= 0 and done > since:
+                critical_edge[edge, r] = True
+                n = graph.source[edge]
+            else:
+                n = own
+
+
+def _last_ends(graph: PrecedenceArrays, end: Nanoseconds) -> Nanoseconds:
+    """Return the end of the last node of each chain, 0 for a chain without nodes."""
+    out = np.zeros((len(graph.first) - 1, end.shape[1]), dtype=np.int64)
+    has_nodes = np.diff(graph.first) > 0
+    out[has_nodes] = end[graph.first[1:][has_nodes] - 1]
+    return out

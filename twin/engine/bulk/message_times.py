@@ -18,8 +18,8 @@ import numpy as np
 
 from planning.kernels import kernel
 from twin.durations import Nanoseconds
-from twin.engine.bulk.flat_graph import PrecedenceArrays
-from twin.engine.messages import Messages
+from twin.engine.bulk.policy_graph import PrecedenceArrays
+from twin.engine.execution_model import Messages
 
 
 class Past(NamedTuple):

@@ -1,4 +1,4 @@
-"""Precedence graph of a plan under an execution policy.
+"""Precedence graph of a plan under an execution policy, as flat arrays for compiled passes.
 
 Every policy releases nodes by what is complete, never by durations; so each of them is a graph.
 """
@@ -8,17 +8,42 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from heapq import heapify, heappop, heappush
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.transforms import Indices
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.dispatcher import Dispatcher
-from scheduling.graph.rollout import durations_ns, earliest_times
+from scheduling.graph.flat_graph import flatten
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.engine.bulk.critical_paths import OTHER
-from twin.engine.bulk.flat_graph import PrecedenceArrays, precedence_arrays
+from scheduling.graph.total_order import planned_ranks
+from twin.durations import Nanoseconds
 from twin.run.run_record import Policy
+from twin.uncertainty.skill_durations import nominal_ns
+
+OTHER = 2
+"""Cause of a wait that the plan did not ask for: a message under way, the clock, a turn."""
+
+
+class PrecedenceArrays(NamedTuple):
+    """A flat graph with the causes of its edges and earliest starts.
+
+    Attributes:
+        first, chain, order, edge_first, source: see FlatGraph.
+        cause: why, by edge, shape (edges,).
+        not_before: no node starts before this, shape (nodes,) [ns].
+    """
+
+    first: Indices
+    chain: Indices
+    order: Indices
+    edge_first: Indices
+    source: Indices
+    cause: npt.NDArray[np.uint8]
+    not_before: Nanoseconds
 
 
 def policy_graph(tpg: TemporalPlanGraph, policy: Policy) -> PrecedenceArrays:
@@ -42,9 +67,30 @@ def policy_graph(tpg: TemporalPlanGraph, policy: Policy) -> PrecedenceArrays:
     if policy == "open-loop":
         none = np.empty((0, 4), dtype=np.int64)
         free = replace(tpg, edges=none, cause=np.empty(0, dtype=np.uint8))
-        starts = earliest_times(tpg, durations_ns(tpg)).start
+        starts = earliest_times(tpg, nominal_ns(tpg)).start
         return precedence_arrays(free, np.concatenate(starts))
     return precedence_arrays(tpg)
+
+
+def precedence_arrays(
+    tpg: TemporalPlanGraph, not_before_ns: Nanoseconds | None = None
+) -> PrecedenceArrays:
+    """Return what every node of a TPG, contracted or not, waits for.
+
+    Args:
+        tpg: the graph.
+        not_before_ns: no node starts before this, shape (nodes,) [ns]; 0 by default.
+    """
+    flat = flatten(planned_ranks(tpg.chains), tpg.edges)
+    return PrecedenceArrays(
+        flat.first,
+        flat.chain,
+        flat.order,
+        flat.edge_first,
+        flat.source,
+        tpg.cause[flat.row],
+        np.zeros_like(flat.order) if not_before_ns is None else not_before_ns,
+    )
 
 
 def _in_turns(tpg: TemporalPlanGraph) -> PrecedenceArrays:

@@ -14,7 +14,8 @@ from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
 )
 from twin.durations import NANOSECONDS, Nanoseconds
-from twin.engine.bulk.critical_paths import OTHER
+from twin.engine.bulk.max_plus import Completions
+from twin.engine.bulk.policy_graph import OTHER
 
 COMPLETED, ERROR = "completed", "error"
 
@@ -50,23 +51,17 @@ class ReplicationRows:
     error: npt.NDArray[Any]
     robots: tuple[str, ...]
 
-    def fill(
-        self,
-        which: npt.NDArray[np.bool_],
-        chain_end_ns: Nanoseconds,
-        waited_ns: Nanoseconds,
-    ) -> None:
+    def fill(self, which: npt.NDArray[np.bool_], found: Completions) -> None:
         """Enter replications that completed.
 
         Args:
             which: which rows, shape (r,).
-            chain_end_ns: end of each robot's last node, shape (robots, completed) [ns].
-            waited_ns: by robot and cause, shape (robots, 3, completed) [ns].
+            found: what came of them.
         """
         self.outcome[which] = COMPLETED
-        self.makespan_ns[which] = chain_end_ns.max(axis=0, initial=0)
-        self.busy_ns[:, which] = chain_end_ns - waited_ns.sum(axis=1)
-        self.waited_ns[:, which] = waited_ns.sum(axis=0)
+        self.makespan_ns[which] = found.makespan_ns
+        self.busy_ns[:, which] = found.chain_end_ns - found.waited_ns.sum(axis=1)
+        self.waited_ns[:, which] = found.waited_ns.sum(axis=0)
 
     def makespans_s(self) -> npt.NDArray[np.float64]:
         """Return the makespans, NaN where a replication did not complete, shape (r,) [s]."""

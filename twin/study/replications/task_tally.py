@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds
+from twin.engine.bulk.max_plus import Completions
 
 KEPT = 500
 """Replications whose starts and ends of tasks are kept, for bands on a Gantt chart."""
@@ -62,29 +62,20 @@ class TaskGroups:
     first: Indices
     last: Indices
 
-    def tally(
-        self,
-        replications: npt.ArrayLike,
-        start_ns: Nanoseconds,
-        end_ns: Nanoseconds,
-        critical: npt.NDArray[np.bool_],
-        critical_edges: npt.NDArray[np.bool_],
-        slack_ns: Nanoseconds | None,
-    ) -> TaskTally:
-        """Sum replications up; arrays of nodes or edges have shape (nodes or edges, r)."""
-        numbers = np.asarray(replications, dtype=np.int64)
-        kept = numbers < KEPT
-        by_task = np.logical_or.reduceat(critical, self.first, axis=0)
+    def tally(self, replications: Indices, found: Completions) -> TaskTally:
+        """Sum up what came of some replications that completed."""
+        kept = replications < KEPT
+        critical = np.logical_or.reduceat(found.critical, self.first, axis=0)
         slack = np.full(len(self.task), -1, dtype=np.int64)
-        if slack_ns is not None:
-            slack = np.minimum.reduceat(slack_ns, self.first, axis=0).sum(axis=1)
+        if found.slack_ns is not None:
+            slack = np.minimum.reduceat(found.slack_ns, self.first, axis=0).sum(axis=1)
         return TaskTally(
-            len(numbers),
-            by_task.sum(axis=1).astype(np.int64),
-            critical_edges.sum(axis=1).astype(np.int64),
+            len(replications),
+            critical.sum(axis=1).astype(np.int64),
+            found.critical_edge.sum(axis=1).astype(np.int64),
             slack,
-            np.ascontiguousarray(start_ns[self.first][:, kept].T),
-            np.ascontiguousarray(end_ns[self.last][:, kept].T),
+            np.ascontiguousarray(found.start_ns[self.first][:, kept].T),
+            np.ascontiguousarray(found.end_ns[self.last][:, kept].T),
         )
 
 

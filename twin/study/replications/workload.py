@@ -14,10 +14,8 @@ import numpy as np
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine
-from twin.engine.bulk.critical_paths import explain
-from twin.engine.bulk.flat_graph import PrecedenceArrays
-from twin.engine.bulk.max_plus import completions
-from twin.engine.bulk.policy_graph import policy_graph
+from twin.engine.bulk.max_plus import completions, explain
+from twin.engine.bulk.policy_graph import PrecedenceArrays, policy_graph
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.run.run_record import DeadlockError, Run
@@ -120,17 +118,10 @@ class Engines:
         well = ~times.fails
         found = completions(bulk.graph, times.busy_ns[:, well])
         rows = empty_rows(numbers, robots, engine="bulk")
-        rows.fill(well, found.chain_end_ns, found.waited_ns)
+        rows.fill(well, found)
         for place in np.flatnonzero(~well).tolist():
             self._by_event(rows, place)
-        tally = self._segment_groups.tally(
-            numbers[well],
-            found.start_ns,
-            found.end_ns,
-            found.critical,
-            found.critical_edge,
-            found.slack_ns,
-        )
+        tally = self._segment_groups.tally(numbers[well], found)
         return BlockResult(block, rows, tally)
 
     def by_events(self, block: Block) -> BlockResult:
@@ -147,28 +138,20 @@ class Engines:
         )
         start = _columns([run.start_ns for run in done], len(graph.order))
         end = _columns([run.end_ns for run in done], len(graph.order))
-        waited, critical, critical_edge = explain(graph, start, end)
-        rows.fill(well, _chain_ends(done, len(robots)), waited)
-        tally = self._node_groups.tally(
-            numbers[well], start, end, critical, critical_edge, None
-        )
+        found = explain(graph, start, end)
+        rows.fill(well, found)
+        tally = self._node_groups.tally(numbers[well], found)
         return BlockResult(block, rows, tally)
 
     @cached_property
     def bulk(self) -> BulkEngine:
         """The engine that computes many replications side by side."""
-        load = self.workload
-        return BulkEngine(
-            load.tpg,
-            load.execution.durations,
-            policy=load.execution.policy,
-            disturbances=load.execution.disturbances,
-        )
+        return BulkEngine(self.workload.tpg, self.workload.execution)
 
     @cached_property
     def simulator(self) -> Simulator:
         """The event engine."""
-        return Simulator.of_model(self.workload.tpg, self.workload.execution)
+        return Simulator(self.workload.tpg, self.workload.execution)
 
     @cached_property
     def _segment_groups(self) -> TaskGroups:
@@ -210,11 +193,3 @@ def _columns(values: Sequence[tuple[Nanoseconds, ...]], nodes: int) -> Nanosecon
     if not values:
         return np.empty((nodes, 0), dtype=np.int64)
     return np.stack([np.concatenate(chains) for chains in values], axis=1)
-
-
-def _chain_ends(runs: Sequence[Run], chains: int) -> Nanoseconds:
-    out = np.zeros((chains, len(runs)), dtype=np.int64)
-    for column, run in enumerate(runs):
-        for k, end in enumerate(run.end_ns):
-            out[k, column] = end[-1] if len(end) else 0
-    return out

@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
-from twin.engine.bulk.critical_paths import OTHER
+from twin.engine.bulk.policy_graph import OTHER
 from twin.host.pictures import INK, new_picture, style_axes
 from twin.study.replications.replication_rows import WAIT_COLUMNS
 from twin.study.sensitivity.sobol import SobolIndex

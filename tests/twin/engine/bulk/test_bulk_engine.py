@@ -17,6 +17,7 @@ from twin.durations import Lognormal, Uniform
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.bulk.policy_graph import sequential_order
 from twin.engine.engine import Simulator
+from twin.engine.execution_model import ExecutionModel
 from twin.run.run_record import Policy
 from twin.uncertainty.skill_durations import SkillDurations
 
@@ -48,8 +49,8 @@ def test_engines_agree_to_the_nanosecond(
     seed: int, robots: int, policy: Policy
 ) -> None:
     tpg = random_tpg(seed, dofs=(2,) * robots, edges=10 if robots > 1 else 0)
-    events = Simulator(tpg, DURATIONS, policy=policy)
-    bulk = BulkEngine(tpg, DURATIONS, policy=policy)
+    model = ExecutionModel(DURATIONS, policy)
+    events, bulk = Simulator(tpg, model), BulkEngine(tpg, model)
     found = run_bulk(bulk, seed=seed, replications=range(5, 9))
     for column, replication in enumerate(range(5, 9)):
         run = events.run(seed=seed, replication=replication)
@@ -61,12 +62,12 @@ def test_engines_agree_to_the_nanosecond(
 
 def test_engines_agree_in_slots() -> None:
     tpg = _in_slots(random_tpg(3, dofs=(2, 2, 2), tasks=12, edges=4))
-    events = Simulator(tpg, DURATIONS, policy="synchronous")
-    bulk = BulkEngine(tpg, DURATIONS, policy="synchronous")
+    model = ExecutionModel(DURATIONS, "synchronous")
+    events, bulk = Simulator(tpg, model), BulkEngine(tpg, model)
     found = run_bulk(bulk, seed=1, replications=range(8)).makespan_ns
     runs = [events.run(seed=1, replication=r).makespan_ns for r in range(8)]
     assert found.tolist() == runs
-    asynchronous = BulkEngine(tpg, DURATIONS)
+    asynchronous = BulkEngine(tpg, ExecutionModel(DURATIONS))
     assert np.any(
         run_bulk(asynchronous, seed=1, replications=range(8)).makespan_ns < found
     )
@@ -74,12 +75,13 @@ def test_engines_agree_in_slots() -> None:
 
 def test_slots_are_asked_for() -> None:
     with pytest.raises(PlanInvariantError, match="not made in slots"):
-        BulkEngine(random_tpg(0), DURATIONS, policy="synchronous")
+        BulkEngine(random_tpg(0), ExecutionModel(DURATIONS, "synchronous"))
 
 
 def test_turns_are_taken_in_the_order_of_the_event_engine() -> None:
     tpg = random_tpg(11, dofs=(2, 3, 2), tasks=10, edges=12)
-    run = Simulator(tpg, SkillDurations({}), policy="sequential").run(seed=0)
+    model = ExecutionModel(SkillDurations({}), "sequential")
+    run = Simulator(tpg, model).run(seed=0)
     starts, ends = np.concatenate(run.start_ns), np.concatenate(run.end_ns)
     order = list(sequential_order(tpg))
     assert sorted(order) == list(range(len(starts)))
@@ -90,12 +92,12 @@ def test_turns_are_taken_in_the_order_of_the_event_engine() -> None:
 def test_open_loop_waits_for_the_clock_alone() -> None:
     tpg = random_tpg(6, dofs=(2, 2), edges=10)
     late = SkillDurations({"pick": Uniform(low_s=50.0, high_s=60.0)})
-    found = run_bulk(
-        BulkEngine(tpg, late, policy="open-loop"), seed=0, replications=[0]
-    )
-    nominal = run_bulk(BulkEngine(tpg, SkillDurations({})), seed=0, replications=[0])
+    own_clock = BulkEngine(tpg, ExecutionModel(late, "open-loop"))
+    found = run_bulk(own_clock, seed=0, replications=[0])
+    planned = BulkEngine(tpg, ExecutionModel(SkillDurations({})))
+    nominal = run_bulk(planned, seed=0, replications=[0])
     assert np.all(found.start_ns >= nominal.start_ns)
-    own_way = BulkEngine(tpg, SkillDurations({}), policy="open-loop")
+    own_way = BulkEngine(tpg, ExecutionModel(SkillDurations({}), "open-loop"))
     assert run_bulk(own_way, seed=0, replications=[0]).end_ns.tolist() == (
         nominal.end_ns.tolist()
     )
@@ -103,7 +105,7 @@ def test_open_loop_waits_for_the_clock_alone() -> None:
 
 def test_replications_do_not_know_of_each_other() -> None:
     tpg = random_tpg(8, dofs=(2, 2, 2), edges=12)
-    engine = BulkEngine(tpg, DURATIONS)
+    engine = BulkEngine(tpg, ExecutionModel(DURATIONS))
     together = run_bulk(engine, seed=2, replications=range(200)).makespan_ns
     apart = [
         run_bulk(engine, seed=2, replications=[r]).makespan_ns[0]

@@ -17,10 +17,10 @@ from scheduling.graph.temporal_plan_graph import (
 )
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Nanoseconds, Uniform
-from twin.engine.bulk.critical_paths import OTHER
-from twin.engine.bulk.flat_graph import precedence_arrays
 from twin.engine.bulk.max_plus import completions, makespans
+from twin.engine.bulk.policy_graph import OTHER, precedence_arrays
 from twin.engine.engine import Simulator
+from twin.engine.execution_model import ExecutionModel
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.skill_durations import SkillDurations
 
@@ -58,7 +58,8 @@ def test_every_replication_is_a_longest_path(seed: int, robots: int) -> None:
 @pytest.mark.parametrize("contracted", [False, True])
 def test_events_give_the_same_times(contracted: bool) -> None:
     tpg = random_tpg(5, dofs=(2, 3, 2), tasks=12, edges=15)
-    simulator = Simulator(tpg, SkillDurations({"pick": Uniform(low_s=0.5, high_s=4.0)}))
+    durations = SkillDurations({"pick": Uniform(low_s=0.5, high_s=4.0)})
+    simulator = Simulator(tpg, ExecutionModel(durations))
     runs = [simulator.run(seed=3, replication=r) for r in range(20)]
     busy = np.stack([np.concatenate(run.duration_ns) for run in runs], axis=1)
     if contracted:

@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
 from twin.durations import to_nanoseconds
-from twin.engine.bulk.flat_graph import PrecedenceArrays
 from twin.engine.bulk.message_times import Past, end_times
-from twin.engine.bulk.policy_graph import policy_graph
+from twin.engine.bulk.policy_graph import PrecedenceArrays, policy_graph
 from twin.engine.engine import Simulator
-from twin.engine.messages import Messages
+from twin.engine.execution_model import ExecutionModel, Messages
 from twin.uncertainty.disturbances import Disturbances, Stalls
 
 LATENCIES = st.sampled_from([0.0, 0.001, 0.1, 0.7])
@@ -34,15 +33,14 @@ def nothing_yet(graph: PrecedenceArrays, replications: int) -> Past:
 def simulator(
     tpg: TemporalPlanGraph, policy: str, depth: int, report: float, release: float
 ) -> Simulator:
-    return Simulator(
-        tpg,
+    stalls = Stalls(count_per_robot=1, duration_s=(0.5, 3.0))
+    model = ExecutionModel(
         VARIED,
-        policy=policy,  # type: ignore[arg-type]
-        messages=Messages.of_seconds(depth, report, release),
-        disturbances=Disturbances(
-            stalls=Stalls(count_per_robot=1, duration_s=(0.5, 3.0))
-        ),
+        policy,  # type: ignore[arg-type]
+        Messages.of_seconds(depth, report, release),
+        Disturbances(stalls=stalls),
     )
+    return Simulator(tpg, model)
 
 
 def messages(policy: str, depth: int, report: float, release: float) -> Messages:

@@ -16,6 +16,7 @@ from tests.twin.simulated import run_bulk
 from twin.durations import packaged_timings
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
+from twin.engine.execution_model import ExecutionModel
 from twin.run.run_record import Policy
 from twin.study.replications.timing_graph import timing_graph
 from twin.uncertainty.contraction import contract
@@ -34,11 +35,10 @@ def test_every_bundled_scenario_has_its_graph() -> None:
 def test_engines_agree(path: Path, policy: Policy) -> None:
     tpg = load_timing_graph(path)
     durations = SkillDurations(packaged_timings())
-    events = Simulator(tpg, durations, policy=policy)
+    model = ExecutionModel(durations, policy)
+    events = Simulator(tpg, model)
     numbers = [0, 1, 77]
-    found = run_bulk(
-        BulkEngine(tpg, durations, policy=policy), seed=4, replications=numbers
-    )
+    found = run_bulk(BulkEngine(tpg, model), seed=4, replications=numbers)
     for column, replication in enumerate(numbers):
         run = events.run(seed=4, replication=replication)
         assert run.outcome == "completed"
