@@ -28,10 +28,10 @@ from benchmarks.measured_store import MeasuredStore
 from planning.errors import TwinError
 from twin.comparison.comparison import (
     Measurement,
+    comparison_figures,
     measure_policies,
     shortcut_budget,
 )
-from twin.comparison.spread import comparison_figures
 from twin.host.progress import Report, StageDisplay
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario, follow_references

@@ -17,8 +17,8 @@ from twin.comparison.comparison import (
     SYNCHRONOUS,
     SYNCHRONOUS_SHORTCUT,
     SYNCHRONOUS_TPG,
+    TOTAL,
 )
-from twin.comparison.spread import TOTAL
 from twin.comparison.table import mean, percent, spread
 
 

@@ -30,7 +30,7 @@ from twin.engine.execution_model import ExecutionModel
 from twin.host.progress import StageDisplay, StageWatch
 from twin.planning.pipeline import order_motions, plan_in_turns
 from twin.scenario.file import load_scenario
-from twin.study.replications.timing_graph import timing_graph
+from twin.study.replications.workload import timing_graph
 from twin.trial.simulation import skill_durations
 from twin.uncertainty.skill_durations import SkillDurations
 

@@ -11,7 +11,7 @@ from planning.errors import OutputError
 from planning.tasks.task import Task
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.host.atomic import replacing
-from twin.study.replications.timing_graph import bare_cell
+from twin.study.replications.workload import bare_cell
 
 _CHAIN_ARRAYS = ("task", "skill", "duration", "planned_start")
 _GRAPH_ARRAYS = ("edges", "cause", "dependencies", "slots")

@@ -19,7 +19,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
 from twin.planning.pipeline import order_motions, plan_in_turns
 from twin.scenario.file import load_scenario
-from twin.study.replications.timing_graph import timing_graph
+from twin.study.replications.workload import timing_graph
 from twin.uncertainty.contraction import contract
 
 ROOT = Path(__file__).parents[1]

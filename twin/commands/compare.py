@@ -54,8 +54,11 @@ def compare(
         run_folder(out, chosen.name) as folder,
     ):
         from twin.comparison.chart import draw_comparison
-        from twin.comparison.comparison import compare_policies, shortcut_budget
-        from twin.comparison.spread import comparison_figures
+        from twin.comparison.comparison import (
+            compare_policies,
+            comparison_figures,
+            shortcut_budget,
+        )
         from twin.scenario.sections.scenario import follow_references
 
         if reference_skills:

@@ -64,9 +64,8 @@ def fit(
     and a picture of each group: histogram with densities, and quantiles.
     """
     from twin.fit.chart import draw_fit
-    from twin.fit.fitting import fit_samples, results_folder
+    from twin.fit.fitting import fit_samples, results_folder, write_snippet
     from twin.fit.samples import read_samples
-    from twin.fit.snippet import snippet, write_snippet
     from twin.host.atomic import write_json
     from twin.host.progress import StageDisplay
 
@@ -79,14 +78,14 @@ def fit(
             display("pictures", k, len(fits))
             draw_fit(folder / f"{one.sample.name}.png", one)
     content = [_content(one) for one in fits]
-    write_snippet(folder, fits, csv.name)
+    lines = write_snippet(folder, fits, csv.name)
     write_json(folder / "fit.json", content)
     if as_json:
         print_json(content)
     elif not quiet:
         for one in fits:
             _print(one)
-        typer.echo(snippet(fits, csv.name))
+        typer.echo(lines)
         _hint(csv, by or ())
         typer.echo(f"written to {folder}")
 

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from twin.comparison.comparison import ASYNCHRONOUS, COMPARED, SEQUENTIAL
-from twin.comparison.spread import STAGES, TOTAL
+from twin.comparison.comparison import ASYNCHRONOUS, COMPARED, SEQUENTIAL, STAGES, TOTAL
 from twin.host.pictures import INK, save_png, style_axes
 
 Figures = Mapping[str, Mapping[str, Any]]

@@ -6,16 +6,18 @@ in what waits for what, and in nothing else until shortcuts are taken.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.comparison.bounds import straight_line_ratio, straight_line_s
 from twin.durations import NANOSECONDS
 from twin.host.progress import Report, StageWatch, report_nothing
-from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import (
     default_shortcuts,
     order_motions,
@@ -24,7 +26,7 @@ from twin.planning.pipeline import (
     planned_shortcuts,
     shorten,
 )
-from twin.run.run_record import Policy, Run
+from twin.run.run_record import Policy
 from twin.run.summary import lower_bound_s
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.trial import execute
@@ -49,8 +51,14 @@ COMPARED = (
 SEEDS = "seeds"
 """Name of the stage that counts seeds, for progress displays."""
 
-BASELINES = (SEQUENTIAL, SYNCHRONOUS)
-"""Those that others are measured against."""
+STAGES = ("sequence", "assignment", "motion", "synchronous", "tpg", "shortcut")
+"""Stages of planning in the order they are gone through."""
+
+TOTAL = "total"
+"""Name of the sum of all stages."""
+
+BASELINES: dict[str, Policy] = {SEQUENTIAL: "sequential", SYNCHRONOUS: "synchronous"}
+"""Those that others are measured against; these alone are not executed asynchronously."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +86,9 @@ class Measurement:
     nodes: int
     type2_edges: int
 
+
+Figure = dict[str, Any]
+"""Keys mean, std and per_seed."""
 
 Rows = Mapping[int, Mapping[str, Measurement]]
 """Measurements of all policies, by seed and policy."""
@@ -141,11 +152,38 @@ def measure_policies(
     scenario = scenario.model_copy(update={"seed": seed})
     watch = StageWatch(progress)
     turns = plan_in_turns(scenario, base, watch)
-    bench = _Bench(scenario, base, turns, candidates, progress)
+    settings = turns.settings
+    found: dict[str, Measurement] = {}
 
-    found = {}
-    nodes = build_nodes(turns.motion_plan)
-    found[SEQUENTIAL] = bench.measure(SEQUENTIAL, nodes, watch.seconds)
+    def measure(
+        name: str, tpg: TemporalPlanGraph, planning_s: Mapping[str, float]
+    ) -> None:
+        run = execute(scenario, tpg, base, BASELINES.get(name, "asynchronous"))
+        merged = name in (SYNCHRONOUS_SHORTCUT, ASYNCHRONOUS_SHORTCUT)
+        ratio = None
+        if name in BASELINES:
+            ratio = straight_line_ratio(tpg, run, settings.speeds)
+        found[name] = Measurement(
+            makespan_s=run.makespan_s,
+            wait_s=sum(map(run.wait_ns, range(len(tpg.chains)))) / NANOSECONDS,
+            planning_s=dict(planning_s),
+            straight_line_s=straight_line_s(
+                tpg, run, settings.speeds, past_home=merged
+            ),
+            critical_path_s=lower_bound_s(tpg, run),
+            straight_line_ratio=ratio,
+            nodes=sum(len(chain) for chain in tpg.chains),
+            type2_edges=len(tpg.edges),
+        )
+
+    def measure_shortened(
+        name: str, tpg: TemporalPlanGraph, planning_s: Mapping[str, float]
+    ) -> None:
+        own = StageWatch(progress)
+        shorter = shorten(tpg, settings, own, candidates=candidates, seed=seed)
+        measure(name, shorter, {**planning_s, **own.seconds})
+
+    measure(SEQUENTIAL, build_nodes(turns.motion_plan), watch.seconds)
 
     in_slots = StageWatch(progress)
     slots = plan_in_slots(turns, in_slots)
@@ -153,71 +191,72 @@ def measure_policies(
     ordering = StageWatch(progress)
     tpg = order_motions(slots.motion_plan, ordering, slots.slot_of_task)
     # What waits for what in slots follows from the slots: no graph is part of this baseline.
-    found[SYNCHRONOUS] = bench.measure(SYNCHRONOUS, tpg, of_slots)
+    measure(SYNCHRONOUS, tpg, of_slots)
     of_slots = {**of_slots, **ordering.seconds}
-    found[SYNCHRONOUS_TPG] = bench.measure(SYNCHRONOUS_TPG, tpg, of_slots)
-    found[SYNCHRONOUS_SHORTCUT] = bench.measure_shortened(
-        SYNCHRONOUS_SHORTCUT, tpg, of_slots
-    )
+    measure(SYNCHRONOUS_TPG, tpg, of_slots)
+    measure_shortened(SYNCHRONOUS_SHORTCUT, tpg, of_slots)
 
     ordering = StageWatch(progress)
     tpg = order_motions(turns.motion_plan, ordering)
     of_turns = {**watch.seconds, **ordering.seconds}
-    found[ASYNCHRONOUS] = bench.measure(ASYNCHRONOUS, tpg, of_turns)
-    found[ASYNCHRONOUS_SHORTCUT] = bench.measure_shortened(
-        ASYNCHRONOUS_SHORTCUT, tpg, of_turns
-    )
+    measure(ASYNCHRONOUS, tpg, of_turns)
+    measure_shortened(ASYNCHRONOUS_SHORTCUT, tpg, of_turns)
     return found
 
 
-@dataclass(frozen=True)
-class _Bench:
-    """Executes plans of one seed and takes their measure."""
+def comparison_figures(rows: Rows) -> dict[str, dict[str, Any]]:
+    """Return the figures of every policy, with the keys of ``compare.json``.
 
-    scenario: Scenario
-    base: Path
-    turns: PlannedMotions
-    candidates: int
-    progress: Report
-
-    def measure(
-        self, name: str, tpg: TemporalPlanGraph, planning_s: Mapping[str, float]
-    ) -> Measurement:
-        """Execute a plan."""
-        policy: Policy = "asynchronous"
-        if name in BASELINES:
-            policy = "sequential" if name == SEQUENTIAL else "synchronous"
-        run = execute(self.scenario, tpg, self.base, policy)
-        speeds = self.turns.settings.speeds
-        merged = name in (SYNCHRONOUS_SHORTCUT, ASYNCHRONOUS_SHORTCUT)
-        return Measurement(
-            makespan_s=run.makespan_s,
-            wait_s=total_wait_s(run),
-            planning_s=dict(planning_s),
-            straight_line_s=straight_line_s(tpg, run, speeds, past_home=merged),
-            critical_path_s=lower_bound_s(tpg, run),
-            straight_line_ratio=straight_line_ratio(tpg, run, speeds)
-            if name in BASELINES
-            else None,
-            nodes=sum(len(chain) for chain in tpg.chains),
-            type2_edges=len(tpg.edges),
-        )
-
-    def measure_shortened(
-        self, name: str, tpg: TemporalPlanGraph, planning_s: Mapping[str, float]
-    ) -> Measurement:
-        """Take shortcuts and execute what comes of it."""
-        watch = StageWatch(self.progress)
-        shorter = shorten(
-            tpg,
-            self.turns.settings,
-            watch,
-            candidates=self.candidates,
-            seed=self.scenario.seed,
-        )
-        return self.measure(name, shorter, {**planning_s, **watch.seconds})
+    Each figure is {mean, std, per_seed}, std being the sample standard deviation, null with
+    one seed. Relative figures are those of a seed over the sequential plan's of the same seed.
+    """
+    first = [row[SEQUENTIAL] for row in rows.values()]
+    return {
+        name: {
+            **_policy_figures([row[name] for row in rows.values()], first),
+            "seeds": list(rows),
+        }
+        for name in COMPARED
+    }
 
 
-def total_wait_s(run: Run) -> float:
-    """Return the waits of all robots, each until its own last node is complete [s]."""
-    return sum(run.wait_ns(k) for k in range(len(run.end_ns))) / NANOSECONDS
+def figure(values: Sequence[float | None]) -> Figure | None:
+    """Return mean and spread of values a seed, None where one is missing."""
+    known = [value for value in values if value is not None]
+    if not known or len(known) < len(values):
+        return None
+    return {
+        "mean": float(np.mean(known)),
+        "std": float(np.std(known, ddof=1)) if len(known) > 1 else None,
+        "per_seed": [float(value) for value in known],
+    }
+
+
+def _policy_figures(
+    own: Sequence[Measurement], first: Sequence[Measurement]
+) -> dict[str, Any]:
+    def each(value: Callable[[Measurement], float | None]) -> Figure | None:
+        return figure([value(m) for m in own])
+
+    def relative(value: Callable[[Measurement], float]) -> Figure | None:
+        pairs = [(value(m), value(f)) for m, f in zip(own, first, strict=True)]
+        return figure([a / b if b > 0 else None for a, b in pairs])
+
+    return {
+        "makespan_s": each(lambda m: m.makespan_s),
+        "wait_s": each(lambda m: m.wait_s),
+        "planning_s": _planning([m.planning_s for m in own]),
+        "relative_makespan": relative(lambda m: m.makespan_s),
+        "relative_wait": relative(lambda m: m.wait_s),
+        "straight_line_s": each(lambda m: m.straight_line_s),
+        "critical_path_s": each(lambda m: m.critical_path_s),
+        "straight_line_ratio": each(lambda m: m.straight_line_ratio),
+        "nodes": each(lambda m: m.nodes),
+        "type2_edges": each(lambda m: m.type2_edges),
+    }
+
+
+def _planning(rows: Sequence[Mapping[str, float]]) -> dict[str, Figure | None]:
+    stages = [s for s in STAGES if any(s in row for row in rows)]
+    out = {s: figure([row.get(s, 0.0) for row in rows]) for s in stages}
+    return {**out, TOTAL: figure([sum(row.values()) for row in rows])}

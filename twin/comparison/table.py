@@ -9,8 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from twin.comparison.comparison import BASELINES
-from twin.comparison.spread import STAGES, TOTAL
+from twin.comparison.comparison import BASELINES, STAGES, TOTAL
 
 _STAGE_NAMES = {
     "sequence": "sequence",

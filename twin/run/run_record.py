@@ -10,8 +10,8 @@ import numpy as np
 from planning.errors import TwinError
 from scheduling.graph.temporal_plan_graph import NodeChain
 from twin.durations import NANOSECONDS, Nanoseconds
+from twin.uncertainty.halts import Pace
 from twin.uncertainty.node_times import Standstill
-from twin.uncertainty.pace import Pace
 
 Outcome = Literal["completed", "failed", "aborted"]
 Policy = Literal["asynchronous", "sequential", "synchronous", "open-loop"]

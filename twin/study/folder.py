@@ -13,7 +13,6 @@ from planning.errors import OutputError, RequestError
 from twin.scenario.manifest import MANIFEST, read_manifest, write_manifest
 from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.experiment import Experiment
-from twin.study.sensitivity.sobol import check_points
 
 PLANS, BLOCKS, AUDITS = "plans", "blocks", "audits"
 REPLICATIONS, TASKS, EDGES = (
@@ -55,6 +54,15 @@ class StudyRequest:
             )
         if self.sobol_points:
             check_points(self.sobol_points)
+
+
+def check_points(points: int) -> None:
+    """Refuse a number of points that is no power of 2 greater than 1, with a RequestError."""
+    if points < 2 or points & (points - 1):
+        raise RequestError(
+            f"Sobol indices need a power of 2 of points, not {points}",
+            choices=("64", "128", "256", "512"),
+        )
 
 
 def write_request(folder: Path, request: StudyRequest, cell: Workcell) -> None:

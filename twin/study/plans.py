@@ -12,8 +12,7 @@ from twin.planning.pipeline import order_motions, plan_in_slots, plan_motions, s
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import varied
 from twin.study.replications.experiment import PLAN_OF_POLICY, Experiment
-from twin.study.replications.timing_graph import timing_graph
-from twin.study.replications.workload import Workload
+from twin.study.replications.workload import Workload, timing_graph
 from twin.trial.simulation import scenario_execution
 
 TURNS, SLOTS, SHORTENED = "turns", "slots", "shortened"

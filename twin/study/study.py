@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from planning.errors import RequestError
+from scheduling.graph.plan_files import save_plan
+from twin.audit.audit import audit_run
 from twin.durations import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
+from twin.engine.engine import Simulator
 from twin.host.atomic import write_json
 from twin.host.progress import Report, report_nothing
 from twin.planning.build_workcell import build_workcell
+from twin.recorders.motion_tables import write_motion
 from twin.scenario.variations import varied
 from twin.study.folder import (
     AUDITS,
@@ -26,15 +34,17 @@ from twin.study.folder import (
     read_request,
     write_request,
 )
-from twin.study.open_loop_audit import OPEN_LOOP, audit_open_loop
 from twin.study.plans import Plans, load_plans, plan_for_study, save_plans, workloads
+from twin.study.replications.block_results import cell_tally
 from twin.study.replications.experiment import PLAN_OF_POLICY, Experiment
 from twin.study.replications.runner import OpenExecutor, run_replications
 from twin.study.replications.workload import Workload
 from twin.study.summary import summarise_study
-from twin.study.tables import cell_tally, write_edges, write_replications, write_tasks
+from twin.study.tables import write_edges, write_replications, write_tasks
 from twin.trial.simulation import skill_durations
 from twin.uncertainty.disturbances import Speed
+
+OPEN_LOOP = "open-loop"
 
 CHECKING = "open-loop audit"
 """Name of the stage for progress displays."""
@@ -148,10 +158,43 @@ def _audits(
     for k, cell in enumerate(cells if count else ()):
         found[cell] = []
         drawn = replace(loads[cell], tpg=plans[PLAN_OF_POLICY[OPEN_LOOP][0]])
-        for collisions in audit_open_loop(drawn, folder / AUDITS / str(cell), count):
+        for collisions in _audit_open_loop(drawn, folder / AUDITS / str(cell), count):
             found[cell].append(collisions)
             progress(CHECKING, k * count + len(found[cell]), len(cells) * count)
     return found
+
+
+def _audit_open_loop(load: Workload, folder: Path, count: int) -> Iterator[int]:
+    """Yield how many collisions PyBullet finds in each of the first replications.
+
+    What was found is kept, one small file a replication, so an interrupted study goes on.
+    Replications that come to no end are left out. The work has the geometry of its plan.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    simulator = Simulator(load.tpg, load.execution)
+    replay = folder / "replay"
+    for replication in range(count):
+        path = folder / f"{replication}.json"
+        if path.exists():
+            yield int(json.loads(path.read_text())["violations"])
+            continue
+        run = simulator.run(seed=load.seed, replication=replication)
+        if run.outcome != "completed":
+            continue
+        if not replay.exists():
+            replay.mkdir()
+            save_plan(load.tpg, replay)
+        write_motion(replay, load.tpg, run)
+        report = audit_run(replay)
+        least = report.min_distance_m
+        found = {
+            "replication": replication,
+            "violations": len(report.violations),
+            "min_distance_m": least if np.isfinite(least) else None,
+        }
+        write_json(path, found)
+        yield len(report.violations)
+    shutil.rmtree(replay, ignore_errors=True)
 
 
 def _check_possible(deadline_s: float | None, loads: Sequence[Workload]) -> None:

@@ -12,8 +12,13 @@ import numpy as np
 
 from planning.transforms import Array
 from twin.durations import NANOSECONDS
+from twin.study.replications.block_results import (
+    COMPLETED,
+    ERROR,
+    WAIT_COLUMNS,
+    cell_blocks,
+)
 from twin.study.replications.experiment import Experiment
-from twin.study.replications.replication_rows import COMPLETED, ERROR, WAIT_COLUMNS
 from twin.study.replications.statistics import (
     Interval,
     mean_interval,
@@ -21,7 +26,6 @@ from twin.study.replications.statistics import (
     quantile_interval,
     share_interval,
 )
-from twin.study.tables import cell_blocks
 
 QUANTILES = (0.5, 0.9, 0.95, 0.99)
 

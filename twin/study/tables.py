@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +21,9 @@ from twin.engine.bulk.policy_graph import OTHER, policy_graph
 from twin.host.atomic import replacing
 from twin.recorders.motion_tables import write_table
 from twin.scenario.variations import Variant
-from twin.study.replications.block_files import blocks_done, read_block
+from twin.study.replications.block_results import TaskTally, cell_blocks, task_groups
 from twin.study.replications.experiment import Experiment
-from twin.study.replications.task_tally import TaskTally, task_groups
-from twin.study.replications.workload import BlockResult, Workload
+from twin.study.replications.workload import Workload
 from twin.uncertainty.contraction import contract
 
 CAUSES = {
@@ -77,19 +75,6 @@ def _cell_table(policy: str, variant: Variant, columns: Mapping[str, Any]) -> pa
     names = {"policy": pa.array([policy] * count, pa.string())}
     names |= {key: pa.array([_plain(v)] * count) for key, v in variant.items()}
     return pa.table({**names, **{key: pa.array(v) for key, v in columns.items()}})
-
-
-def cell_blocks(folder: Path, cell: int) -> Iterator[BlockResult]:
-    """Yield what came of the blocks of a cell, in the order of their replications."""
-    own = [block for block in blocks_done(folder) if block.cell == cell]
-    for block in sorted(own, key=lambda block: block.first):
-        yield read_block(folder, block)
-
-
-def cell_tally(folder: Path, cell: int) -> TaskTally:
-    """Return the task tally of a cell, over all its blocks."""
-    results = cell_blocks(folder, cell)
-    return reduce(TaskTally.plus, (result.tally for result in results))
 
 
 def write_tasks(

@@ -8,6 +8,7 @@ on where it stopped. At the instant a stop begins nothing else happens to the ro
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,6 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.uncertainty.disturbances import Breakdowns, Disturbances
 from twin.uncertainty.draws import uniforms
-from twin.uncertainty.pace import Pace
 
 _NEVER = 2**62
 _CHUNK = 16
@@ -34,6 +34,34 @@ class Stop:
     start_ns: int
     end_ns: int
     reason: str
+
+
+class Pace:
+    """Translates between the run's time and the time for which a robot was not stopped.
+
+    Args:
+        intervals: start and end of every stop, in order and without overlaps [ns].
+    """
+
+    def __init__(self, intervals: Sequence[tuple[int, int]]) -> None:
+        pairs = np.array(intervals, dtype=np.int64).reshape(-1, 2)
+        self._starts = pairs[:, 0]
+        self._stopped = np.concatenate([[0], np.cumsum(pairs[:, 1] - pairs[:, 0])])
+        self.stops_at: Nanoseconds = self._starts - self._stopped[:-1]
+        """Own time at every stop, shape (stops,) [ns]."""
+
+    def own(self, t_ns: Nanoseconds) -> Nanoseconds:
+        """Return the robot's own time at times of the run [ns]."""
+        before = np.searchsorted(self._starts, t_ns, side="right")
+        own = t_ns - self._stopped[before]
+        # Within a stop, own time is what it was when the stop began.
+        floor = np.concatenate([[np.iinfo(np.int64).min], self.stops_at])[before]
+        return np.asarray(np.maximum(own, floor), dtype=np.int64)
+
+    def real(self, own_ns: Nanoseconds) -> Nanoseconds:
+        """Return the time of the run at own times; where a stop begins then, its end [ns]."""
+        passed = np.searchsorted(self.stops_at, own_ns, side="right")
+        return np.asarray(own_ns + self._stopped[passed], dtype=np.int64)
 
 
 class Halts:

@@ -23,8 +23,8 @@ from twin.comparison.comparison import (
     SYNCHRONOUS_SHORTCUT,
     Measurement,
     Rows,
+    comparison_figures,
 )
-from twin.comparison.spread import comparison_figures
 
 STAGES = ("assignment", "motion", "synchronous", "tpg", "shortcut")
 

@@ -32,8 +32,7 @@ from twin.uncertainty.disturbances import (
     Speed,
     Stalls,
 )
-from twin.uncertainty.halts import Halts, Stop
-from twin.uncertainty.pace import Pace
+from twin.uncertainty.halts import Halts, Pace, Stop
 from twin.uncertainty.skill_durations import SkillDurations
 
 NOMINAL = SkillDurations({})

@@ -19,11 +19,15 @@ import numpy.typing as npt
 
 from planning.errors import TwinError
 from twin.host.progress import Report, report_nothing
-from twin.study.replications.block_files import blocks_done, read_block, write_block
+from twin.study.replications.block_results import (
+    BlockResult,
+    blocks_done,
+    read_block,
+    write_block,
+)
 from twin.study.replications.executors import parallelism
 from twin.study.replications.experiment import Block, Experiment, blocks_of
 from twin.study.replications.workload import (
-    BlockResult,
     Parcel,
     Workload,
     compute_block,

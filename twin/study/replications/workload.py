@@ -1,4 +1,8 @@
-"""Workload of one cell of a study, in a form that can be sent to any process or machine."""
+"""Workload of one cell of a study, in a form that can be sent to any process or machine.
+
+Only time matters once paths are known to be safe. So it holds a timing graph: a TemporalPlanGraph
+that can be executed, but not drawn, of a few hundred kilobytes for hundreds of steps.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,14 @@ import hashlib
 import pickle
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
 
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from planning.cell.body import Capsules, ConvexBody
+from planning.cell.workcell import CellObject, Workcell
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.bulk.max_plus import completions, explain
@@ -19,9 +25,19 @@ from twin.engine.bulk.policy_graph import PrecedenceArrays, policy_graph
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.run.run_record import DeadlockError, Run
+from twin.study.replications.block_results import (
+    ERROR,
+    BlockResult,
+    ReplicationRows,
+    TaskGroups,
+    empty_rows,
+    task_groups,
+)
 from twin.study.replications.experiment import Block
-from twin.study.replications.replication_rows import ERROR, ReplicationRows, empty_rows
-from twin.study.replications.task_tally import TaskGroups, TaskTally, task_groups
+
+_NO_BODY = ConvexBody(
+    "none", np.zeros((0, 3)), Capsules(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+)
 
 
 @dataclass(frozen=True)
@@ -39,21 +55,6 @@ class Workload:
     execution: ExecutionModel
     seed: int
     reasons: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class BlockResult:
-    """Result of a block of replications.
-
-    Attributes:
-        block: which.
-        rows: one a replication.
-        tally: what is kept of tasks; replications that did not complete are not in it.
-    """
-
-    block: Block
-    rows: ReplicationRows
-    tally: TaskTally
 
 
 @dataclass(frozen=True)
@@ -193,3 +194,34 @@ def _columns(values: Sequence[tuple[Nanoseconds, ...]], nodes: int) -> Nanosecon
     if not values:
         return np.empty((nodes, 0), dtype=np.int64)
     return np.stack([np.concatenate(chains) for chains in values], axis=1)
+
+
+def timing_graph(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+    """Return a plan, contracted or not, without robots' models, shapes, poses and paths."""
+    return replace(
+        tpg,
+        cell=bare_cell({item.name: item.kind for item in tpg.cell.objects}),
+        tasks=tuple(replace(t, path=np.zeros((0, 0)), handlings=()) for t in tpg.tasks),
+        chains=tuple(_bare_chain(chain) for chain in tpg.chains),
+        handlings=(),
+        allowed=(),
+    )
+
+
+def bare_cell(kinds: dict[str, str]) -> Workcell:
+    """Return a cell without robots in which objects have a name and a kind, and nothing else."""
+    items = tuple(
+        CellObject(name, kind, np.zeros(3), np.eye(4), _NO_BODY)
+        for name, kind in kinds.items()
+    )
+    return Workcell((), (), items)
+
+
+def _bare_chain(chain: NodeChain) -> NodeChain:
+    return replace(
+        chain,
+        start=np.zeros(0),
+        waypoints=np.zeros((0, 0)),
+        fraction=np.zeros(0),
+        first=np.zeros(len(chain) + 1, dtype=np.int64),
+    )

@@ -6,17 +6,25 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from planning.tasks.task import TRANSIT
 from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
+from scheduling.graph.temporal_plan_graph import (
+    MOTION_CONFLICT,
+    TASK_DEPENDENCY,
+    TemporalPlanGraph,
+)
+from twin.durations import NANOSECONDS
 from twin.engine.bulk.policy_graph import OTHER
 from twin.host.pictures import INK, new_picture, style_axes
-from twin.study.replications.replication_rows import WAIT_COLUMNS
-from twin.study.sensitivity.sobol import SobolIndex
-from twin.study.sensitivity.tornado import Influence
+from twin.study.replications.block_results import WAIT_COLUMNS, TaskTally, task_groups
+from twin.study.sensitivity import SHARE, Influence, SobolIndex
 
 COLOURS = ("#1f5f9e", "#d97b29", "#2f7f66", "#9c4a8f", "#7a8592", "#b8433a")
 CAUSE_STYLE = {
@@ -25,6 +33,8 @@ CAUSE_STYLE = {
     OTHER: ("#b9c0c8", "for a message, the clock or a turn"),
 }
 _DASHES = ("-", "--", ":", "-.")
+_TASKS_A_ROW = 44
+_CRITICALITY = colormaps["YlOrRd"]
 
 
 def cell_label(cell: Mapping[str, Any]) -> str:
@@ -91,14 +101,64 @@ def draw_waits(summary: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def draw_tornado(
-    influences: Sequence[Influence], share: float, mean_s: float
-) -> Figure:
+def draw_bands(tpg: TemporalPlanGraph, tally: TaskTally) -> Figure:
+    """Draw the median start and end of every task, with bands from P10 to P90.
+
+    A task is coloured by its criticality index: how often it was on the critical path. The thin
+    lines before and after it reach from the P10 to the P90 of its start and of its end.
+
+    Args:
+        tpg: the plan that was executed.
+        tally: of its tasks; long plans wrap into several rows.
+    """
+    groups = task_groups(tpg)
+    lane_of = {chain.robot: k for k, chain in enumerate(tpg.chains)}
+    start = np.percentile(tally.start_ns, (10, 50, 90), axis=0) / NANOSECONDS
+    end = np.percentile(tally.end_ns, (10, 50, 90), axis=0) / NANOSECONDS
+    share = tally.critical / max(tally.count, 1)
+    total = float(end[2].max())
+    rows = max(1, -(-len(groups.task) // (_TASKS_A_ROW * len(lane_of))))
+    height = 1.2 + rows * (0.5 + 0.46 * len(lane_of))
+    figure = new_picture(14.0, height, dpi=110)
+    panels: list[Axes] = figure.subplots(rows, 1, squeeze=False)[:, 0].tolist()
+    for row, axes in enumerate(panels):
+        low, high = total * row / rows, total * (row + 1) / rows
+        axes.set_xlim(low, high)
+        axes.set_ylim(len(lane_of) - 0.4, -0.6)
+        axes.set_yticks(range(len(lane_of)), list(lane_of))
+        style_axes(axes, grid="x")
+        for k, index in enumerate(groups.task.tolist()):
+            if end[2, k] < low or start[0, k] > high:
+                continue
+            task = tpg.tasks[index]
+            _draw_task(
+                axes,
+                lane_of[task.robot],
+                start[:, k],
+                end[:, k],
+                float(share[k]),
+                "" if task.kind == TRANSIT else str(task.step),
+                width=high - low,
+            )
+    panels[-1].set_xlabel(
+        f"time [s]; bars from median start to median end, lines from P10 to P90 of"
+        f" {len(tally.start_ns)} replications"
+    )
+    figure.colorbar(
+        ScalarMappable(Normalize(0, 100), _CRITICALITY),
+        ax=panels,
+        label="criticality index [%]",
+        fraction=0.02,
+        pad=0.01,
+    )
+    return figure
+
+
+def draw_tornado(influences: Sequence[Influence], mean_s: float) -> Figure:
     """Draw what the mean makespan does when inputs are smaller and larger.
 
     Args:
         influences: the strongest first.
-        share: by which inputs were made smaller and larger.
         mean_s: the mean makespan [s].
     """
     shown = list(influences)[:14]
@@ -108,7 +168,7 @@ def draw_tornado(
         axes.barh(k, one.more_s, color=COLOURS[1], height=0.62)
     for colour, word in ((COLOURS[0], "less"), (COLOURS[1], "more")):
         axes.add_patch(
-            Rectangle((0, 0), 0, 0, color=colour, label=f"{100 * share:.0f} % {word}")
+            Rectangle((0, 0), 0, 0, color=colour, label=f"{100 * SHARE:.0f} % {word}")
         )
     axes.axvline(0, color=INK, linewidth=1.0)
     _label_bars(axes, [one.name for one in shown])
@@ -116,7 +176,7 @@ def draw_tornado(
     return figure
 
 
-def draw_sobol(indices: Sequence[SobolIndex], share: float) -> Figure:
+def draw_sobol(indices: Sequence[SobolIndex]) -> Figure:
     """Draw the shares of inputs in the variance of the mean makespan."""
     shown = list(indices)[:14]
     figure, axes = _figure(9.0, 1.5 + 0.42 * max(len(shown), 1))
@@ -129,7 +189,7 @@ def draw_sobol(indices: Sequence[SobolIndex], share: float) -> Figure:
     _label_bars(axes, [one.name for one in shown])
     axes.set_xlabel(
         f"share in the variance of the mean makespan, inputs within"
-        f" {100 * share:.0f} % of what they are"
+        f" {100 * SHARE:.0f} % of what they are"
     )
     return figure
 
@@ -200,3 +260,42 @@ def _label_bars(axes: Axes, names: Sequence[str]) -> None:
 
 def _legend_below(axes: Axes) -> None:
     axes.figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+
+
+def _draw_task(
+    axes: Axes,
+    lane: int,
+    start: Array,
+    end: Array,
+    share: float,
+    text: str,
+    *,
+    width: float,
+) -> None:
+    thin = not text
+    height = 0.34 if thin else 0.62
+    axes.barh(
+        lane,
+        end[1] - start[1],
+        left=start[1],
+        height=height,
+        color=_CRITICALITY(share) if share > 0 else "#eef0f2",
+        edgecolor="#8a929b",
+        linewidth=0.4,
+    )
+    for times, offset in ((start, -0.36), (end, 0.36)):
+        if not thin:
+            axes.plot(
+                times[[0, 2]], [lane + offset] * 2, color=INK, linewidth=1.1, alpha=0.7
+            )
+    if text and end[1] - start[1] > 0.007 * width:
+        axes.text(
+            0.5 * (start[1] + end[1]),
+            lane,
+            text,
+            ha="center",
+            va="center",
+            fontsize=7,
+            color="white" if share > 0.6 else INK,
+            clip_on=True,
+        )

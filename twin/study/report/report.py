@@ -19,20 +19,19 @@ from twin.host.progress import Report
 from twin.scenario.manifest import versions
 from twin.study.folder import BLOCKS, PLANS, REPORT
 from twin.study.plans import load_plans, workloads
+from twin.study.replications.block_results import cell_blocks, cell_tally
 from twin.study.replications.experiment import PLAN_OF_POLICY
-from twin.study.report.band_gantt import draw_bands
 from twin.study.report.figures import (
     cell_label,
+    draw_bands,
     draw_ecdf,
     draw_response,
     draw_sobol,
     draw_tornado,
     draw_waits,
 )
-from twin.study.sensitivity.sobol import sobol_indices
-from twin.study.sensitivity.tornado import SHARE, influences
+from twin.study.sensitivity import influences, sobol_indices
 from twin.study.study import StudyResult
-from twin.study.tables import cell_blocks, cell_tally
 
 DRAWING = "report"
 """Name of the stage for progress displays."""
@@ -82,7 +81,7 @@ def _pictures(
     if "makespan_s" in summary["cells"][cell]:
         found = influences(loads[cell])
         mean = summary["cells"][cell]["makespan_s"]["estimate"]
-        figure = draw_tornado(found, SHARE, mean)
+        figure = draw_tornado(found, mean)
         yield "tornado", (figure, f"Which inputs the makespan hangs on: {label}")
         points = result.request.sobol_points
         if points:
@@ -93,7 +92,7 @@ def _pictures(
                 progress=progress,
             )
             heading = f"Which inputs it hangs on when all vary at once: {label}"
-            yield "sobol", (draw_sobol(indices, SHARE), heading)
+            yield "sobol", (draw_sobol(indices), heading)
     progress(DRAWING, 4, 5)
 
 

@@ -18,7 +18,7 @@ from planning.errors import TwinError
 from tests.twin.study.study_toys import toy_workload
 from twin.engine.execution_model import ExecutionModel
 from twin.study.replications import runner
-from twin.study.replications.block_files import blocks_done, read_block
+from twin.study.replications.block_results import blocks_done, read_block
 from twin.study.replications.executors import InProcess, open_executor
 from twin.study.replications.experiment import Block, Experiment
 from twin.study.replications.runner import run_replications

@@ -12,12 +12,10 @@ from tests.twin.study.study_toys import toy_workload
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Fixed, Uniform
 from twin.engine.execution_model import ExecutionModel
+from twin.study.folder import check_points
 from twin.study.replications.experiment import Block
-from twin.study.replications.timing_graph import timing_graph
-from twin.study.replications.workload import Workload
-from twin.study.sensitivity.inputs import inputs_of
-from twin.study.sensitivity.sobol import sobol_indices
-from twin.study.sensitivity.tornado import influences, makespans_s
+from twin.study.replications.workload import Workload, timing_graph
+from twin.study.sensitivity import influences, inputs_of, makespans_s, sobol_indices
 from twin.uncertainty.disturbances import Disturbances, Stalls
 from twin.uncertainty.skill_durations import SkillDurations
 
@@ -40,7 +38,7 @@ def test_a_sum_answers_as_a_sum_does() -> None:
     load = _sum_of_two()
     skills = 4 * 2.0
     moves = float(makespans_s(load, Block(0, 0, 1))[0]) - skills
-    found = {one.name: one for one in influences(load, share=0.2, replications=5)}
+    found = {one.name: one for one in influences(load)}
     assert set(found) == {"duration of pick", "motions of robot_0"}
     picks, motions = found["duration of pick"], found["motions of robot_0"]
     assert (picks.less_s, picks.more_s) == pytest.approx((-0.2 * skills, 0.2 * skills))
@@ -63,19 +61,22 @@ def test_sobol_indices_of_a_sum_are_shares_of_variance() -> None:
         expected = shares[one.name] / sum(shares.values())
         assert one.first == pytest.approx(expected, abs=0.1)
         assert one.total == pytest.approx(expected, abs=0.1)
+
+
+def test_points_are_a_power_of_two() -> None:
     with pytest.raises(RequestError, match="power of 2"):
-        sobol_indices(load, 48)
+        check_points(48)
 
 
 def test_inputs_are_what_the_plan_has() -> None:
     stalls = Stalls(rate_per_h=30.0, duration=Uniform(low_s=1.0, high_s=2.0))
     load = toy_workload(disturbances=Disturbances(stalls=stalls))
-    names = [one.name for one in inputs_of(load)]
-    assert "rate of stalls" in names
-    assert "duration of support-bottom" not in names
+    inputs = inputs_of(load)
+    assert "rate of stalls" in inputs
+    assert "duration of support-bottom" not in inputs
     block = Block(0, 0, 30)
     base = makespans_s(load, block)
-    for one in inputs_of(load):
-        same = makespans_s(one.times(load, 1.0), block)
+    for scaled in inputs.values():
+        same = makespans_s(scaled(load, 1.0), block)
         assert np.allclose(same, base, atol=1e-6)
-        assert np.all(makespans_s(one.times(load, 1.5), block) >= base - 1e-6)
+        assert np.all(makespans_s(scaled(load, 1.5), block) >= base - 1e-6)

@@ -1,0 +1,280 @@
+"""Results of blocks of replications: rows, sums over tasks, and a file of each block.
+
+A file is whole or not there: what a killed study goes on from.
+"""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.errors import OutputError
+from planning.transforms import Indices
+from scheduling.graph.temporal_plan_graph import (
+    MOTION_CONFLICT,
+    TASK_DEPENDENCY,
+    TemporalPlanGraph,
+)
+from twin.durations import NANOSECONDS, Nanoseconds
+from twin.engine.bulk.max_plus import Completions
+from twin.engine.bulk.policy_graph import OTHER
+from twin.host.atomic import replacing
+from twin.study.replications.experiment import Block
+
+COMPLETED, ERROR = "completed", "error"
+
+WAIT_COLUMNS = {
+    TASK_DEPENDENCY: "wait_dependency_s",
+    MOTION_CONFLICT: "wait_conflict_s",
+    OTHER: "wait_other_s",
+}
+"""Columns of the waits of all robots together, by cause."""
+
+KEPT = 500
+"""Replications whose starts and ends of tasks are kept, for bands on a Gantt chart."""
+
+_NAME = re.compile(r"(\d+)-(\d+)-(\d+)\.npz")
+_TEXTS = ("outcome", "error")
+_ROWS = ("replication", "makespan_ns", "busy_ns", "waited_ns")
+_TALLY = ("critical", "critical_edges", "slack_ns", "start_ns", "end_ns")
+
+
+@dataclass(frozen=True)
+class ReplicationRows:
+    """Rows of a block of replications; what did not complete has no waits.
+
+    Attributes:
+        replication: number of each, shape (r,).
+        outcome: ``completed``, ``failed``, ``aborted`` or ``error``, shape (r,).
+        makespan_ns: shape (r,) [ns]; -1 for an error.
+        busy_ns: work and stalls of each robot, shape (robots, r) [ns]; -1 where unknown.
+        waited_ns: waits of all robots by cause, shape (3, r) [ns]; -1 where unknown.
+        engine: ``bulk`` or ``events``.
+        error: what went wrong, empty where nothing did, shape (r,).
+        robots: their names.
+    """
+
+    replication: Indices
+    outcome: npt.NDArray[Any]
+    makespan_ns: Nanoseconds
+    busy_ns: Nanoseconds
+    waited_ns: Nanoseconds
+    engine: str
+    error: npt.NDArray[Any]
+    robots: tuple[str, ...]
+
+    def fill(self, which: npt.NDArray[np.bool_], found: Completions) -> None:
+        """Enter replications that completed.
+
+        Args:
+            which: which rows, shape (r,).
+            found: what came of them.
+        """
+        self.outcome[which] = COMPLETED
+        self.makespan_ns[which] = found.makespan_ns
+        self.busy_ns[:, which] = found.chain_end_ns - found.waited_ns.sum(axis=1)
+        self.waited_ns[:, which] = found.waited_ns.sum(axis=0)
+
+    def makespans_s(self) -> npt.NDArray[np.float64]:
+        """Return the makespans, NaN where a replication did not complete, shape (r,) [s]."""
+        return _seconds(self.makespan_ns, self.outcome == COMPLETED)
+
+    def columns(self) -> dict[str, Any]:
+        """Return the columns of ``replications.parquet`` that do not name the cell."""
+        completed = self.outcome == COMPLETED
+        out: dict[str, Any] = {
+            "replication": self.replication,
+            "outcome": self.outcome.astype(str),
+            "makespan_s": _seconds(self.makespan_ns, self.makespan_ns >= 0),
+            "wait_total_s": _seconds(self.waited_ns.sum(axis=0), completed),
+        }
+        for cause, name in WAIT_COLUMNS.items():
+            out[name] = _seconds(self.waited_ns[cause], completed)
+        for k, robot in enumerate(self.robots):
+            out[f"busy_s_{robot}"] = _seconds(self.busy_ns[k], completed)
+        out["engine"] = np.full(len(completed), self.engine)
+        out["error"] = self.error.astype(str)
+        return out
+
+
+@dataclass(frozen=True)
+class TaskTally:
+    """Sums over replications, and samples of the first of them.
+
+    Attributes:
+        count: replications counted.
+        critical: in how many of them each task was on the critical path, shape (tasks,).
+        critical_edges: the same for type-2 edges, shape (edges,).
+        slack_ns: sum of the slacks of each task, shape (tasks,) [ns]; -1 where an engine
+            cannot tell.
+        start_ns, end_ns: of each task in replications below KEPT, shape (k, tasks) [ns].
+    """
+
+    count: int
+    critical: Indices
+    critical_edges: Indices
+    slack_ns: Nanoseconds
+    start_ns: Nanoseconds
+    end_ns: Nanoseconds
+
+    def plus(self, other: TaskTally) -> TaskTally:
+        """Return both together; ``other`` has the later replications."""
+        known = np.minimum(self.slack_ns, other.slack_ns) >= 0
+        return TaskTally(
+            self.count + other.count,
+            self.critical + other.critical,
+            self.critical_edges + other.critical_edges,
+            np.where(known, self.slack_ns + other.slack_ns, -1),
+            np.concatenate([self.start_ns, other.start_ns]),
+            np.concatenate([self.end_ns, other.end_ns]),
+        )
+
+
+@dataclass(frozen=True)
+class TaskGroups:
+    """Nodes of every task; nodes of all chains are numbered through.
+
+    Attributes:
+        task: index of each task that has nodes, in the order of its nodes, shape (tasks,).
+        first: its first node, shape (tasks,).
+        last: its last node, shape (tasks,).
+    """
+
+    task: Indices
+    first: Indices
+    last: Indices
+
+    def tally(self, replications: Indices, found: Completions) -> TaskTally:
+        """Sum up what came of some replications that completed."""
+        kept = replications < KEPT
+        critical = np.logical_or.reduceat(found.critical, self.first, axis=0)
+        slack = np.full(len(self.task), -1, dtype=np.int64)
+        if found.slack_ns is not None:
+            slack = np.minimum.reduceat(found.slack_ns, self.first, axis=0).sum(axis=1)
+        return TaskTally(
+            len(replications),
+            critical.sum(axis=1).astype(np.int64),
+            found.critical_edge.sum(axis=1).astype(np.int64),
+            slack,
+            np.ascontiguousarray(found.start_ns[self.first][:, kept].T),
+            np.ascontiguousarray(found.end_ns[self.last][:, kept].T),
+        )
+
+
+@dataclass(frozen=True)
+class BlockResult:
+    """Result of a block of replications.
+
+    Attributes:
+        block: which.
+        rows: one a replication.
+        tally: what is kept of tasks; replications that did not complete are not in it.
+    """
+
+    block: Block
+    rows: ReplicationRows
+    tally: TaskTally
+
+
+def empty_rows(
+    replications: Indices, robots: tuple[str, ...], *, engine: str
+) -> ReplicationRows:
+    """Return rows to be filled."""
+    count = len(replications)
+    return ReplicationRows(
+        replication=replications,
+        outcome=np.full(count, "", dtype=object),
+        makespan_ns=np.full(count, -1, dtype=np.int64),
+        busy_ns=np.full((len(robots), count), -1, dtype=np.int64),
+        waited_ns=np.full((3, count), -1, dtype=np.int64),
+        engine=engine,
+        error=np.full(count, "", dtype=object),
+        robots=robots,
+    )
+
+
+def task_groups(tpg: TemporalPlanGraph) -> TaskGroups:
+    """Return the nodes of every task of a graph, contracted or not."""
+    task = np.concatenate([chain.task for chain in tpg.chains])
+    chain = np.repeat(np.arange(len(tpg.chains)), [len(c) for c in tpg.chains])
+    opens = np.diff(task, prepend=-1) != 0
+    opens |= np.diff(chain, prepend=-1) != 0
+    first = np.flatnonzero(opens)
+    last = np.append(first[1:], len(task)) - 1
+    return TaskGroups(task[first], first, last)
+
+
+def write_block(folder: Path, result: BlockResult) -> None:
+    """Write the result of a block.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    arrays = {**vars(result.rows), **vars(result.tally)}
+    arrays |= {name: arrays[name].astype(str) for name in _TEXTS}
+    arrays["robots"] = np.array(result.rows.robots, dtype=str)
+    with replacing(_path(folder, result.block)) as temporary:
+        np.savez_compressed(temporary, **arrays)
+
+
+def read_block(folder: Path, block: Block) -> BlockResult:
+    """Return what ``write_block`` wrote.
+
+    Raises:
+        OutputError: the file is missing or damaged.
+    """
+    path = _path(folder, block)
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            rows = ReplicationRows(
+                **{name: arrays[name] for name in _ROWS},
+                **{name: arrays[name].astype(object) for name in _TEXTS},
+                engine=str(arrays["engine"]),
+                robots=tuple(arrays["robots"].tolist()),
+            )
+            tally = TaskTally(
+                int(arrays["count"]), **{name: arrays[name] for name in _TALLY}
+            )
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise OutputError(f"{path}: is no block of a study: {error}") from error
+    return BlockResult(block, rows, tally)
+
+
+def blocks_done(folder: Path) -> Iterator[Block]:
+    """Yield the blocks of which there is a file."""
+    for path in folder.glob("*.npz"):
+        match = _NAME.fullmatch(path.name)
+        if match:
+            cell, first, count = (int(text) for text in match.groups())
+            yield Block(cell, first, count)
+
+
+def cell_blocks(folder: Path, cell: int) -> Iterator[BlockResult]:
+    """Yield what came of the blocks of a cell, in the order of their replications."""
+    own = [block for block in blocks_done(folder) if block.cell == cell]
+    for block in sorted(own, key=lambda block: block.first):
+        yield read_block(folder, block)
+
+
+def cell_tally(folder: Path, cell: int) -> TaskTally:
+    """Return the task tally of a cell, over all its blocks."""
+    results = cell_blocks(folder, cell)
+    return reduce(TaskTally.plus, (result.tally for result in results))
+
+
+def _path(folder: Path, block: Block) -> Path:
+    return folder / f"{block.cell}-{block.first}-{block.count}.npz"
+
+
+def _seconds(
+    nanoseconds: Nanoseconds, known: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.float64]:
+    return np.where(known, nanoseconds / NANOSECONDS, np.nan)

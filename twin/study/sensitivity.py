@@ -1,0 +1,195 @@
+"""Sensitivity of the makespan to inputs of a plan: tornado, and Sobol indices."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from planning.transforms import Array
+from twin.host.progress import Report, report_nothing
+from twin.study.replications.experiment import Block
+from twin.study.replications.workload import Engines, Workload
+
+SHARE = 0.2
+"""Inputs are made this much smaller and larger."""
+
+_TORNADO, _TORNADO_BY_EVENTS = 200, 30
+"""Replications of each input and direction, with the draws of the study's first ones."""
+
+_SOBOL = 50
+"""Replications of each combination of inputs; all of them see the same draws."""
+
+SENSITIVITY = "Sobol indices"
+"""Name of the stage for progress displays."""
+
+Scaled = Callable[[Workload, float], Workload]
+"""Returns the work with an input multiplied by a factor."""
+
+
+@dataclass(frozen=True)
+class Influence:
+    """Effect of an input on the mean makespan.
+
+    Attributes:
+        name: of the input, in words.
+        less_s: change of the mean makespan when the input is smaller [s].
+        more_s: the same when it is larger [s].
+    """
+
+    name: str
+    less_s: float
+    more_s: float
+
+    @property
+    def span_s(self) -> float:
+        """Length of the bar in the chart [s]."""
+        return abs(self.more_s - self.less_s)
+
+
+@dataclass(frozen=True)
+class SobolIndex:
+    """The share of an input in the variance of the mean makespan.
+
+    Attributes:
+        name: of the input, in words.
+        first: what varying it alone explains.
+        total: what varying it explains alone and together with others.
+    """
+
+    name: str
+    first: float
+    total: float
+
+
+def inputs_of(load: Workload) -> Mapping[str, Scaled]:
+    """Return the inputs of a plan that vary or that might be different, by names in words.
+
+    They are the durations of each skill in it, the durations of each robot's other motions, and
+    the rate of stalls where there is one.
+    """
+    kinds = {load.tpg.tasks[int(m)].kind for c in load.tpg.chains for m in set(c.task)}
+    found: dict[str, Scaled] = {
+        f"duration of {skill}": partial(_with_skill, skill=skill)
+        for skill in load.execution.durations.models
+        if skill in kinds
+    }
+    for chain in load.tpg.chains:
+        found[f"motions of {chain.robot}"] = partial(_with_motions, robot=chain.robot)
+    if load.execution.disturbances.stalls.rate_per_h > 0:
+        found["rate of stalls"] = _with_stalls
+    return found
+
+
+def influences(load: Workload) -> list[Influence]:
+    """Return the effects of the inputs on the mean makespan, the strongest first.
+
+    One input at a time is smaller and larger by SHARE.
+
+    Args:
+        load: the work of one cell.
+    """
+    block = Block(0, 0, _TORNADO_BY_EVENTS if load.reasons else _TORNADO)
+    base = makespans_s(load, block)
+
+    def change(scaled: Scaled, factor: float) -> float:
+        difference = makespans_s(scaled(load, factor), block) - base
+        known = difference[np.isfinite(difference)]
+        return float(np.mean(known)) if len(known) else 0.0
+
+    found = [
+        Influence(name, change(scaled, 1 - SHARE), change(scaled, 1 + SHARE))
+        for name, scaled in inputs_of(load).items()
+    ]
+    return sorted(found, key=lambda one: -one.span_s)
+
+
+def sobol_indices(
+    load: Workload,
+    points: int,
+    *,
+    seed: int = 0,
+    progress: Report = report_nothing,
+) -> list[SobolIndex]:
+    """Return the Sobol indices of all inputs, the greatest total first.
+
+    Every input is multiplied by a factor between 1 - SHARE and 1 + SHARE, evenly spread (Saltelli
+    et al. 2010, as scipy has it).
+
+    Args:
+        load: the work of one cell.
+        points: of the quasi-random sample, a power of 2; the plan is replicated with
+            points x (inputs + 2) combinations.
+        seed: of the scrambling of the sample.
+        progress: told of combinations done and in all.
+    """
+    inputs = inputs_of(load)
+    block = Block(0, 0, _SOBOL)
+    done = 0
+
+    def mean_makespans(factors: Array) -> Array:
+        nonlocal done
+        found = np.empty(factors.shape[1])
+        for column, point in enumerate(factors.T.tolist()):
+            changed = load
+            for scaled, factor in zip(inputs.values(), point, strict=True):
+                changed = scaled(changed, factor)
+            found[column] = np.nanmean(makespans_s(changed, block))
+            done += 1
+            progress(SENSITIVITY, done, points * (len(inputs) + 2))
+        return found
+
+    spread: Any = stats.uniform(loc=1 - SHARE, scale=2 * SHARE)
+    indices = stats.sobol_indices(
+        func=mean_makespans, n=points, dists=[spread] * len(inputs), rng=seed
+    )
+    shares = zip(indices.first_order, indices.total_order, strict=True)
+    found = [
+        SobolIndex(name, float(first), float(total))
+        for name, (first, total) in zip(inputs, shares, strict=True)
+    ]
+    return sorted(found, key=lambda one: -one.total)
+
+
+def makespans_s(load: Workload, block: Block) -> Array:
+    """Return the makespans of some replications, NaN where one did not complete [s]."""
+    return Engines(load).compute(block).rows.makespans_s()
+
+
+def _with_skill(load: Workload, factor: float, *, skill: str) -> Workload:
+    own = load.execution.durations
+    models = {
+        name: model.scaled(factor) if name == skill else model
+        for name, model in own.models.items()
+    }
+    overrides = tuple(
+        item.model_copy(update={"duration": item.duration.scaled(factor)})
+        if item.skill == skill
+        else item
+        for item in own.overrides
+    )
+    durations = replace(own, models=models, overrides=overrides)
+    return replace(load, execution=replace(load.execution, durations=durations))
+
+
+def _with_motions(load: Workload, factor: float, *, robot: str) -> Workload:
+    chains = tuple(
+        replace(chain, duration=np.where(chain.skill, 1.0, factor) * chain.duration)
+        if chain.robot == robot
+        else chain
+        for chain in load.tpg.chains
+    )
+    return replace(load, tpg=replace(load.tpg, chains=chains))
+
+
+def _with_stalls(load: Workload, factor: float) -> Workload:
+    own = load.execution.disturbances
+    stalls = own.stalls.model_copy(
+        update={"rate_per_h": own.stalls.rate_per_h * factor}
+    )
+    disturbances = own.model_copy(update={"stalls": stalls})
+    return replace(load, execution=replace(load.execution, disturbances=disturbances))

@@ -1,4 +1,0 @@
-"""Sensitivity of the makespan to inputs: tornado and Sobol indices.
-
-Imports replications.
-"""
