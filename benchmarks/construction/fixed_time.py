@@ -26,13 +26,13 @@ from planning.construction.planner import (
     no_progress,
     plan_with,
 )
-from planning.construction.problem.contacts import PartContacts, held_by
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.reach_bounds import reach_bounds
 from planning.construction.problem.settings import PlannerSettings
 from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.building import Building
 from planning.construction.world.skill_motion import SkillMotion
+from planning.skills.contacts import gripped
 from planning.transforms import Array
 
 _TRIALS = 11
@@ -79,7 +79,7 @@ class FixedTimeSolver(SubproblemSolver):
         hints = retreat_hints(building.world, robot)
         world = building.world.without_way_out(robot)
         building = replace(building, world=world)
-        scenes = StepScenes(self.problem, self.contacts, world, part, (robot,))
+        scenes = StepScenes(self.problem, world, part, (robot,))
         opens = self.earliest_times(building, part)
         solver = FixedTimeKeyframes(scenes, self.bounds, opens, settings.keyframes, rng)
         legs = LegPlanner(settings.rrt, rng, self.watch)
@@ -103,7 +103,7 @@ class FixedTimeSolver(SubproblemSolver):
             )
             if not goals:
                 return None
-            allowed = held_by(robot, part)
+            allowed = gripped(robot, part.name)
             return legs.leg(
                 building, robot, goals, allowed=allowed, linger=True, latest=latest
             )
@@ -114,16 +114,19 @@ class FixedTimeSolver(SubproblemSolver):
         building, key, start, earliest, lost = leg
         late = start - earliest
         pose = self.problem.held_in_flange(robot, part, *hold)
+        allowed, contacts = gripped(robot, part.name), self.problem.contacts
+        touching = allowed | contacts.at_start(part)
         building = building.worked(
-            key.motion, "pick", part.name, start, robot, pose, hold.grip
+            key.motion, "pick", part.name, start, robot, pose, touching
         )
         leg = self._first(building.world.robots[robot].end, place)
         if leg is None or lost + leg.lost >= attempt.lost:
             return None
         building, key, start, earliest, more = leg
         late = start - max(opens.place, earliest - late)
+        touching = allowed | contacts.at_goal(part)
         building = building.worked(
-            key.motion, "place-down", part.name, start, None, part.goal, hold.grip
+            key.motion, "place-down", part.name, start, None, part.goal, touching
         )
         done = legs.retreat(building, robot)
         return None if done is None else Solution(done, late, lost + more)
@@ -172,8 +175,5 @@ def plan_fixed_time(
     """
     settings = settings or PlannerSettings()
     bounds = reach_bounds(problem)
-    contacts = PartContacts(problem)
-    solver = FixedTimeSolver(
-        problem, bounds, contacts, settings.subproblem, duration=duration
-    )
+    solver = FixedTimeSolver(bounds, settings.subproblem, duration=duration)
     return plan_with(solver, settings.search, progress)

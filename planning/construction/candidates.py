@@ -1,15 +1,22 @@
-"""Candidate robots (by eq. 7) and skeletons (short before long) for placing a part (IV-D)."""
+"""Candidate robots for placing a part, by eq. (7), one before several (Hartmann et al. IV-D3, V-A3).
+
+A part is picked and placed once, and every robot of a group has it in hand once: so the robots
+in the order in which they have it say all of a skeleton, the sequence of actions. The first one
+picks, each hands over to the next, the last one places and retracts.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, permutations
 
-from planning.construction.problem.problem import ConstructionProblem, Part
+from planning.construction.problem.problem import Part
 from planning.construction.problem.reach_bounds import ReachBounds
-from planning.construction.skeletons import Skeleton, robots_of, skeletons
 from planning.construction.world.building import Building
+
+Skeleton = tuple[str, ...]
+"""Robots in the order in which they have a part in hand."""
 
 _GROUP = 2
 """Most robots that work on one part together: one that gives and one that takes."""
@@ -31,28 +38,22 @@ class Candidates:
     """Candidate skeletons of a part: those that no lower bound rules out.
 
     Attributes:
-        problem: what is built by whom.
         bounds: who reaches what.
     """
 
-    problem: ConstructionProblem
     bounds: ReachBounds
 
-    def of(self, building: Building, part: Part) -> Iterator[Skeleton]:
-        """Yield skeletons: robots by eq. 7, one before several."""
-        for size in range(1, _GROUP + 1):
-            for group in robot_groups(building, self.problem.team, size):
-                for skeleton in skeletons(group):
-                    if self._may_work(part, robots_of(skeleton)):
-                        yield skeleton
+    def of(
+        self, building: Building, part: Part, most: int = _GROUP
+    ) -> Iterator[Skeleton]:
+        """Yield the skeletons of at most so many robots, in order of preference."""
+        for size in range(1, most + 1):
+            for group in robot_groups(building, self.bounds.problem.team, size):
+                for robots in permutations(group):
+                    if self._may_work(part, robots):
+                        yield robots
 
-    def alone(self, building: Building, part: Part) -> Iterator[Skeleton]:
-        """Yield the skeletons of one robot by eq. 7."""
-        for group in robot_groups(building, self.problem.team, 1):
-            if self._may_work(part, group):
-                yield from skeletons(group)
-
-    def _may_work(self, part: Part, robots: tuple[str, ...]) -> bool:
+    def _may_work(self, part: Part, robots: Skeleton) -> bool:
         """Tell whether lower bounds leave robots any chance to place a part together."""
         if len(robots) == 1:
             return robots[0] in self.bounds.alone(part)

@@ -12,10 +12,9 @@ from itertools import islice
 
 import numpy as np
 
-from planning.construction.candidates import Candidates
+from planning.construction.candidates import Candidates, Skeleton
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.problem.settings import SearchSettings
-from planning.construction.skeletons import Skeleton
 from planning.construction.subproblem import Attempt, Solution
 from planning.construction.world.building import Building
 
@@ -63,7 +62,7 @@ class EasyPlacement:
             return self._soonest(building, parts[0], seed, most_loss)
         best: Solution | None = None
         for part in parts[: self.settings.parts]:
-            first = next(self.candidates.alone(building, part), None)
+            first = next(self.candidates.of(building, part, 1), None)
             if first is None:
                 break
             attempt = self._attempt(part, first, seed, np.inf, most_loss)
@@ -86,9 +85,9 @@ class EasyPlacement:
         seconds = self.problem.seconds
         best: Solution | None = None
         latest = np.inf
-        alone = self.candidates.alone(building, part)
+        alone = self.candidates.of(building, part, 1)
         for skeleton in islice(alone, self.settings.asked):
-            free = building.world.free_from(skeleton[0].robot)
+            free = building.world.free_from(skeleton[0])
             if free + seconds.pick + seconds.place > latest:
                 break
             attempt = self._attempt(part, skeleton, seed, latest, most_loss)
@@ -109,5 +108,5 @@ class EasyPlacement:
         latest: float,
         lost: float,
     ) -> Attempt:
-        own = [*seed, self.problem.team.index(skeleton[0].robot)]
+        own = [*seed, self.problem.team.index(skeleton[0])]
         return Attempt(part, skeleton, own, low_effort=True, latest=latest, lost=lost)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.construction.checks.checker import Pairs, SpaceTimeChecker
+from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.time_windows import arrival_windows
 from planning.construction.keyframes.keyframes import Keyframe
 from planning.construction.paths.hints import approach_hints
@@ -16,6 +16,7 @@ from planning.construction.paths.rrt import space_time_rrt
 from planning.construction.problem.settings import RrtSettings
 from planning.construction.stopwatch import Stopwatch
 from planning.construction.world.building import Building
+from planning.skills.contacts import NOTHING, Pairs
 from planning.transforms import Array
 
 
@@ -62,7 +63,7 @@ class LegPlanner:
         robot: str,
         goals: Sequence[Keyframe],
         *,
-        allowed: Pairs = frozenset(),
+        allowed: Pairs = NOTHING,
         hints: Array | None = None,
         linger: bool = False,
         latest: float = np.inf,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from planning.construction.problem.contacts import PartContacts
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.reach_bounds import reach_bounds
 from planning.construction.problem.settings import PlannerSettings, SearchSettings
@@ -60,9 +59,7 @@ def plan_construction(
         ConstructionError: no plan was found.
     """
     settings = settings or PlannerSettings()
-    contacts = PartContacts(problem)
-    bounds = reach_bounds(problem)
-    solver = SubproblemSolver(problem, bounds, contacts, settings.subproblem)
+    solver = SubproblemSolver(reach_bounds(problem), settings.subproblem)
     return plan_with(solver, settings.search, progress)
 
 

@@ -1,4 +1,4 @@
-"""Search over parts, robots and skeletons, depth first with backtracking (Hartmann et al. IV-D)."""
+"""Search over parts and robots, depth first with backtracking (Hartmann et al. IV-D)."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.construction.candidates import Candidates
+from planning.construction.candidates import Candidates, Skeleton
 from planning.construction.easy_placement import EasyPlacement
 from planning.construction.object_order import rank_parts
 from planning.construction.problem.problem import Part
 from planning.construction.problem.settings import SearchSettings
 from planning.construction.rounds import Rounds
-from planning.construction.skeletons import Skeleton, robots_of
 from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.building import Building, nothing_built
 from planning.errors import ConstructionError
@@ -27,7 +26,7 @@ class Failure:
 
     Attributes:
         part: its name.
-        skeleton: the sequence of actions.
+        skeleton: who was to do it.
     """
 
     part: str
@@ -59,7 +58,7 @@ class ConstructionSearch:
         progress: Callable[[int, int], None],
     ) -> None:
         self.problem = problem = solver.problem
-        self.candidates = Candidates(problem, solver.bounds)
+        self.candidates = Candidates(solver.bounds)
         self.easy = EasyPlacement(problem, self.candidates, self._solve, settings)
         self.rounds = Rounds(problem, self, settings)
         self.solver = solver
@@ -137,9 +136,7 @@ class ConstructionSearch:
                 return [*done[: len(done) - back], after.building]
         robots = ", ".join(
             dict.fromkeys(
-                " and ".join(robots_of(f.skeleton))
-                for f in self.failures
-                if f.part == part.name
+                " and ".join(f.skeleton) for f in self.failures if f.part == part.name
             )
         )
         raise ConstructionError(
@@ -188,7 +185,9 @@ class ConstructionSearch:
         for skeleton in self.candidates.of(building, part):
             for attempt in range(self.settings.attempts):
                 seed = [self.problem.seed, 2, building.step, self.rewound, attempt]
-                seed += [effort, *(self.problem.team.index(a.robot) for a in skeleton)]
+                # One number for each action.
+                acting = skeleton[0], *skeleton, skeleton[-1]
+                seed += [effort, *map(self.problem.team.index, acting)]
                 after = self._solve(building, Attempt(part, skeleton, seed, effort))
                 if after is not None:
                     return after

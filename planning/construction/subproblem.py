@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from planning.construction.candidates import Skeleton
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.keyframes.keyframes import Keyframe, Keyframes
 from planning.construction.keyframes.solver import EarliestTimes, KeyframeSolver
@@ -14,14 +15,13 @@ from planning.construction.keyframes.step_scenes import StepScenes
 from planning.construction.legs import LegPlanner
 from planning.construction.object_order import ready_at
 from planning.construction.paths.hints import retreat_hints
-from planning.construction.problem.contacts import PartContacts, held_by
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.problem.settings import SubproblemSettings
-from planning.construction.skeletons import Skeleton, robots_of
 from planning.construction.stopwatch import Stopwatch
 from planning.construction.world.building import Building
 from planning.construction.world.skill_motion import SkillMotion
+from planning.skills.contacts import gripped
 from planning.transforms import Array
 
 
@@ -31,7 +31,7 @@ class Attempt:
 
     Attributes:
         part: what is placed; it is placeable.
-        skeleton: who does what.
+        robots: who does it, in order.
         seed: of all random numbers.
         effort: how much harder than usual is tried, from 0.
         low_effort: only paths that take little search are looked for.
@@ -40,17 +40,12 @@ class Attempt:
     """
 
     part: Part
-    skeleton: Skeleton
+    robots: Skeleton
     seed: Sequence[int]
     effort: int = 0
     low_effort: bool = False
     latest: float = np.inf
     lost: float = np.inf
-
-    @property
-    def robots(self) -> tuple[str, ...]:
-        """Robots that act, in order of first appearance."""
-        return robots_of(self.skeleton)
 
 
 @dataclass(frozen=True)
@@ -72,21 +67,22 @@ class Solution:
 
 @dataclass
 class SubproblemSolver:
-    """Plans one part for one skeleton after another.
+    """Plans one part for one group of robots after another.
 
     Attributes:
-        problem: parts and team.
         bounds: who reaches what.
-        contacts: of all parts.
         settings: effort for one sub-problem.
         watch: what takes how long.
     """
 
-    problem: ConstructionProblem
     bounds: ReachBounds
-    contacts: PartContacts
     settings: SubproblemSettings
     watch: Stopwatch = field(default_factory=Stopwatch)
+
+    @property
+    def problem(self) -> ConstructionProblem:
+        """Parts and team."""
+        return self.bounds.problem
 
     def solve(self, building: Building, attempt: Attempt) -> Solution | None:
         """Plan how a part is brought to its place; None where that failed."""
@@ -98,7 +94,7 @@ class SubproblemSolver:
         for robot in team:
             world = world.without_way_out(robot)
         building = Building(world, building.work, building.placed)
-        scenes = StepScenes(self.problem, self.contacts, world, part, team)
+        scenes = StepScenes(self.problem, world, part, team)
         earliest_times = self.earliest_times(building, part)
         solver = KeyframeSolver(
             scenes, self.bounds, earliest_times, settings.keyframes, rng
@@ -129,8 +125,12 @@ class SubproblemSolver:
         lies on it in the supply.
         """
         above = self.problem.graph.covers.get(part.name, frozenset())
-        lifted = [w.end for w in building.work if w.kind == "pick" and w.part in above]
-        touching = {name for pair in self.contacts.at_goal(part) for name in pair}
+        lifted = [
+            w.end for w in building.work if w.kind == "pick" and w.object in above
+        ]
+        touching = {
+            name for pair in self.problem.contacts.at_goal(part) for name in pair
+        }
         there = [end for name, end in building.placed.items() if name in touching]
         ready = ready_at(self.problem, part.name, building.placed)
         return EarliestTimes(max(lifted, default=0.0), max([ready, *there]))
@@ -168,19 +168,20 @@ class SubproblemSolver:
         building, pick, start, earliest, lost = leg
         late = start - earliest
         pose = problem.held_in_flange(robot, part, *hold)
+        touching = gripped(robot, part.name) | problem.contacts.at_start(part)
         building = building.worked(
-            pick.motion, "pick", part.name, start, robot, pose, hold.grip
+            pick.motion, "pick", part.name, start, robot, pose, touching
         )
         if len(team) > 1:
             met = self._hand_over(building, part, team, keyframes, legs)
             if met is None:
                 return None
-            building, robot, hold = met, team[-1], keyframes.holds[-1]
+            building, robot = met, team[-1]
         leg = legs.leg(
             building,
             robot,
             keyframes.places,
-            allowed=held_by(robot, part),
+            allowed=gripped(robot, part.name),
             linger=True,
             latest=latest,
             most_loss=attempt.lost - lost,
@@ -190,8 +191,9 @@ class SubproblemSolver:
         building, place, start, earliest, more = leg
         opens = min(place.earliest for place in keyframes.places)
         late = start - max(opens, earliest - late)
+        touching = gripped(robot, part.name) | problem.contacts.at_goal(part)
         building = building.worked(
-            place.motion, "place-down", part.name, start, None, part.goal, hold.grip
+            place.motion, "place-down", part.name, start, None, part.goal, touching
         )
         done = legs.retreat(building, robot)
         return None if done is None else Solution(done, late, lost + more)
@@ -223,7 +225,7 @@ class SubproblemSolver:
         changes hands at once.
         """
         giver, taker = team
-        allowed = held_by(giver, part)
+        allowed = gripped(giver, part.name)
         meetings = [meeting.giver for meeting in keyframes.meetings]
         leg = legs.leg(building, giver, meetings, allowed=allowed)
         if leg is None:
@@ -242,9 +244,9 @@ class SubproblemSolver:
             if not checker.skill_free(motion.path[:1], waits, start):
                 return None
         pose = self.problem.held_in_flange(taker, part, *keyframes.holds[1])
-        grip = keyframes.holds[0].grip
+        touching = allowed | gripped(taker, part.name)
         building = building.worked(
-            motion, "handover", part.name, start, taker, pose, grip
+            motion, "handover", part.name, start, taker, pose, touching
         )
         stand = np.array([start, start + motion.seconds])
         building = building.moved(taker, stand, np.tile(meeting.taker, (2, 1)))

@@ -19,9 +19,10 @@ from benchmarks.construction.store import RowStore
 from benchmarks.construction.summary import summary
 from planning.construction.planner import ConstructionPlan
 from planning.construction.problem.problem import ConstructionProblem
-from planning.construction.world.building import Building, Work
+from planning.construction.world.building import Building, PlannedTask
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import RobotTimeline
+from planning.tasks.task import Handling
 from planning.transforms import identity
 from tests.planning.construction.toy_teams import placed, slider, team
 
@@ -205,8 +206,13 @@ def test_a_schedule_tells_carrying_driving_and_waiting() -> None:
     time = np.array([0.0, 2.0, 5.0, 6.0, 8.0, 9.0, 11.0])
     x = np.array([0.0, 1.0, 1.0, 1.0, 2.0, 2.0, 0.0])
     line = RobotTimeline("a", time, np.stack([x, 0 * x], axis=1))
-    pick = Work("a", "pick", "p", 1, 5.0, 6.0, 5.5, "a", identity(), 0)
-    place = Work("a", "place-down", "p", 1, 8.0, 9.0, 8.5, None, identity(), 0)
+
+    def skill(kind: str, start: float, holder: str | None) -> PlannedTask:
+        times, stand = start + np.array([0.0, 0.5, 1.0]), np.zeros((3, 2))
+        handled = (Handling("p", 1, holder, identity()),)
+        return PlannedTask("a", kind, times, stand, 1, kind, "p", handled)
+
+    pick, place = skill("pick", 5.0, "a"), skill("place-down", 8.0, None)
     world = FixedWorld(cell).with_robot(line)
     problem = ConstructionProblem(cell, (), None, ("a",))  # type: ignore[arg-type]
     plan = ConstructionPlan(problem, Building(world, (pick, place)), {}, {})

@@ -110,15 +110,13 @@ def late_hand(plan: ConstructionPlan) -> ConstructionPlan:
             busy_until=line.busy_until + by,
         ),
     )
-    own = {w.part for w in building.work if w.robot == "robot1"}
+    own = {w.object for w in building.work if w.robot == "robot1"}
     for name in own:
         item = plan.building.world.objects[name]
         later = tuple(c._replace(time=c.time + by) for c in item.changes)
         plan = with_object(plan, replace(item, changes=later))
     work = tuple(
-        replace(w, start=w.start + by, end=w.end + by, touch=w.touch + by)
-        if w.robot == "robot1"
-        else w
+        replace(w, time=w.time + by) if w.robot == "robot1" else w
         for w in building.work
     )
     return replace(plan, building=replace(plan.building, work=work))
@@ -181,7 +179,7 @@ def misplaced(plan: ConstructionPlan) -> ConstructionPlan:
 
 def forgotten_pick(plan: ConstructionPlan) -> ConstructionPlan:
     building = plan.building
-    first = next(w for w in building.work if w.part == "beam2")
+    first = next(w for w in building.work if w.object == "beam2")
     work = tuple(w for w in building.work if w is not first)
     return replace(plan, building=replace(building, work=work))
 
@@ -189,7 +187,7 @@ def forgotten_pick(plan: ConstructionPlan) -> ConstructionPlan:
 def short_skill(plan: ConstructionPlan) -> ConstructionPlan:
     building = plan.building
     work = tuple(
-        replace(w, start=w.touch - 0.1) if w.part == "beam2" else w
+        replace(w, time=np.maximum(w.time, w.touch - 0.1)) if w.object == "beam2" else w
         for w in building.work
     )
     return replace(plan, building=replace(building, work=work))

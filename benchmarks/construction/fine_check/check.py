@@ -18,7 +18,7 @@ from benchmarks.construction.fine_check.clearance import Progress, measure_clear
 from benchmarks.construction.fine_check.motion import Motion, moved_corners
 from planning.construction.planner import ConstructionPlan
 from planning.construction.problem.problem import ConstructionProblem, Part
-from planning.construction.world.building import Work
+from planning.construction.world.building import PlannedTask
 from planning.construction.world.timeline import ObjectChange, RobotTimeline
 from planning.kinematics.kinematics import frame_in_flange
 from planning.transforms import Array, Transform, inverse
@@ -140,7 +140,7 @@ def _part_faults(
     problem, world = plan.problem, plan.building.world
     item = problem.object(part)
     work = sorted(
-        (w for w in plan.building.work if w.part == part.name), key=lambda w: w.touch
+        (w for w in plan.building.work if w.object == part.name), key=lambda w: w.touch
     )
     changes = world.objects[part.name].changes
     kinds = [w.kind for w in work]
@@ -171,7 +171,10 @@ def _part_faults(
 
 
 def _skill_faults(
-    problem: ConstructionProblem, skill: Work, change: ObjectChange, last: str | None
+    problem: ConstructionProblem,
+    skill: PlannedTask,
+    change: ObjectChange,
+    last: str | None,
 ) -> Iterator[Fault]:
     """Yield what is wrong with a skill: who does it, for how long, and what changes in it."""
     nominal = {
@@ -179,7 +182,7 @@ def _skill_faults(
         "place-down": problem.seconds.place,
         "handover": problem.seconds.handover,
     }[skill.kind]
-    name = f"{skill.kind} of {skill.part} by {skill.robot}"
+    name = f"{skill.kind} of {skill.object} by {skill.robot}"
     if abs(change.time - skill.touch) > SLACK_S or change.holder != skill.holder:
         yield Fault(skill.touch, "mode", f"{name} is not when the part changes hands")
     if not skill.start - SLACK_S <= skill.touch <= skill.end + SLACK_S:
@@ -229,7 +232,7 @@ def _load_faults(plan: ConstructionPlan) -> Iterator[Fault]:
 def _order_faults(plan: ConstructionPlan) -> Iterator[Fault]:
     """Yield the parts that are placed before what they rest on, or on nothing; or picked too soon."""
     problem, graph = plan.problem, plan.problem.graph
-    placing = {w.part: w for w in plan.building.work if w.holder is None}
+    placing = {str(w.object): w for w in plan.building.work if w.holder is None}
     for name, own in placing.items():
         there = {p for p, w in placing.items() if w.end <= own.start + SLACK_S}
         missing = graph.carriers[name] - there if problem.carried else frozenset()
@@ -238,7 +241,7 @@ def _order_faults(plan: ConstructionPlan) -> Iterator[Fault]:
             yield Fault(own.start, "order", words)
         elif name not in graph.ground and not graph.neighbours[name] & there:
             yield Fault(own.start, "order", f"{name} is placed before its neighbours")
-    picking = {w.part: w for w in plan.building.work if w.kind == _FIRST}
+    picking = {str(w.object): w for w in plan.building.work if w.kind == _FIRST}
     for name, above in graph.covers.items():
         for other in sorted(above):
             if picking[name].start < picking[other].end - SLACK_S:

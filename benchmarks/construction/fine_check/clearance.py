@@ -122,7 +122,7 @@ class _Spans:
     def touching(self, robot: str, start: float, end: float) -> frozenset[str]:
         """Return the parts with which a robot has a skill in a span."""
         return frozenset(
-            w.part
+            str(w.object)
             for w in self._work
             if robot in (w.robot, w.holder) and w.start <= start and end <= w.end
         )

@@ -24,9 +24,8 @@ from planning.construction.world.tracks import build_tracks
 from planning.geometry.exact import resting_solid
 from planning.geometry.hull_table import standing_hulls
 from planning.robots.mobile import is_mobile
+from planning.skills.contacts import Pairs
 from planning.transforms import Array
-
-Pairs = frozenset[frozenset[str]]
 
 
 class SpaceTimeChecker:

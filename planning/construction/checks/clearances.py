@@ -13,9 +13,8 @@ from planning.construction.world.fleet import Carrier
 from planning.geometry.proposals import SKIP
 from planning.kinematics.kinematics import joint_poses_of
 from planning.motion.sequential import MARGIN
+from planning.skills.contacts import Pairs
 from planning.transforms import Array
-
-Pairs = frozenset[frozenset[str]]
 
 
 class _OwnBody(NamedTuple):

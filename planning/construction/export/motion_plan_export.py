@@ -17,7 +17,8 @@ from planning.construction.export.piece_conflicts import (
     conflicting_pieces,
     contact_rules,
 )
-from planning.construction.export.planned_task import PlannedTask, world_of
+from planning.construction.world.building import PlannedTask
+from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.fleet import cell_entities
 from planning.construction.world.hands import hand_changes
 from planning.construction.world.motion_pieces import STEP, Pieces, cut_timeline
@@ -38,7 +39,7 @@ _MARGIN = 1.5 * TOLERANCE
 
 
 def export_motion_plan(
-    cell: Workcell,
+    world: FixedWorld,
     planned: Sequence[PlannedTask],
     *,
     rests_on: Mapping[str, Iterable[str]] | None = None,
@@ -47,17 +48,18 @@ def export_motion_plan(
     """Return the motion plan of a space-time plan.
 
     Args:
-        cell: the static cell.
-        planned: all tasks; those of one robot follow each other in time, from HOME on.
+        world: the cell, and the timelines of everything in it.
+        planned: all tasks; those of one robot follow each other in time, from HOME on, and
+            where there is none it stands.
         rests_on: for an object those that must be in place before it is put down.
         covers: for an object those that must be taken before it is.
 
     Raises:
-        PlanInvariantError: tasks do not follow each other, or two robots come too close at the
-            same time; names both.
+        PlanInvariantError: two robots come too close at the same time; names both.
     """
+    cell = world.cell
     tasks = [planned[k] for k in _in_order(cell, planned)]
-    pieces = _cut(cell, tasks)
+    pieces = _cut(world, tasks)
     motions = _motions(cell, tasks, pieces)
     edges = _object_order(tasks) | _support_order(tasks, rests_on or {})
     edges |= _stack_order(tasks, covers or {})
@@ -104,9 +106,9 @@ class _Cut:
         self.tasks: dict[str, Indices] = {}
 
 
-def _cut(cell: Workcell, tasks: Sequence[PlannedTask]) -> _Cut:
+def _cut(world: FixedWorld, tasks: Sequence[PlannedTask]) -> _Cut:
     """Cut all motions until those at the same time stay apart."""
-    world = world_of(cell, tasks)
+    cell = world.cell
     cuts: dict[str, set[float]] = {robot.name: set() for robot in cell.robots}
     numbers, near = cell_entities(cell), cell.clearances
     rules = contact_rules(

@@ -13,12 +13,12 @@ from planning.cell.body import ConvexBody
 from planning.cell.robot_model import KinematicChain, LinkPart, RobotModel
 from planning.cell.workcell import Attachment, PlacedRobot
 from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.problem.contacts import Pairs, PartContacts, held_by
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.world.building import lying_at
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import RobotTimeline
 from planning.geometry.robot_bodies import entity
+from planning.skills.contacts import Pairs, gripped
 from planning.transforms import readonly
 
 _GHOST = "part in its place"
@@ -42,7 +42,6 @@ class StepScenes:
 
     Attributes:
         problem: parts and team.
-        contacts: of all parts.
         world: everything that is fixed; who works on the part stands at the end of its
             timeline.
         part: the part.
@@ -50,7 +49,6 @@ class StepScenes:
     """
 
     problem: ConstructionProblem
-    contacts: PartContacts
     world: FixedWorld
     part: Part
     team: tuple[str, ...]
@@ -61,14 +59,14 @@ class StepScenes:
         world = self.world
         if at_goal:
             world = lying_at(world, self.part.name, self.part.goal)
-        allowed = held_by(robot, self.part)
+        allowed = gripped(robot, self.part.name)
         return self._checker((robot, at_goal), world, (robot,), {}, allowed)
 
     def held(self, robot: str, hold: Hold, *, at_goal: bool) -> SpaceTimeChecker:
         """Return the check of the part as it is lifted from the supply, or put down."""
-        contacts = self.contacts
+        contacts = self.problem.contacts
         touched = contacts.at_goal if at_goal else contacts.at_start
-        allowed = held_by(robot, self.part) | touched(self.part)
+        allowed = gripped(robot, self.part.name) | touched(self.part)
         held = self._attached(robot, hold)
         key = (robot, at_goal, hold)
         return self._checker(key, self.world, (robot,), held, allowed)
@@ -84,7 +82,7 @@ class StepScenes:
             hold: how that one holds it.
         """
         robots = giver, taker
-        allowed = held_by(giver, self.part) | held_by(taker, self.part)
+        allowed = gripped(giver, self.part.name) | gripped(taker, self.part.name)
         held = self._attached(holder, hold)
         key = (giver, taker, holder, hold)
         return self._checker(key, self.world, robots, held, allowed)
@@ -123,7 +121,7 @@ class StepScenes:
         own = self.part.name
         touched = {
             frozenset((f"{_GHOST}/arm", *(pair - {own})))
-            for pair in self.contacts.at_goal(self.part)
+            for pair in self.problem.contacts.at_goal(self.part)
         }
         spared = [own] + [entity(r, g) for r in self.team for g in ("arm", "tool")]
         touched |= {frozenset((f"{_GHOST}/arm", name)) for name in spared}

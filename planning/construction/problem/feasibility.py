@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from planning.cell.workcell import start_state
-from planning.construction.problem.contacts import NEAR
-from planning.construction.problem.precedence import MOST_OVERLAP
+from planning.construction.problem.precedence import MOST_OVERLAP, NEAR
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.reach_bounds import (
     ReachBounds,

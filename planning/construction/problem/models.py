@@ -39,8 +39,8 @@ class ModelPart:
         size: edge lengths, shape (3,) [m].
         mass: [kg].
         goal: pose of its centre where it belongs.
-        faces: faces that a tool may touch, see ``part_grips.FACES``; in the supply the first of
-            them is up.
+        faces: faces that a tool may touch, such as ``"+z"``, by the axis of its frame that
+            points out of them; in the supply the first of them is up.
         colour: for pictures.
     """
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
 
+import numpy as np
+
 from planning.errors import ConstructionError
 from planning.parts.contact_graph import Lying, lowest, near_to
-from planning.transforms import translation
+from planning.transforms import Array, translation
 
 TOUCH = 0.03
 """Parts that are nearer to each other than this touch: a joint with room to spare [m]."""
@@ -17,8 +19,14 @@ TOUCH = 0.03
 MOST_OVERLAP = 0.002
 """Deepest that a part may be in what it touches: rounding of poses in files [m]."""
 
+NEAR = 0.002
+"""Things this near to each other touch [m]: rounding, and the margin that planning keeps."""
+
 _SINK = 0.01
 _RESTS = 0.5
+
+_STEP = 0.005
+"""A straight way is looked at so often [m]."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +148,50 @@ def build_part_graph(
         if fixed := frozenset(near) & frozenset(grounds):
             ground[name] = fixed
     return PartGraph(neighbours, ground, carriers, covers or {})
+
+
+def with_insertions(
+    graph: PartGraph,
+    parts: Mapping[str, Lying],
+    insertions: Mapping[str, Array],
+    approach: float,
+) -> PartGraph:
+    """Return the graph in which a part also waits for those whose way in leads through it.
+
+    Planning exempts from collisions what touches in place: it would not see that the way there
+    leads through what it touches. Two that are in each other's way wait for each other, which
+    ``never_placeable`` finds.
+
+    Args:
+        graph: the part graph.
+        parts: every part in its place, by name.
+        insertions: direction of the straight way in of each part, shape (3,).
+        approach: length of that way [m].
+    """
+    carriers = dict(graph.carriers)
+    for name, lying in parts.items():
+        near = {k: parts[k] for k in sorted(graph.neighbours[name])}
+        for other in near_to(lying, near, NEAR):
+            settled = other in graph.carriers[name] or name in graph.carriers[other]
+            if not settled and _leads_through(
+                lying, near[other], insertions[name], approach
+            ):
+                carriers[other] |= {name}
+    return replace(graph, carriers=carriers)
+
+
+def _leads_through(
+    lying: Lying, other: Lying, insertion: Array, approach: float
+) -> bool:
+    """Tell whether a part that comes to its place on a straight way meets another one."""
+    item, pose = lying
+    for away in np.linspace(0.0, approach, int(np.ceil(approach / _STEP)) + 1)[1:]:
+        before = (item, translation(*(-away * insertion)) @ pose)
+        if any(
+            gap < -MOST_OVERLAP for gap in near_to(before, {"": other}, 0.0).values()
+        ):
+            return True
+    return False
 
 
 def stacked(parts: Mapping[str, Lying]) -> dict[str, frozenset[str]]:

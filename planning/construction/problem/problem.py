@@ -7,14 +7,17 @@ says which part may be placed when (V-A1).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
-from planning.construction.problem.precedence import PartGraph
+from planning.construction.problem.precedence import NEAR, PartGraph
 from planning.kinematics.kinematics import frame_in_flange
+from planning.parts.contact_graph import Lying, near_to, standing
+from planning.skills.contacts import Pairs, touching
 from planning.transforms import Array, Transform, inverse, readonly, rotation
 
 
@@ -41,6 +44,41 @@ class PartGrip:
         return inverse(self.touch @ rotation("z", turn))
 
 
+def face_grips(
+    size: Array, faces: Sequence[str] = ("+z",), offsets: Sequence[float] = (0.0,)
+) -> tuple[PartGrip, ...]:
+    """Return grips on the faces of a box: the middle of each, or beside it.
+
+    Args:
+        size: edge lengths, shape (3,) [m].
+        faces: which faces may be touched.
+        offsets: distances from the middle along the longer edge of the face [m]; those that
+            lie outside of it are left out.
+    """
+    grips = []
+    for offset in offsets:
+        for face in faces:
+            axis, sign = "xyz".index(face[1]), 1.0 if face[0] == "+" else -1.0
+            others = [k for k in range(3) if k != axis]
+            along = max(others, key=lambda k: float(size[k]))
+            if abs(offset) >= 0.5 * size[along]:
+                continue
+            touch = np.eye(4)
+            touch[:3, :3] = _into(axis, sign, along)
+            touch[axis, 3] = sign * 0.5 * size[axis]
+            touch[along, 3] = offset
+            beside = f" {offset * 1e3:+.0f} mm along {'xyz'[along]}" if offset else ""
+            grips.append(PartGrip(readonly(touch), f"on {face}{beside}"))
+    return tuple(grips)
+
+
+def _into(axis: int, sign: float, along: int) -> Array:
+    """Return tool axes: z into the face, x along its longer edge."""
+    z, x = np.zeros(3), np.zeros(3)
+    z[axis], x[along] = -sign, 1.0
+    return np.column_stack([x, np.cross(z, x), z])
+
+
 @dataclass(frozen=True)
 class Part:
     """A part and its goal pose.
@@ -57,6 +95,52 @@ class Part:
     goal: Transform
     grips: tuple[PartGrip, ...]
     insertion: Array = field(default_factory=lambda: readonly((0.0, 0.0, -1.0)))
+
+
+class PartContacts:
+    """The contacts of every part at the start and in its place.
+
+    Args:
+        cell: fixtures, and objects where they are at the start.
+        parts: everything that is placed.
+        graph: says which part lies on which at the start.
+    """
+
+    def __init__(self, cell: Workcell, parts: Sequence[Part], graph: PartGraph) -> None:
+        fixed = standing(cell)
+        starts: dict[str, Lying] = {o.name: (o, o.start) for o in cell.objects}
+        goals: dict[str, Lying] = {
+            part.name: (cell.object(part.name), part.goal) for part in parts
+        }
+        still = {n: lying for n, lying in starts.items() if n not in goals}
+        # What lies on a part has been taken before it: from then on it is in somebody's hand.
+        self._start = {
+            name: _touched(
+                name,
+                starts,
+                {k: v for k, v in starts.items() if k not in graph.covers.get(name, ())}
+                | fixed,
+            )
+            for name in goals
+        }
+        self._goal = {
+            name: _touched(name, goals, goals | still | fixed) for name in goals
+        }
+
+    def at_start(self, part: Part) -> Pairs:
+        """Return the pairs of a part and what it touches in the supply when it is taken."""
+        return self._start[part.name]
+
+    def at_goal(self, part: Part) -> Pairs:
+        """Return the pairs of a part and what it touches in its place."""
+        return self._goal[part.name]
+
+
+def _touched(
+    name: str, lying: Mapping[str, Lying], others: Mapping[str, Lying]
+) -> Pairs:
+    rest = {key: value for key, value in others.items() if key != name}
+    return touching(name, near_to(lying[name], rest, NEAR))
 
 
 @dataclass(frozen=True)
@@ -110,6 +194,11 @@ class ConstructionProblem:
             if part.name == name:
                 return part
         raise KeyError(f"no part {name!r}")
+
+    @cached_property
+    def contacts(self) -> PartContacts:
+        """What every part touches at the start and in its place."""
+        return PartContacts(self.cell, self.parts, self.graph)
 
     def object(self, part: Part) -> CellObject:
         """Return the object that a part is."""

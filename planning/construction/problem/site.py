@@ -8,17 +8,17 @@ import numpy as np
 
 from planning.cell.cover import box_body
 from planning.cell.workcell import CellObject, Fixture, Workcell
-from planning.construction.problem.insertion_order import with_insertions
 from planning.construction.problem.models import ModelPart
-from planning.construction.problem.pad_grips import face_grips
 from planning.construction.problem.precedence import (
     TOUCH,
     build_part_graph,
     stacked,
+    with_insertions,
 )
 from planning.construction.problem.problem import (
     ConstructionProblem,
     Part,
+    face_grips,
 )
 from planning.construction.problem.supply import SupplyLayout, lay_out
 from planning.errors import ConstructionError

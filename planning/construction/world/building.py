@@ -1,43 +1,73 @@
-"""States of the search: fixed timelines, and the skills that have been planned."""
+"""States of the search: fixed timelines, and the tasks that have been planned."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.skill_motion import SkillMotion
 from planning.construction.world.timeline import ObjectTimeline
-from planning.transforms import Array, Transform
+from planning.skills.contacts import NOTHING, Pairs
+from planning.tasks.task import Handling
+from planning.transforms import Array, Transform, readonly
+
+_WORDS = {"pick": "pick", "place-down": "place", "handover": "hand over"}
 
 
 @dataclass(frozen=True)
-class Work:
-    """A skill that has been planned.
+class PlannedTask:
+    """A task of one robot at its place in space-time.
 
     Attributes:
         robot: who does it.
-        kind: ``"pick"``, ``"place-down"`` or ``"handover"``.
-        part: what it is about.
-        step: number of the part in the order of planning, from 1.
-        start, end: of the skill [s].
-        touch: when the part changes hands [s].
-        holder: who holds it from then on, None when it is put down.
-        pose: of its centre in the holder's flange frame, or in the world.
-        grip: number of the grip by which the robot holds or held it.
+        kind: ``"transit"`` or a name from ``planning.tasks.task.SKILLS``.
+        time: of the waypoints, rising, shape (w,) [s].
+        path: waypoints, the first where the robot is when the task starts, shape (w, n).
+        step: number of the part that it serves in the order of planning, from 1.
+        label: short text for people.
+        object: object it is about, None for a plain move.
+        handlings: what changes hands in it; ``waypoint`` is a row of ``path``.
+        touching: unordered pairs of entities that may touch meanwhile.
     """
 
     robot: str
     kind: str
-    part: str
+    time: Array
+    path: Array
     step: int
-    start: float
-    end: float
-    touch: float
-    holder: str | None
-    pose: Transform
-    grip: int
+    label: str
+    object: str | None = None
+    handlings: tuple[Handling, ...] = ()
+    touching: Pairs = NOTHING
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        object.__setattr__(self, "time", readonly(self.time))
+        object.__setattr__(self, "path", readonly(np.atleast_2d(self.path)))
+
+    @property
+    def start(self) -> float:
+        """Planned start [s]."""
+        return float(self.time[0])
+
+    @property
+    def end(self) -> float:
+        """Planned end [s]."""
+        return float(self.time[-1])
+
+    @property
+    def touch(self) -> float:
+        """When the object of a skill changes hands [s]."""
+        return float(self.time[self.handlings[0].waypoint])
+
+    @property
+    def holder(self) -> str | None:
+        """Who holds the object of a skill from then on, None when it is put down."""
+        return self.handlings[0].holder
 
 
 @dataclass(frozen=True)
@@ -51,7 +81,7 @@ class Building:
     """
 
     world: FixedWorld
-    work: tuple[Work, ...] = ()
+    work: tuple[PlannedTask, ...] = ()
     placed: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -81,35 +111,35 @@ class Building:
         start: float,
         holder: str | None,
         pose: Transform,
-        grip: int,
+        touching: Pairs,
     ) -> Building:
         """Return the state in which a robot has done a skill.
 
         Args:
             motion: of the skill.
-            kind: see Work.
+            kind: ``"pick"``, ``"place-down"`` or ``"handover"``.
             part: what changes hands.
             start: of the skill [s].
             holder: who holds it then.
-            pose: see Work.
-            grip: see Work.
+            pose: of its centre in the holder's flange frame, or in the world.
+            touching: unordered pairs of entities that may touch meanwhile.
         """
-        time = start + motion.time
-        touch = float(time[motion.touch])
-        line = self.world.robots[motion.robot].then(time, motion.path, skill=True)
-        item = self.world.objects[part].then(touch, holder, pose)
-        done = Work(
-            motion.robot,
+        time, robot = start + motion.time, motion.robot
+        handling = Handling(part, motion.touch, holder, readonly(pose))
+        label = f"{_WORDS[kind]} {part}"
+        done = PlannedTask(
+            robot,
             kind,
-            part,
+            time,
+            motion.path,
             self.step,
-            float(time[0]),
-            float(time[-1]),
-            touch,
-            holder,
-            pose,
-            grip,
+            label,
+            part,
+            (handling,),
+            touching,
         )
+        line = self.world.robots[robot].then(time, motion.path, skill=True)
+        item = self.world.objects[part].then(done.touch, holder, pose)
         placed = dict(self.placed)
         if holder is None:
             placed[part] = done.end

@@ -9,8 +9,8 @@ import numpy as np
 from planning.cell.workcell import Attachment, Workcell
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.time_windows import arrival_windows
-from planning.construction.export.planned_task import PlannedTask
 from planning.construction.problem.settings import RrtSettings
+from planning.construction.world.building import PlannedTask
 from planning.construction.world.fixed_world import FixedWorld
 from planning.tasks.task import TRANSIT, Handling
 from planning.transforms import Array, inverse, translation

@@ -60,5 +60,6 @@ def slab_digest() -> str:
     for _, line in sorted(plan.building.world.robots.items()):
         digest.update(line.time.tobytes() + line.path.tobytes())
     for work in plan.building.work:
-        digest.update(repr((work.robot, work.kind, work.part, work.grip)).encode())
+        digest.update(repr((work.robot, work.kind, work.object)).encode())
+        digest.update(work.handlings[0].pose.tobytes())
     return digest.hexdigest()

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from planning.cell.workcell import Workcell
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.time_windows import arrival_windows
-from planning.construction.export.planned_task import PlannedTask
 from planning.construction.paths.rrt import space_time_rrt
 from planning.construction.paths.space_time_path import SpaceTimePath
 from planning.construction.problem.settings import RrtSettings
+from planning.construction.world.building import PlannedTask
 from planning.construction.world.fixed_world import FixedWorld
 from planning.tasks.task import TRANSIT
 from planning.transforms import Array
@@ -30,6 +31,14 @@ def with_task(world: FixedWorld, task: PlannedTask, *, work: bool = True) -> Fix
         at = float(task.time[handling.waypoint])
         item = world.objects[handling.object].then(at, handling.holder, handling.pose)
         world = world.with_object(item)
+    return world
+
+
+def world_of(cell: Workcell, tasks: Sequence[PlannedTask]) -> FixedWorld:
+    """The world in which robots do tasks, given in order of time."""
+    world = FixedWorld(cell)
+    for task in tasks:
+        world = with_task(world, task)
     return world
 
 

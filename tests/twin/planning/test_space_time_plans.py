@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.export.motion_plan_export import export_motion_plan
-from planning.construction.export.planned_task import PlannedTask, world_of
 from planning.construction.problem.settings import RrtSettings
+from planning.construction.world.building import PlannedTask
 from planning.construction.world.fixed_world import FixedWorld
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan
@@ -25,7 +25,7 @@ from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
 from tests.planning.construction.toy_building import Builder
-from tests.planning.construction.toy_tasks import find_path, with_task
+from tests.planning.construction.toy_tasks import find_path, with_task, world_of
 from tests.planning.construction.toy_teams import (
     box,
     fixture,
@@ -76,7 +76,7 @@ def crossing(count: int, seed: int) -> tuple[FixedWorld, list[PlannedTask]]:
 @given(st.integers(0, 1000))
 def test_robots_that_cross_keep_their_times_and_every_guarantee(seed: int) -> None:
     world, tasks = crossing(3 + seed % 3, seed)
-    plan = export_motion_plan(world.cell, tasks)
+    plan = export_motion_plan(world, tasks)
     tpg = build_tpg(plan)
     assert verify_plan(tpg).ok
     # Waits may shrink, nothing comes later than planned.
@@ -113,13 +113,15 @@ def building() -> tuple[Builder, MotionPlan, TemporalPlanGraph]:
     builder.hand_over("f1", "f2", "beam", np.array([-1.0, 0.8, 0.9]), 5)
     builder.place("f2", "beam", translation(1.5, -1.5, 0.05), 5)
     plan = export_motion_plan(
-        cell, builder.tasks, rests_on={f"b{k}": [f"b{k - 1}"] for k in range(1, 4)}
+        builder.world,
+        builder.tasks,
+        rests_on={f"b{k}": [f"b{k - 1}"] for k in range(1, 4)},
     )
     return builder, plan, build_tpg(plan)
 
 
 def test_a_building_is_proved_safe_and_no_slower_than_planned() -> None:
-    builder, plan, tpg = building()
+    _, plan, tpg = building()
     report = verify_plan(tpg)
     assert report.ok, report.problems
     assert earliest_times(tpg).makespan <= max(m.time[-1] for m in plan.motions) + 1e-6
@@ -130,9 +132,6 @@ def test_a_building_is_proved_safe_and_no_slower_than_planned() -> None:
     places = [t.index for t in plan.tasks if t.kind == "place-down"]
     edges = {tuple(e) for e in plan.dependencies.tolist()}
     assert {(a, b) for a, b in pairwise(places[:4])} <= edges
-    again = world_of(plan.cell, builder.tasks)
-    for name, line in builder.world.robots.items():
-        assert np.allclose(again.robots[name].at(7.7), line.at(7.7))
 
 
 def test_nothing_touches_whatever_is_delayed(tmp_path: Path) -> None:
@@ -174,7 +173,7 @@ def test_a_plan_in_which_robots_meet_is_refused_by_name() -> None:
         ),
     ]
     with pytest.raises(PlanInvariantError, match=r"'b' \(north.*'a' \(east.*too close"):
-        export_motion_plan(cell, tasks)
+        export_motion_plan(world_of(cell, tasks), tasks)
 
 
 def test_close_robots_get_finer_nodes_than_distant_ones() -> None:
@@ -196,7 +195,7 @@ def test_close_robots_get_finer_nodes_than_distant_ones() -> None:
             )
             for name, x in (("a", -1.0), ("b", -1.0 - gap))
         ]
-        plan = export_motion_plan(cell, tasks)
+        plan = export_motion_plan(world_of(cell, tasks), tasks)
         assert verify_plan(build_tpg(plan)).ok
         return sum(len(motion.path) - 1 for motion in plan.motions)
 

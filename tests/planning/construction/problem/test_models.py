@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from planning.construction.problem.models import ModelPart, pavilion, tower, wall, well
-from planning.construction.problem.pad_grips import face_grips
+from planning.construction.problem.problem import face_grips
 from planning.construction.problem.supply import Rows, Spiral, lay_out, lying
 from planning.transforms import Array, identity, readonly
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.export.planned_task import PlannedTask
+from planning.construction.world.building import PlannedTask
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.motion_pieces import cut_timeline
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
