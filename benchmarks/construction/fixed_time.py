@@ -19,8 +19,7 @@ from planning.construction.keyframes.solver import (
     holds_of,
 )
 from planning.construction.keyframes.step_scenes import StepScenes
-from planning.construction.legs import Leg, LegPlanner
-from planning.construction.paths.hints import retreat_hints
+from planning.construction.legs import Leg, LegPlanner, retreat_hints
 from planning.construction.planner import (
     ConstructionPlan,
     no_progress,

@@ -11,13 +11,17 @@ import numpy as np
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.time_windows import arrival_windows
 from planning.construction.keyframes.keyframes import Keyframe
-from planning.construction.paths.hints import approach_hints
 from planning.construction.paths.rrt import space_time_rrt
 from planning.construction.problem.settings import RrtSettings
 from planning.construction.stopwatch import Stopwatch
 from planning.construction.world.building import Building
+from planning.construction.world.fixed_world import FixedWorld
+from planning.construction.world.timeline import RobotTimeline
 from planning.skills.contacts import NOTHING, Pairs
 from planning.transforms import Array
+
+_SPACING = 0.75
+"""Most between places on earlier paths that are hints for new ones [s]."""
 
 
 class Leg(NamedTuple):
@@ -124,3 +128,24 @@ class LegPlanner:
 
     def _seed(self) -> int:
         return int(self.rng.integers(2**31))
+
+
+def retreat_hints(world: FixedWorld, robot: str) -> Array:
+    """Return places on a robot's way out of others' way, shape (w, n)."""
+    line = world.robots[robot]
+    return _places(line, line.busy_until, line.end)
+
+
+def approach_hints(world: FixedWorld, robot: str) -> Array:
+    """Return places on a robot's way to its last skill, which may be a way back, shape (w, n)."""
+    line = world.robots[robot]
+    since = line.skills[-2][1] if len(line.skills) > 1 else 0.0
+    return _places(line, since, line.skills[-1][0])
+
+
+def _places(line: RobotTimeline, since: float, until: float) -> Array:
+    """Return places on a robot's path: waypoints, and some in between, shape (w, n)."""
+    corners = line.time[(line.time > since) & (line.time < until)]
+    times = np.unique(np.concatenate([corners, np.arange(since, until, _SPACING)]))
+    path = [line.at(float(t)) for t in times]
+    return np.array(path).reshape(len(times), line.path.shape[1])

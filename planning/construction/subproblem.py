@@ -12,9 +12,8 @@ from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.keyframes.keyframes import Keyframe, Keyframes
 from planning.construction.keyframes.solver import EarliestTimes, KeyframeSolver
 from planning.construction.keyframes.step_scenes import StepScenes
-from planning.construction.legs import LegPlanner
+from planning.construction.legs import LegPlanner, retreat_hints
 from planning.construction.object_order import ready_at
-from planning.construction.paths.hints import retreat_hints
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.problem.settings import SubproblemSettings

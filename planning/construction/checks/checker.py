@@ -14,12 +14,11 @@ from planning.construction.checks.motion_checks import (
     motion_clear,
 )
 from planning.construction.checks.scene import StillBoxes, lay_out
-from planning.construction.world.fixed_world import FixedWorld
+from planning.construction.world.fixed_world import FixedWorld, Rest
 from planning.construction.world.fleet import Carrier, cell_entities, make_carrier
-from planning.construction.world.hands import hand_changes
 from planning.construction.world.motion_pieces import STEP, cut_timeline
-from planning.construction.world.rests import Rest, rests_of
 from planning.construction.world.swept_track import SweptTrack, sweep_track
+from planning.construction.world.timeline import hand_changes
 from planning.construction.world.tracks import build_tracks
 from planning.geometry.exact import resting_solid
 from planning.geometry.hull_table import standing_hulls
@@ -166,7 +165,7 @@ class SpaceTimeChecker:
             rest
             for item in self.world.cell.objects
             if item.name not in self._held
-            for rest in rests_of(self.world, item.name)
+            for rest in self.world.rests(item.name)
             if rest.end > self.start
         ]
 

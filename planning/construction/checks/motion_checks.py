@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.construction.checks.movers import own_at, sweep_between
 from planning.construction.checks.moving_checks import (
     clear_of_tracks,
     moving_clear_until,
     worth_probing,
 )
-from planning.construction.checks.scene import Scene
+from planning.construction.checks.scene import Scene, own_at, sweep_between
 from planning.construction.checks.still_checks import movers_clear, still_clear_until
 from planning.kernels import inner_kernel, kernel
 from planning.transforms import Array

@@ -10,8 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from planning.construction.checks.body_pairs import capsules_meet, pairs_apart
-from planning.construction.checks.movers import own_at, sweep_between, sweep_stretch
-from planning.construction.checks.scene import Scene
+from planning.construction.checks.scene import (
+    Scene,
+    own_at,
+    sweep_between,
+    sweep_stretch,
+)
 from planning.construction.checks.still_checks import movers_clear
 from planning.construction.world.fleet import bodies_of, set_motion
 from planning.construction.world.swept_track import Sweeps, sweep_carrier

@@ -10,8 +10,7 @@ from planning.construction.checks.body_pairs import (
     pairs_apart,
     proved_apart,
 )
-from planning.construction.checks.movers import sweep_stretch
-from planning.construction.checks.scene import Scene
+from planning.construction.checks.scene import Scene, sweep_stretch
 from planning.construction.world.fleet import bodies_of, set_motion
 from planning.geometry.distance import boxes_apart, segment_box, segment_segment
 from planning.kernels import ZERO, inner_kernel

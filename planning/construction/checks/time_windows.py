@@ -12,9 +12,8 @@ import numpy.typing as npt
 
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.motion_checks import clear_throughout
-from planning.construction.checks.movers import sweep_between
 from planning.construction.checks.moving_checks import clear_of_pieces
-from planning.construction.checks.scene import Scene
+from planning.construction.checks.scene import Scene, sweep_between
 from planning.construction.checks.still_checks import still_clear_until
 from planning.construction.world.motion_pieces import STEP
 from planning.construction.world.tracks import pieces_at

@@ -20,10 +20,9 @@ from planning.construction.export.piece_conflicts import (
 from planning.construction.world.building import PlannedTask
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.fleet import cell_entities
-from planning.construction.world.hands import hand_changes
 from planning.construction.world.motion_pieces import STEP, Pieces, cut_timeline
 from planning.construction.world.swept_track import sweep_track
-from planning.construction.world.timeline import SAME
+from planning.construction.world.timeline import SAME, hand_changes
 from planning.construction.world.tracks import build_tracks
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE

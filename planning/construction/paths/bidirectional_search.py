@@ -1,29 +1,53 @@
 """The bi-directional space-time RRT, compiled (Hartmann et al. IV-C).
 
 Two forests grow in space-time: one from where the movers are, forwards in time, and one from
-goals at sampled arrival times, backwards.
+goals at sampled arrival times, backwards. A motion from (q, t) to (q', t') is possible where
+t < t' and no joint must go faster than it can; its length is eq. (5), with the time that the
+slowest joint needs as the distance of configurations.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from planning.construction.checks.motion_checks import motion_clear
-from planning.construction.checks.scene import Scene
-from planning.construction.paths.forest import (
-    add_node,
-    extend,
-    join,
-    nearest_node,
-    new_forest,
+from planning.construction.checks.scene import Scene, own_at
+from planning.construction.paths.query import (
+    Query,
+    arrive,
+    next_arrival,
+    random_share,
+    sample_between,
 )
-from planning.construction.paths.query import Query, least_time, next_arrival
-from planning.construction.paths.random_numbers import random_share, sample_between
 from planning.construction.problem.settings import RrtSettings
 from planning.kernels import inner_kernel, kernel
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 _TINY = 1e-9
+
+
+class _Forest(NamedTuple):
+    """Nodes in space-time.
+
+    Attributes:
+        forward: whether motions lead from parents to their children.
+        size: how many nodes there are, shape (1,).
+        q: shape (most, n).
+        t: shape (most,) [s].
+        parent: towards the root, -1 for a root, shape (most,).
+        root: its root's node, shape (most,).
+        goal: goal of a root, shape (most,).
+    """
+
+    forward: bool
+    size: Indices
+    q: Array
+    t: Array
+    parent: Indices
+    root: Indices
+    goal: Indices
 
 
 @kernel
@@ -53,20 +77,20 @@ def grow(
     """
     n = len(query.start)
     most = 3 * iterations + 16
-    ahead, back = new_forest(True, most, n), new_forest(False, most, n)
+    ahead, back = _new_forest(True, most, n), _new_forest(False, most, n)
     state = np.zeros(1, dtype=np.uint64)
     state[0] = np.uint64(seed)
     start, gain = np.min(query.begin), settings.good_enough_s
     soonest = np.inf
     for goal in range(len(query.goals)):
-        reach = least_time(query, query.start, start, goal)
+        reach = arrive(query, query.start, start, query.goals[goal])
         soonest = min(soonest, next_arrival(query, goal, reach))
     times, path = np.empty(0), np.empty((0, n))
     found = -1
     if soonest == np.inf or soonest > latest or soonest > bound - gain:
         return times, path, found
     bound = min(bound - gain, latest)
-    add_node(ahead, query.start, start, -1, -1)
+    _add_node(ahead, query.start, start, -1, -1)
     roots = 0
     horizon = soonest + max(0.25 * (soonest - start), 1.0)
     q, new, point = np.empty(n), np.empty(n), np.empty(n)
@@ -81,12 +105,12 @@ def grow(
         # Goals at ever later times: with one sample in eight, and until there are a few.
         if (roots < 4 or random_share(state) < 0.12) and back.size[0] < most - 4:
             goal = int(random_share(state) * len(query.goals))
-            first = least_time(query, query.start, start, goal)
+            first = arrive(query, query.start, start, query.goals[goal])
             share = random_share(state)
             at = first + (max(top, first) - first) * share * share
             at = next_arrival(query, goal, at)
             if at <= bound and at - first < 1e9:
-                add_node(back, query.goals[goal], at, -1, goal)
+                _add_node(back, query.goals[goal], at, -1, goal)
                 roots += 1
             if roots >= 4 or drawn > 40:
                 horizon = start + (horizon - start) * settings.growth
@@ -110,21 +134,21 @@ def grow(
         t = sample_between(query, back.goal[root], back.t[root], state, q)
         tree, other = (ahead, back) if forward else (back, ahead)
         forward = not forward
-        near = nearest_node(query, tree, q, t, settings.weight, bound)
+        near = _nearest_node(query, tree, q, t, settings.weight, bound)
         if near < 0 or tree.size[0] >= most - 4:
             continue
-        ok, end = extend(scene, tree, near, q, t, settings.reach, new)
+        ok, end = _extend(scene, tree, near, q, t, settings.reach, new)
         if not ok:
             continue
-        at_node = add_node(tree, new, end, near, tree.goal[near])
+        at_node = _add_node(tree, new, end, near, tree.goal[near])
         # Let the other forest come to the new node.
-        near = nearest_node(query, other, new, end, settings.weight, bound)
+        near = _nearest_node(query, other, new, end, settings.weight, bound)
         if near < 0:
             continue
-        ok, last = extend(scene, other, near, new, end, 1e9, point)
+        ok, last = _extend(scene, other, near, new, end, 1e9, point)
         if ok and abs(last - end) <= _TINY:
             a, b = (at_node, near) if tree.forward else (near, at_node)
-            times, path, found = join(ahead, a, back, b)
+            times, path, found = _join(ahead, a, back, b)
             times, path = _hurry(scene, query, times, path, found)
             bound = times[-1] - gain
             since = 0
@@ -132,7 +156,7 @@ def grow(
             if soonest > bound:
                 break
         elif ok and other.size[0] < most - 4:
-            add_node(other, point, last, near, other.goal[near])
+            _add_node(other, point, last, near, other.goal[near])
     return times, path, found
 
 
@@ -143,7 +167,7 @@ def _hurry(
     """Go straight to the goal from where on the path that leads there soonest."""
     best, at = times[-1], -1
     for i in range(len(times) - 2, -1, -1):
-        soon = least_time(query, path[i], times[i], goal)
+        soon = arrive(query, path[i], times[i], query.goals[goal])
         arrival = next_arrival(query, goal, soon)
         if arrival < best - _TINY and motion_clear(
             scene, path[i], times[i], query.goals[goal], arrival
@@ -157,3 +181,131 @@ def _hurry(
     new_times[at + 1] = best
     new_path[at + 1] = query.goals[goal]
     return new_times, new_path
+
+
+@inner_kernel
+def _new_forest(forward: bool, most: int, n: int) -> _Forest:
+    """Return a forest with room for so many nodes of ``n`` joints."""
+    return _Forest(
+        forward,
+        np.zeros(1, dtype=np.int64),
+        np.empty((most, n)),
+        np.empty(most),
+        np.empty(most, dtype=np.int64),
+        np.empty(most, dtype=np.int64),
+        np.empty(most, dtype=np.int64),
+    )
+
+
+@inner_kernel
+def _add_node(forest: _Forest, q: Array, t: float, parent: int, goal: int) -> int:
+    """Add a node; return its number."""
+    k: int = forest.size[0]
+    forest.size[0] += 1
+    forest.q[k] = q
+    forest.t[k] = t
+    forest.parent[k] = parent
+    forest.root[k] = forest.root[parent] if parent >= 0 else k
+    forest.goal[k] = goal
+    return k
+
+
+@inner_kernel
+def _distance(
+    query: Query, a: Array, ta: float, b: Array, tb: float, weight: float
+) -> float:
+    """Return eq. (5) from (a, ta) to (b, tb), inf where a joint would have to go too fast."""
+    if tb <= ta + _TINY:
+        return np.inf
+    far = 0.0
+    for j in range(len(a)):
+        travel = abs(b[j] - a[j]) / query.velocity[j]
+        if travel > _TINY and travel > tb - max(ta, query.begin[j]) + _TINY:
+            return np.inf
+        far = max(far, travel)
+    return weight * far + (1.0 - weight) * (tb - ta)
+
+
+@inner_kernel
+def _nearest_node(
+    query: Query, forest: _Forest, q: Array, t: float, weight: float, bound: float
+) -> int:
+    """Return the node from which, or backwards to which, (q, t) is nearest, -1 for none.
+
+    Nodes of goals that are too late are left out.
+    """
+    best, at = np.inf, -1
+    for k in range(forest.size[0]):
+        if forest.forward:
+            if forest.t[k] >= t:
+                continue
+            d = _distance(query, forest.q[k], forest.t[k], q, t, weight)
+        else:
+            if forest.t[k] <= t or forest.t[forest.root[k]] > bound:
+                continue
+            d = _distance(query, q, t, forest.q[k], forest.t[k], weight)
+        if d < best:
+            best, at = d, k
+    return at
+
+
+@inner_kernel
+def _extend(
+    scene: Scene,
+    forest: _Forest,
+    near: int,
+    q: Array,
+    t: float,
+    reach: float,
+    out: Array,
+) -> tuple[bool, float]:
+    """Go from a node towards (q, t), half as far where that is blocked.
+
+    Returns:
+        Whether something of it is free, and the time of its end, whose configuration is
+        written to ``out``.
+    """
+    tn = forest.t[near]
+    span = min(abs(t - tn), reach)
+    for _ in range(3):
+        if forest.forward:
+            end = t if span >= t - tn - _TINY else tn + span
+            own_at(scene, forest.q[near], tn, q, t, end, out)
+            if motion_clear(scene, forest.q[near], tn, out, end):
+                return True, end
+        else:
+            end = t if span >= tn - t - _TINY else tn - span
+            own_at(scene, q, t, forest.q[near], tn, end, out)
+            if motion_clear(scene, out, end, forest.q[near], tn):
+                return True, end
+        span *= 0.4
+        if span < 0.02:
+            break
+    return False, tn
+
+
+@inner_kernel
+def _join(ahead: _Forest, a: int, back: _Forest, b: int) -> tuple[Array, Array, int]:
+    """Return times and configurations from the start through two nodes to a goal."""
+    count = 0
+    k = a
+    while k >= 0:
+        count += 1
+        k = ahead.parent[k]
+    first = count
+    k = b
+    while k >= 0:
+        count += 1
+        k = back.parent[k]
+    times, path = np.empty(count), np.empty((count, ahead.q.shape[1]))
+    k = a
+    for i in range(first - 1, -1, -1):
+        times[i] = ahead.t[k]
+        path[i] = ahead.q[k]
+        k = ahead.parent[k]
+    k = b
+    for i in range(first, count):
+        times[i] = back.t[k]
+        path[i] = back.q[k]
+        k = back.parent[k]
+    return times, path, back.goal[back.root[b]]

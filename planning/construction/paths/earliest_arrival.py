@@ -18,13 +18,16 @@ from planning.construction.checks.still_checks import (
     lies_throughout,
     still_clear_until,
 )
-from planning.construction.paths.motion_queue import Motions, no_motions, pop, push
 from planning.construction.paths.query import Query, arrive, next_arrival
 from planning.construction.paths.roadmap import (
     SPANS,
+    Motions,
     Roadmap,
     draw_roadmap,
     find_stands,
+    no_motions,
+    pop,
+    push,
 )
 from planning.construction.problem.settings import RrtSettings
 from planning.kernels import inner_kernel, kernel

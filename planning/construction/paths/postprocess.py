@@ -12,13 +12,8 @@ from itertools import pairwise
 import numpy as np
 
 from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.paths.query import Query
-from planning.construction.paths.retiming import (
-    dense,
-    earliest_along,
-    latest_along,
-)
-from planning.construction.paths.space_time_path import SpaceTimePath
+from planning.construction.paths.query import Query, SpaceTimePath
+from planning.construction.paths.retiming import earliest_along, latest_along
 from planning.transforms import Array
 
 _GAIN = 1e-6
@@ -73,20 +68,6 @@ def shorten(
     return replace(found, time=time, path=path)
 
 
-def hasten(
-    checker: SpaceTimeChecker, found: SpaceTimePath, query: Query
-) -> SpaceTimePath:
-    """Return the path with the earliest arrival that waits allow, or as it is.
-
-    Args:
-        checker: who moves, and among what.
-        found: a free path.
-        query: speeds, when joints are free to move, and when one may arrive.
-    """
-    out = retimed(checker, found, query, found.arrival)
-    return found if out is None else out
-
-
 def retimed(
     checker: SpaceTimeChecker, way: SpaceTimePath, query: Query, latest: float
 ) -> SpaceTimePath | None:
@@ -98,7 +79,7 @@ def retimed(
         query: speeds, when joints are free to move, and when one may arrive.
         latest: only an arrival before this is of use [s].
     """
-    places = dense(_corners(way.path), query.velocity, _SPACING)
+    places = _places(way.path, query)
     if len(places) < 2:
         return None
     come, leave = earliest_along(checker.scene, query, places, way.goal, latest)
@@ -117,7 +98,7 @@ def delayed(
         found: a free path.
         query: speeds, and when the robot is free to move.
     """
-    places = dense(_corners(found.path), query.velocity, _SPACING)
+    places = _places(found.path, query)
     if len(places) < 2:
         return found
     come, leave = latest_along(checker.scene, query, places, found.arrival)
@@ -135,10 +116,17 @@ def _timed(
     return replace(way, time=time, path=path)
 
 
-def _corners(path: Array) -> Array:
-    """Return a polyline without repeated places."""
+def _places(path: Array, query: Query) -> Array:
+    """Return the distinct places of a polyline, and more in between, _SPACING apart at most."""
     moves = np.any(np.abs(np.diff(path, axis=0)) > 1e-12, axis=1)
-    return np.asarray(path[np.concatenate([[True], moves])])
+    path = path[np.concatenate([[True], moves])]
+    travel = np.max(np.abs(np.diff(path, axis=0)) / query.velocity, axis=1)
+    places = [path[:1]]
+    for a, b, far in zip(path, path[1:], travel.tolist(), strict=False):
+        count = max(int(np.ceil(far / _SPACING - 1e-9)), 0)
+        share = np.arange(1, count)[:, None] / max(count, 1)
+        places += [a + share * (b - a), np.tile(b, (min(count, 1), 1))]
+    return np.concatenate(places)
 
 
 def _point(query: Query, time: Array, path: Array, t: float) -> Array:

@@ -1,7 +1,8 @@
-"""Queries in space-time, and the bounds that speeds and time windows set, compiled."""
+"""Queries in space-time and the paths that answer them; bounds and random samples, compiled."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -40,9 +41,32 @@ class Query(NamedTuple):
     leans: npt.NDArray[np.bool_]
 
 
-@inner_kernel
+@dataclass(frozen=True)
+class SpaceTimePath:
+    """A collision-free path through space-time.
+
+    Attributes:
+        time: of the waypoints, rising, shape (w,) [s].
+        path: waypoints of all movers, straight in between, shape (w, n). A mover that is not
+            yet free to move at a waypoint stands until it is.
+        goal: which goal it leads to.
+        earliest: no path to any goal arrives before [s].
+    """
+
+    time: Array
+    path: Array
+    goal: int
+    earliest: float
+
+    @property
+    def arrival(self) -> float:
+        """Arrival time [s]."""
+        return float(self.time[-1])
+
+
+@kernel
 def arrive(query: Query, a: Array, t: float, b: Array) -> float:
-    """Return when one can be at ``b`` who leaves ``a`` at time ``t`` [s]."""
+    """Return the arrival at ``b`` after a departure from ``a`` at time ``t``, obstacles aside [s]."""
     out = t
     for j in range(len(a)):
         travel = abs(b[j] - a[j])
@@ -52,16 +76,63 @@ def arrive(query: Query, a: Array, t: float, b: Array) -> float:
 
 
 @kernel
-def least_time(query: Query, q: Array, t: float, goal: int) -> float:
-    """Return how soon the goal can be reached from (q, t), obstacles aside [s]."""
-    return float(arrive(query, q, t, query.goals[goal]))
-
-
-@kernel
 def next_arrival(query: Query, goal: int, t: float) -> float:
-    """Return the first time from ``t`` on at which one may arrive at a goal, inf for none."""
+    """Return the first time from ``t`` on that is in a window of a goal, infinity for none [s]."""
     for w in range(query.window_first[goal], query.window_first[goal + 1]):
         if query.windows[w, 1] >= t - _TINY:
             first: float = query.windows[w, 0]
             return max(t, first)
     return np.inf
+
+
+@inner_kernel
+def random_share(state: npt.NDArray[np.uint64]) -> float:
+    """Return the next random number in [0, 1): splitmix64, so that a seed means one sequence."""
+    state[0] += np.uint64(0x9E3779B97F4A7C15)
+    z = state[0]
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z = z ^ (z >> np.uint64(31))
+    share: float = np.float64(z >> np.uint64(11)) / 9007199254740992.0
+    return share
+
+
+@inner_kernel
+def random_normal(state: npt.NDArray[np.uint64]) -> float:
+    """Return a random number that is nearly normal: the sum of a few uniform ones."""
+    total = -3.0
+    for _ in range(6):
+        total += random_share(state)
+    return 1.4142 * total
+
+
+@inner_kernel
+def sample_between(
+    query: Query,
+    goal: int,
+    arrival: float,
+    state: npt.NDArray[np.uint64],
+    out: Array,
+) -> float:
+    """Draw a place in space-time that can be reached and from which a goal can be; return its time."""
+    first = np.inf
+    for j in range(len(out)):
+        first = min(first, query.begin[j])
+    t = first + random_share(state) * (arrival - first)
+    # While a robot drives its arm had better keep out of the way.
+    leaning = random_share(state) < 0.5 and not np.all(query.leans)
+    for j in range(len(out)):
+        v = query.velocity[j]
+        ahead = v * max(t - query.begin[j], 0.0)
+        left = v * (arrival - max(t, query.begin[j]))
+        low = max(query.lower[j], query.start[j] - ahead)
+        high = min(query.upper[j], query.start[j] + ahead)
+        low = max(low, query.goals[goal, j] - left)
+        high = min(high, query.goals[goal, j] + left)
+        share = random_share(state)
+        out[j] = 0.5 * (low + high) if high <= low else low + share * (high - low)
+        if leaning and query.leans[j] and high > low:
+            out[j] = min(max(query.rest[j], low), high)
+        if ahead == 0.0:
+            out[j] = query.start[j]
+    return float(t)

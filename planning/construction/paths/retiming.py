@@ -175,25 +175,3 @@ def _span_at(spans: Array, count: int, t: float) -> int:
         if spans[m, 0] - _TINY <= t <= spans[m, 1] + _TINY:
             return m
     return -1
-
-
-@kernel
-def dense(path: Array, velocity: Array, spacing: float) -> Array:
-    """Return a polyline with places in between, none further apart than a travel time [s]."""
-    pieces = np.ones(len(path), dtype=np.int64)
-    total = 1
-    for k in range(len(path) - 1):
-        far = np.max(np.abs(path[k + 1] - path[k]) / velocity)
-        pieces[k] = max(int(np.ceil(far / spacing - 1e-9)), 0)
-        total += pieces[k]
-    out = np.empty((total, path.shape[1]))
-    out[0] = path[0]
-    at = 1
-    for k in range(len(path) - 1):
-        for i in range(pieces[k]):
-            share = (i + 1) / pieces[k]
-            out[at] = path[k] + share * (path[k + 1] - path[k])
-            if i + 1 == pieces[k]:
-                out[at] = path[k + 1]
-            at += 1
-    return out

@@ -1,4 +1,7 @@
-"""Random roadmaps, compiled: configurations, and the safe intervals of each."""
+"""Random roadmaps and the queue of motions over them, compiled.
+
+Vertices are configurations, each with its safe intervals.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,9 @@ import numpy.typing as npt
 from planning.construction.checks.scene import Scene
 from planning.construction.checks.still_checks import still_clear_until
 from planning.construction.checks.time_windows import spans_of, strike_out
-from planning.construction.paths.query import Query, least_time
-from planning.construction.paths.random_numbers import (
+from planning.construction.paths.query import (
+    Query,
+    arrive,
     random_normal,
     random_share,
     sample_between,
@@ -21,6 +25,9 @@ from planning.transforms import Array, Indices
 
 SPANS = 12
 """Spans kept at one vertex."""
+
+MOST = 40_000
+"""Motions that may wait."""
 
 
 class Roadmap(NamedTuple):
@@ -114,7 +121,7 @@ def draw_roadmap(
     rest = np.full(vertices, np.inf)
     for k in range(vertices):
         for g in range(goals):
-            rest[k] = min(rest[k], least_time(query, q[k], start, g) - start)
+            rest[k] = min(rest[k], arrive(query, q[k], start, query.goals[g]) - start)
     return Roadmap(
         q,
         np.full(vertices, -1, dtype=np.int64),
@@ -135,3 +142,71 @@ def find_stands(scene: Scene, road: Roadmap, v: int, first: int) -> None:
     road.free[:] = True
     strike_out(scene, road.q[v], road.q[v], first, road.free)
     road.number[v] = spans_of(road.free, first, scene.step, road.spans[v])
+
+
+class Motions(NamedTuple):
+    """A heap.
+
+    Attributes:
+        size: how many motions there are, shape (1,).
+        key: least arrival at a goal, shape (MOST,) [s].
+        depart: when one leaves, likewise [s].
+        edge: from which span of which vertex, to which, and how often it has been tried, shape
+            (MOST, 3).
+    """
+
+    size: Indices
+    key: Array
+    depart: Array
+    edge: Indices
+
+
+@inner_kernel
+def no_motions() -> Motions:
+    """Return an empty heap."""
+    return Motions(
+        np.zeros(1, dtype=np.int64),
+        np.empty(MOST),
+        np.empty(MOST),
+        np.empty((MOST, 3), dtype=np.int64),
+    )
+
+
+@inner_kernel
+def push(
+    heap: Motions, key: float, depart: float, source: int, target: int, tries: int
+) -> None:
+    """Add a motion, unless there are too many."""
+    k = heap.size[0]
+    if k == MOST:
+        return
+    heap.size[0] += 1
+    while k > 0 and heap.key[(k - 1) // 2] > key:
+        up = (k - 1) // 2
+        heap.key[k], heap.depart[k] = heap.key[up], heap.depart[up]
+        heap.edge[k] = heap.edge[up]
+        k = up
+    heap.key[k], heap.depart[k] = key, depart
+    heap.edge[k, 0], heap.edge[k, 1], heap.edge[k, 2] = source, target, tries
+
+
+@inner_kernel
+def pop(heap: Motions) -> None:
+    """Take the motion with the least key away, which is the first one."""
+    heap.size[0] -= 1
+    size = heap.size[0]
+    if size == 0:
+        return
+    k = size * 0
+    key = heap.key[size]
+    while 2 * k + 1 < size:
+        down = 2 * k + 1
+        if down + 1 < size and heap.key[down + 1] < heap.key[down]:
+            down += 1
+        if heap.key[down] >= key:
+            break
+        heap.key[k], heap.depart[k] = heap.key[down], heap.depart[down]
+        heap.edge[k] = heap.edge[down]
+        k = down
+    heap.key[k], heap.depart[k] = key, heap.depart[size]
+    heap.edge[k] = heap.edge[size]

@@ -14,12 +14,15 @@ from planning.construction.paths.direct_paths import direct_paths
 from planning.construction.paths.earliest_arrival import search_roadmap
 from planning.construction.paths.postprocess import (
     delayed,
-    hasten,
     retimed,
     shorten,
 )
-from planning.construction.paths.query import Query, least_time, next_arrival
-from planning.construction.paths.space_time_path import SpaceTimePath
+from planning.construction.paths.query import (
+    Query,
+    SpaceTimePath,
+    arrive,
+    next_arrival,
+)
 from planning.construction.problem.settings import RrtSettings
 from planning.robots.mobile import is_mobile
 from planning.transforms import Array
@@ -79,7 +82,7 @@ def space_time_rrt(
         checker.leans,
     )
     first = float(begin.min())
-    reached = [least_time(query, start, first, g) for g in range(len(goals))]
+    reached = [arrive(query, start, first, goal) for goal in goals]
     earliest = min(next_arrival(query, g, t) for g, t in enumerate(reached))
     if not earliest <= latest or np.isinf(earliest):
         return None  # no goal is ever free when one could be there
@@ -214,7 +217,7 @@ class _Search:
             before = found.arrival
             tries = settings.shortcuts
             found = shorten(checker, found, query, tries, 8 * seed + turn)
-            found = hasten(checker, found, query)
+            found = retimed(checker, found, query, found.arrival) or found
             if found.arrival > before - settings.good_enough_s:
                 break
         return found

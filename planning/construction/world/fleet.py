@@ -7,10 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.cell.compiled_robot import robot_kernel
-from planning.cell.workcell import CellObject, PlacedRobot, Workcell
+from planning.cell.workcell import Attachment, CellObject, PlacedRobot, Workcell
 from planning.geometry.hull_table import HullTable
-from planning.geometry.robot_bodies import entity, entity_numbers
+from planning.geometry.robot_bodies import entity_numbers, robot_bodies
 from planning.kernels import inner_kernel
 from planning.packed import packed, packed_at
 from planning.transforms import Array, Indices, Transform
@@ -37,29 +36,9 @@ class Carrier(NamedTuple):
 
 def make_carrier(robot: PlacedRobot, held: Held = ()) -> Carrier:
     """Return a robot with what it holds."""
-    model = robot.model
-    kernel = robot_kernel(robot, [(item.body, pose) for item, pose in held])
-    bodies = [part.body for part in model.parts] + [item.body for item, _ in held]
-    corners = [np.asarray(part.body.vertices) for part in model.parts]
-    for item, pose in held:
-        local = model.flange @ pose
-        corners.append(np.asarray(item.body.vertices) @ local[:3, :3].T + local[:3, 3])
-    joints = [part.joint for part in model.parts] + [model.dof - 1] * len(held)
-    hulls = HullTable(
-        kernel,
-        np.zeros((1, model.dof)),
-        np.zeros((1, model.dof)),
-        np.arange(len(bodies), dtype=np.int32)[None],
-        np.array(joints, dtype=np.int64),
-        _firsts([len(c) for c in corners]),
-        np.ascontiguousarray(np.concatenate(corners), dtype=np.float64),
-        _firsts([len(body.capsules.radius) for body in bodies]),
-        np.ascontiguousarray(np.stack([kernel.start, kernel.end], axis=1)),
-        kernel.radius,
-    )
-    names = [entity(robot.name, part.group) for part in model.parts]
-    names += [item.name for item, _ in held]
-    return Carrier(robot, held, tuple(names), packed(hulls))
+    hand = [(item, Attachment(robot.name, pose)) for item, pose in held]
+    bodies = robot_bodies(robot, hand)
+    return Carrier(robot, held, bodies.entities, bodies.hulls.on_a_motion())
 
 
 class Fleet(NamedTuple):
@@ -80,7 +59,9 @@ def make_fleet(carriers: Sequence[Carrier]) -> Fleet:
     """Return carriers, at least one, for compiled code; they must outlive what is returned."""
     hulls = [carrier.hulls for carrier in carriers]
     addresses = np.array([h.address for h in hulls], dtype=np.int64)  # type: ignore[attr-defined]
-    return packed(Fleet(addresses, hulls[0], _firsts([len(c.names) for c in carriers])))
+    return packed(
+        Fleet(addresses, hulls[0], np.cumsum([0, *(len(c.names) for c in carriers)]))
+    )
 
 
 @inner_kernel
@@ -102,7 +83,3 @@ def cell_entities(cell: Workcell) -> dict[str, int]:
     """Return the number of every entity: arm and tool of each robot, fixtures, objects."""
     things = [f.name for f in cell.fixtures] + [o.name for o in cell.objects]
     return entity_numbers((robot.name for robot in cell.robots), things)
-
-
-def _firsts(counts: Sequence[int]) -> Indices:
-    return np.cumsum([0, *counts]).astype(np.int64)

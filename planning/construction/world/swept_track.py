@@ -15,8 +15,8 @@ from planning.construction.world.fleet import (
     make_carrier,
     make_fleet,
 )
-from planning.construction.world.hands import HandChange, pose_of
 from planning.construction.world.motion_pieces import Pieces
+from planning.construction.world.timeline import HandChange, pose_of
 from planning.geometry.hull_table import HullTable
 from planning.geometry.swept import place_capsules
 from planning.kernels import inner_kernel, kernel

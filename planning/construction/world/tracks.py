@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.construction.world.motion_pieces import Pieces
-from planning.construction.world.swept_track import Sweeps, SweptTrack
+from planning.construction.world.swept_track import Sweeps, SweptTrack, no_sweeps
 from planning.geometry.distance import boxes_apart
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.packed import packed
@@ -42,40 +41,26 @@ def build_tracks(swept: Sequence[SweptTrack], carriers: int) -> Tracks:
         swept: of each robot.
         carriers: how many carriers come before those of the tracks in the fleet.
     """
-    pieces, sweeps = [s.pieces for s in swept], [s.sweeps for s in swept]
-    first = np.cumsum([0, *(len(p.start) for p in pieces)]).astype(np.int64)
-    firsts = carriers + np.cumsum([0, *(len(s.carriers) for s in swept)])
-    carrier = [at + s.hand for at, s in zip(firsts.tolist(), swept, strict=False)]
-    most = max((p.q_a.shape[1] for p in pieces), default=0)
-    ends = [
-        [np.pad(q, ((0, 0), (0, most - q.shape[1]))) for q in path]
-        for path in ([p.q_a for p in pieces], [p.q_b for p in pieces])
-    ]
-    box = _joined([s.box for s in sweeps], 6)
-    tree = np.empty((2 * len(box), 6))
-    _grow_trees(first, box, tree)
+    counts = np.array([len(s.hand) for s in swept], dtype=np.int64)
+    first = np.cumsum([0, *counts])
+    hands = carriers + np.cumsum([0, *(len(s.carriers) for s in swept)])
+    most = max((s.pieces.q_a.shape[1] for s in swept), default=0)
+    none, still = np.empty(0), np.empty((0, most))
+    pieces = [Pieces(none, none, still, still, none.astype(np.bool_), none)]
+    pieces += [_padded(s.pieces, most) for s in swept]
+    sweeps = [no_sweeps(first[:0], first[:0]), *(s.sweeps for s in swept)]
+    joined = Sweeps._make(map(np.concatenate, zip(*sweeps, strict=True)))
+    tree = np.empty((2 * len(joined.box), 6))
+    _grow_trees(first, joined.box, tree)
     tracks = Tracks(
         first,
+        packed(Pieces._make(map(np.concatenate, zip(*pieces, strict=True)))),
+        np.repeat(hands[:-1], counts)
+        + np.concatenate([first[:0], *(s.hand for s in swept)]),
         packed(
-            Pieces(
-                _joined([p.start for p in pieces]),
-                _joined([p.end for p in pieces]),
-                _joined(ends[0], most),
-                _joined(ends[1], most),
-                _joined([p.whole for p in pieces]).astype(np.bool_),
-                _joined([p.moment for p in pieces]),
-            )
-        ),
-        _joined(carrier).astype(np.int64),
-        packed(
-            Sweeps(
-                box,
-                _joined_firsts([s.body_first for s in sweeps]),
-                _joined([s.body_box for s in sweeps], 6),
-                _joined_firsts([s.capsule_first for s in sweeps]),
-                _joined([s.capsule_a for s in sweeps], 3),
-                _joined([s.capsule_b for s in sweeps], 3),
-                _joined([s.radius for s in sweeps]),
+            joined._replace(
+                body_first=_joined([s.body_first for s in sweeps]),
+                capsule_first=_joined([s.capsule_first for s in sweeps]),
             )
         ),
         tree,
@@ -83,12 +68,13 @@ def build_tracks(swept: Sequence[SweptTrack], carriers: int) -> Tracks:
     return packed(tracks)
 
 
-def _joined(arrays: Sequence[npt.NDArray[Any]], *columns: int) -> npt.NDArray[Any]:
-    """Return arrays one after another, an empty one with so many columns where there are none."""
-    return np.concatenate([np.empty((0, *columns)), *arrays])
+def _padded(pieces: Pieces, joints: int) -> Pieces:
+    """Return pieces with configurations of so many joints, zero beyond those that there are."""
+    wider = ((0, 0), (0, joints - pieces.q_a.shape[1]))
+    return pieces._replace(q_a=np.pad(pieces.q_a, wider), q_b=np.pad(pieces.q_b, wider))
 
 
-def _joined_firsts(firsts: Sequence[Indices]) -> Indices:
+def _joined(firsts: Sequence[Indices]) -> Indices:
     """Return where each piece's rows begin when those of all robots follow one another."""
     counts = [np.diff(first) for first in firsts]
     return np.cumsum(np.concatenate([[0], *counts])).astype(np.int64)

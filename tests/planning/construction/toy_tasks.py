@@ -9,8 +9,8 @@ import numpy as np
 from planning.cell.workcell import Workcell
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.time_windows import arrival_windows
+from planning.construction.paths.query import SpaceTimePath
 from planning.construction.paths.rrt import space_time_rrt
-from planning.construction.paths.space_time_path import SpaceTimePath
 from planning.construction.problem.settings import RrtSettings
 from planning.construction.world.building import PlannedTask
 from planning.construction.world.fixed_world import FixedWorld

@@ -7,13 +7,13 @@ import heapq
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.paths import motion_queue
-from planning.construction.paths.motion_queue import MOST
+from planning.construction.paths import roadmap
+from planning.construction.paths.roadmap import MOST
 from tests.kernels import outer
 
-no_motions = outer(motion_queue.no_motions)
-pop = outer(motion_queue.pop)
-push = outer(motion_queue.push)
+no_motions = outer(roadmap.no_motions)
+pop = outer(roadmap.pop)
+push = outer(roadmap.push)
 
 
 @settings(deadline=None)

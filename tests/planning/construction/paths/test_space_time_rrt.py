@@ -11,7 +11,7 @@ import pytest
 
 from planning.cell.robot_model import RobotModel
 from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.paths.space_time_path import SpaceTimePath
+from planning.construction.paths.query import SpaceTimePath
 from planning.construction.problem.settings import RrtSettings
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import RobotTimeline
