@@ -46,7 +46,7 @@ LIMIT = 900.0
 PARTS = {
     "no lattice for the base": "paths/base_paths.py",
     "straight ways only": "paths/direct_paths.py",
-    "rounds planned once": "rounds.py",
+    "rounds planned once": "search.py",
     "no easy placement": "easy_placement.py",
 }
 """Part left out by each variant: a file of planning/construction/."""

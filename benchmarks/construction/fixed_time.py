@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planning.construction.keyframes.keyframes import Keyframe
-from planning.construction.keyframes.solver import (
+from planning.construction.keyframes.keyframes import (
+    Keyframe,
     KeyframeSolver,
     Phase,
     holds_of,

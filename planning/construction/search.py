@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from planning.construction.easy_placement import EasyPlacement
 from planning.construction.object_order import rank_parts
 from planning.construction.problem.problem import Part
 from planning.construction.problem.settings import SearchSettings
-from planning.construction.rounds import Rounds
 from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.building import Building, nothing_built
 from planning.errors import ConstructionError
@@ -60,7 +60,6 @@ class ConstructionSearch:
         self.problem = problem = solver.problem
         self.candidates = Candidates(solver.bounds)
         self.easy = EasyPlacement(problem, self.candidates, self._solve, settings)
-        self.rounds = Rounds(problem, self, settings)
         self.solver = solver
         self.settings = settings
         self.progress = progress
@@ -70,6 +69,7 @@ class ConstructionSearch:
         self._rng = np.random.default_rng([problem.seed, 1])
         self._walls: dict[str, set[frozenset[str]]] = {}
         self._returns: Counter[str] = Counter()
+        self._rounds = Rounds(self, settings)
 
     def run(self) -> Building:
         """Return the state in which every part is in its place.
@@ -80,7 +80,7 @@ class ConstructionSearch:
         total = len(self.problem.parts)
         done = [nothing_built(self.problem)]
         while len(done[-1].placed) < total:
-            planned = self.rounds.next(done[-1])
+            planned = self._rounds.next(done[-1])
             done += planned.states
             if planned.stuck is not None:
                 done = self._backtrack(done, planned.stuck)
@@ -198,3 +198,81 @@ class ConstructionSearch:
         """Plan how a part is brought to its place; None where that failed."""
         self.spent += 1 if attempt.low_effort else 3
         return self.solver.solve(building, attempt)
+
+
+class Round(NamedTuple):
+    """Placements, one after another.
+
+    Attributes:
+        states: after each of them.
+        lost: for how long robots stood or made detours, and at the end of a construction for
+            how long they had nothing to do [s].
+        stuck: the part that could not be placed, None where all was well.
+    """
+
+    states: list[Building]
+    lost: float
+    stuck: Part | None = None
+
+
+@dataclass
+class Rounds:
+    """Rounds of a few placements, planned again where robots lose much time.
+
+    One robot is planned after another, so who comes first may stand in the way of all others:
+    more with the first parts, when all robots set out together, and with the last ones, when some
+    have nothing left to do. Other random numbers often lose half as much.
+
+    Attributes:
+        search: plans a placement.
+        settings: how often a round is planned.
+    """
+
+    search: ConstructionSearch
+    settings: SearchSettings
+
+    def __post_init__(self) -> None:
+        """Set how many attempts may go into planning again."""
+        parts, robots = len(self.search.problem.parts), len(self.search.problem.team)
+        self._spare = self.settings.again * parts / robots
+
+    def next(self, start: Building) -> Round:
+        """Return the next placements, as good as a few tries make them.
+
+        Args:
+            start: the state before.
+        """
+        size = min(len(self.search.problem.team), self.settings.round)
+        left = len(self.search.problem.parts) - len(start.placed)
+        if left < 2 * size:
+            size = left  # no short round at the end
+        best = self._plan(start, size, 0, np.inf)
+        for turn in range(1, self.settings.tries):
+            if (
+                best.stuck is not None
+                or best.lost <= self.settings.acceptable_loss_s * size
+                or self._spare <= 0.0
+            ):
+                break
+            before = self.search.spent
+            found = self._plan(start, size, turn, best.lost)
+            self._spare -= self.search.spent - before
+            if found.stuck is None and found.lost < best.lost:
+                best = found
+        return best
+
+    def _plan(self, start: Building, size: int, turn: int, most_loss: float) -> Round:
+        """Return a round, broken off when so much time is lost."""
+        states: list[Building] = []
+        now, lost = start, 0.0
+        for _ in range(size):
+            parts = self.search.next_parts(now)
+            found = self.search.place_next(now, parts, turn, most_loss - lost)
+            if found is None:
+                return Round(states, lost, parts[0])
+            now, lost = found.building, lost + found.lost
+            states.append(now)
+        if len(now.placed) == len(self.search.problem.parts):
+            free = [now.world.free_from(robot) for robot in self.search.problem.team]
+            lost += sum(max(free) - t for t in free)
+        return Round(states, lost)

@@ -9,8 +9,12 @@ import numpy as np
 
 from planning.construction.candidates import Skeleton
 from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.keyframes.keyframes import Keyframe, Keyframes
-from planning.construction.keyframes.solver import EarliestTimes, KeyframeSolver
+from planning.construction.keyframes.keyframes import (
+    EarliestTimes,
+    Keyframe,
+    Keyframes,
+    KeyframeSolver,
+)
 from planning.construction.keyframes.step_scenes import StepScenes
 from planning.construction.legs import LegPlanner, retreat_hints
 from planning.construction.object_order import ready_at

@@ -20,8 +20,7 @@ from planning.construction.world.motion_pieces import STEP, cut_timeline
 from planning.construction.world.swept_track import SweptTrack, sweep_track
 from planning.construction.world.timeline import hand_changes
 from planning.construction.world.tracks import build_tracks
-from planning.geometry.exact import resting_solid
-from planning.geometry.hull_table import standing_hulls
+from planning.geometry.standing import stand_boxes
 from planning.robots.mobile import is_mobile
 from planning.skills.contacts import Pairs
 from planning.transforms import Array
@@ -177,29 +176,18 @@ def _c(q: Array) -> Array:
 
 def _still_boxes(
     world: FixedWorld, rests: Sequence[Rest]
-) -> tuple[list[str], StillBoxes]:
+) -> tuple[tuple[str, ...], StillBoxes]:
     """Return fixtures and objects where they lie, names first."""
     cell = world.cell
-    items = [cell.object(r.object) for r in rests]
-    count = len(cell.fixtures)
-    names = [f.name for f in cell.fixtures] + [r.object for r in rests]
-    bodies = [f.body for f in cell.fixtures] + [i.body for i in items]
-    poses = [f.pose for f in cell.fixtures] + [r.pose for r in rests]
-    sizes = [f.size for f in cell.fixtures] + [i.size for i in items]
-    solids = [
-        resting_solid(name, body, pose)
-        for name, body, pose in zip(names, bodies, poses, strict=True)
-    ]
-    pose = np.array(poses, dtype=np.float64).reshape(-1, 4, 4)
-    half = 0.5 * np.array(sizes, dtype=np.float64).reshape(-1, 3)
-    reach = (np.abs(pose[:, :3, :3]) @ half[:, :, None])[:, :, 0]
-    centre = pose[:, :3, 3]
-    return names, StillBoxes(
-        pose,
-        half,
-        np.hstack([centre - reach, centre + reach]),
-        np.array([-np.inf] * count + [r.start for r in rests]),
-        np.array([np.inf] * count + [r.end for r in rests]),
-        np.arange(len(solids)),
-        standing_hulls(solids, bodies),
+    items = [(rest, cell.object(rest.object)) for rest in rests]
+    boxes = stand_boxes(cell, [(r.object, i.body, i.size, r.pose) for r, i in items])
+    always = np.full(len(cell.fixtures), np.inf)
+    return boxes.names, StillBoxes(
+        boxes.pose,
+        boxes.half,
+        boxes.bounds,
+        np.append(-always, [r.start for r in rests]),
+        np.append(always, [r.end for r in rests]),
+        np.arange(len(boxes.names)),
+        boxes.hulls,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -85,21 +86,16 @@ def _own_limits(
     to_objects: float,
 ) -> Array:
     limits = np.full((len(own), len(own)), SKIP)
-    for i, a in enumerate(own):
-        for j in range(i + 1, len(own)):
-            b = own[j]
-            if b.entity in touchable[i]:
-                continue
-            if a.mover == b.mover:
-                # What is held does not move against what else is held.
-                limits[i, j] = 0.0 if a.part else SKIP
-            elif a.joint >= 0 or b.joint >= 0:
-                limits[i, j] = between if a.part and b.part else to_objects
     first = 0
     for mover in movers:
-        for k, m in mover.robot.model.never_collide:
-            limits[first + k, first + m] = SKIP
-        first += len(mover.names)
+        last = first + len(mover.names)
+        limits[first:last, first:last] = mover.self_limits
+        first = last
+    for (i, a), (j, b) in combinations(enumerate(own), 2):
+        if b.entity in touchable[i]:
+            limits[i, j] = SKIP
+        elif a.mover != b.mover and (a.joint >= 0 or b.joint >= 0):
+            limits[i, j] = between if a.part and b.part else to_objects
     return limits
 
 

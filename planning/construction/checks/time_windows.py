@@ -28,7 +28,7 @@ Part = tuple[SpaceTimeChecker, Array]
 def arrival_windows(
     parts: Sequence[Part], duration: float, earliest: float, latest: float = np.inf
 ) -> Array:
-    """Return the spans of time in which one may arrive to do a skill, or to stay.
+    """Return the time windows of arrivals after which a skill, or a stay, is free.
 
     All parts of the skill must be clear of everything during all of its duration.
 

@@ -60,8 +60,11 @@ def export_motion_plan(
     tasks = [planned[k] for k in _in_order(cell, planned)]
     pieces = _cut(world, tasks)
     motions = _motions(cell, tasks, pieces)
-    edges = _object_order(tasks) | _support_order(tasks, rests_on or {})
-    edges |= _stack_order(tasks, covers or {})
+    handled = [(h, k) for k, task in enumerate(tasks) for h in task.handlings]
+    placed = {h.object: k for h, k in handled if h.holder is None}
+    taken = {h.object: k for h, k in reversed(handled)}
+    edges = _object_order(tasks) | _one_after_another(placed, rests_on or {})
+    edges |= _one_after_another(taken, covers or {})
     return MotionPlan(
         cell,
         tuple(
@@ -260,30 +263,6 @@ def _object_order(tasks: Sequence[PlannedTask]) -> set[tuple[int, int]]:
             later = [n for n in partner if tasks[n].start >= tasks[k].end - SAME]
             edges |= {(n, k) for n in before[-1:]} | {(k, n) for n in later[:1]}
     return edges
-
-
-def _support_order(
-    tasks: Sequence[PlannedTask], rests_on: Mapping[str, Iterable[str]]
-) -> set[tuple[int, int]]:
-    """Return the dependencies of placing on having placed what is below."""
-    placed = {
-        h.object: k
-        for k, task in enumerate(tasks)
-        for h in task.handlings
-        if h.holder is None
-    }
-    return _one_after_another(placed, rests_on)
-
-
-def _stack_order(
-    tasks: Sequence[PlannedTask], covers: Mapping[str, Iterable[str]]
-) -> set[tuple[int, int]]:
-    """Return the dependencies of taking an object on having taken what lies on it."""
-    taken: dict[str, int] = {}
-    for k, task in enumerate(tasks):
-        for h in task.handlings:
-            taken.setdefault(h.object, k)
-    return _one_after_another(taken, covers)
 
 
 def _one_after_another(

@@ -1,14 +1,32 @@
-"""Keyframes as data: configurations at mode switches, with time windows (Hartmann et al. IV-B)."""
+"""Keyframes, configurations at mode switches with time windows, and their solver (Hartmann et al. IV-B).
+
+Configurations are drawn at random and made exact by damped least squares; each is tried against
+the world as it is at a drawn time. Of those that pass, all times at which the whole skill is
+free are worked out, so that the path planner may arrive at any of them.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 
-from planning.construction.keyframes.step_scenes import Hold
-from planning.construction.world.skill_motion import SkillMotion
-from planning.transforms import Array
+from planning.construction.checks.checker import SpaceTimeChecker
+from planning.construction.checks.time_windows import arrival_windows
+from planning.construction.keyframes.step_scenes import Hold, StepScenes
+from planning.construction.problem.problem import Part
+from planning.construction.problem.reach_bounds import APART, ReachBounds
+from planning.construction.problem.settings import KeyframeSettings
+from planning.construction.world.skill_motion import SkillMotion, skill_motion
+from planning.kinematics.kinematics import frame_pose
+from planning.transforms import Array, Transform
+
+_TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
+Phase = tuple[SpaceTimeChecker, SpaceTimeChecker]
+"""The checks before and after a touch."""
 
 
 @dataclass(frozen=True)
@@ -65,3 +83,285 @@ class Keyframes:
     picks: tuple[Keyframe, ...]
     places: tuple[Keyframe, ...]
     meetings: tuple[Meeting, ...] = ()
+
+
+class EarliestTimes(NamedTuple):
+    """Earliest times at which a part may be picked and placed.
+
+    Attributes:
+        pick: it must not be picked before: others lie on it [s].
+        place: it must not be placed before: what it rests on has to be there [s].
+    """
+
+    pick: float
+    place: float
+
+
+@dataclass
+class KeyframeSolver:
+    """Finds keyframes of one sub-problem for one robot that picks and places by itself.
+
+    Attributes:
+        scenes: checks of the sub-problem.
+        bounds: who reaches what.
+        earliest_times: when the part may be picked and placed.
+        settings: effort.
+        rng: what is drawn from.
+    """
+
+    scenes: StepScenes
+    bounds: ReachBounds
+    earliest_times: EarliestTimes
+    settings: KeyframeSettings
+    rng: np.random.Generator
+
+    def alone(self, robot: str) -> Iterator[Keyframes]:
+        """Yield keyframes of one robot that picks and places, for one hold after another.
+
+        The place is looked at first: where nothing can be put down nothing need be picked.
+        """
+        part = self.scenes.part
+        holds = holds_of(self.bounds, robot, part)
+        begin = self.scenes.world.robots[robot].end
+        free = self.free_place()
+        for k in self.rng.permutation(len(holds)).tolist():
+            hold = holds[k]
+            places = self.places(robot, hold, begin, free)
+            if not places:
+                continue
+            picks = self.picks(robot, hold, begin)
+            if picks:
+                yield Keyframes((hold,), picks, places)
+
+    def handed_over(self, giver: str, taker: str) -> Iterator[Keyframes]:
+        """Yield keyframes of one robot that picks and another that places.
+
+        The lower bounds come first again: place, then pick, then where both can meet.
+        """
+        part, bounds, world = self.scenes.part, self.bounds, self.scenes.world
+        pairs = [
+            (Hold(a, turn_a), Hold(b, turn_b))
+            for a in bounds.pick_grips(giver, part)
+            for b in bounds.place_grips(taker, part)
+            if grips_apart(part, a, b)
+            for turn_a in _TURNS
+            for turn_b in _TURNS
+        ]
+        free = self.free_place()
+        picks: dict[Hold, tuple[Keyframe, ...]] = {}
+        places: dict[Hold, tuple[Keyframe, ...]] = {}
+        for k in self.rng.permutation(len(pairs)).tolist():
+            first, second = pairs[k]
+            if second not in places:
+                begin = world.robots[taker].end
+                places[second] = self.places(taker, second, begin, free)
+            if not places[second]:
+                continue
+            if first not in picks:
+                picks[first] = self.picks(giver, first, world.robots[giver].end)
+            if not picks[first]:
+                continue
+            meetings = self.meetings(giver, taker, (first, second), picks[first][0])
+            if meetings:
+                yield Keyframes((first, second), picks[first], places[second], meetings)
+
+    def meetings(
+        self, giver: str, taker: str, holds: tuple[Hold, Hold], pick: Keyframe
+    ) -> tuple[Meeting, ...]:
+        """Return keyframes of the handover, the earliest first."""
+        found = islice(self._meetings(giver, taker, holds, pick), self.settings.places)
+        return tuple(sorted(found, key=lambda m: m.giver.earliest))
+
+    def _meetings(
+        self, giver: str, taker: str, holds: tuple[Hold, Hold], pick: Keyframe
+    ) -> Iterator[Meeting]:
+        """Yield ways to hand the part over.
+
+        The robot that cannot drive is drawn first, and the other comes to it. The giver moves
+        the part against the taker's pad, and then its own pad away.
+        """
+        scenes, problem = self.scenes, self.scenes.problem
+        before = scenes.handing(giver, taker, giver, holds[0])
+        after = scenes.handing(giver, taker, taker, holds[1])
+        for _ in range(self.settings.meetings):
+            drawn = self._draw_meeting(giver, taker, holds)
+            if drawn is None:
+                continue
+            q_giver, q_taker, tools = drawn
+            carried = before.least_duration(
+                np.concatenate([pick.motion.path[-1], self._standing(taker)]),
+                np.concatenate([q_giver, q_taker]),
+            )
+            soon = max(pick.earliest + pick.motion.seconds, before.begin[1]) + carried
+            both = np.concatenate([q_giver, q_taker])
+            if not before.configuration_free(both, self._drawn_time(soon)):
+                continue
+            motion = skill_motion(
+                problem.cell.robot(giver),
+                problem.frame,
+                q_giver,
+                (
+                    -problem.approach * tools[1][:3, 2],
+                    -problem.approach * tools[0][:3, 2],
+                ),
+                np.asarray(problem.speeds[giver]),
+                problem.seconds.handover,
+            )
+            if motion is None:
+                continue
+            windows = arrival_windows(
+                [
+                    (before, _beside(motion.before, q_taker)),
+                    (after, _beside(motion.after, q_taker)),
+                ],
+                motion.seconds,
+                soon,
+                soon + self.settings.ahead_s,
+            )
+            if len(windows):
+                yield Meeting(Keyframe(motion, windows), q_taker)
+
+    def _standing(self, robot: str) -> Array:
+        return np.asarray(self.scenes.world.robots[robot].path[-1])
+
+    def _draw_meeting(
+        self, giver: str, taker: str, holds: tuple[Hold, Hold]
+    ) -> tuple[Array, Array, tuple[Transform, Transform]] | None:
+        """Return configurations of both robots that touch the part at once, and their tools."""
+        problem, part = self.scenes.problem, self.scenes.part
+        lead = 0 if not self.bounds.sampler(giver).mobile else 1
+        robots = (giver, taker)
+        # Two that drive meet somewhere on the way.
+        ends = (problem.object(part).start[:2, 3], part.goal[:2, 3])
+        q_lead = self.bounds.sampler(robots[lead]).draw(self.rng, ends)
+        tool = frame_pose(problem.cell.robot(robots[lead]), q_lead, problem.frame)
+        at = tool @ part.grips[holds[lead].grip].held(holds[lead].turn)
+        size = np.asarray(problem.object(part).size)
+        if at[2, 3] - 0.5 * float(np.abs(at[2, :3]) @ size) < problem.approach:
+            return None
+        other = problem.tool_pose(part, at, *holds[1 - lead])
+        found = self.bounds.sampler(robots[1 - lead]).sample(other, self.rng, 2)
+        if not found:
+            return None
+        if lead == 0:
+            return q_lead, found[0], (tool, other)
+        return found[0], q_lead, (other, tool)
+
+    def picks(self, robot: str, hold: Hold, begin: float) -> tuple[Keyframe, ...]:
+        """Return keyframes of the pick, the earliest first."""
+        scenes, problem = self.scenes, self.scenes.problem
+        start = problem.object(scenes.part).start
+        phase = (
+            scenes.empty(robot, at_goal=False),
+            scenes.held(robot, hold, at_goal=False),
+        )
+        found = self._ways(
+            robot,
+            problem.tool_pose(scenes.part, start, *hold),
+            None,
+            phase,
+            max(self.earliest_times.pick, begin),
+            problem.seconds.pick,
+        )
+        picks = islice(found, self.settings.picks)
+        return tuple(sorted(picks, key=lambda k: k.earliest))
+
+    def places(
+        self, robot: str, hold: Hold, begin: float, free: Array
+    ) -> tuple[Keyframe, ...]:
+        """Return keyframes of the place, the earliest first."""
+        scenes, problem = self.scenes, self.scenes.problem
+        phase = (
+            scenes.held(robot, hold, at_goal=True),
+            scenes.empty(robot, at_goal=True),
+        )
+        found = self._ways(
+            robot,
+            problem.tool_pose(scenes.part, scenes.part.goal, *hold),
+            scenes.part.insertion,
+            phase,
+            max(self.earliest_times.place, begin),
+            problem.seconds.place,
+        )
+        places = islice(found, self.settings.places)
+        cut = [
+            Keyframe(k.motion, common(k.windows, free))
+            for k in sorted(places, key=lambda k: k.earliest)
+        ]
+        return tuple(k for k in cut if len(k.windows))
+
+    def free_place(self) -> Array:
+        """Return the spans from which on nothing that is fixed runs into the part in its place."""
+        checker, q = self.scenes.lying
+        begin = max(self.earliest_times.place, checker.start)
+        # It counts as lying there from the beginning of the skill that places it.
+        return arrival_windows([(checker, q)], np.inf, begin)
+
+    def _ways(
+        self,
+        robot: str,
+        tool: Transform,
+        insertion: Array | None,
+        phase: Phase,
+        begin: float,
+        seconds: float,
+    ) -> Iterator[Keyframe]:
+        """Yield ways to touch at a tool pose; without ``insertion`` straight along the tool."""
+        problem = self.scenes.problem
+        placed = problem.cell.robot(robot)
+        into = tool[:3, 2] if insertion is None else insertion
+        ways = (problem.approach * into, -problem.approach * tool[:3, 2])
+        checker, velocity = phase[0], np.asarray(problem.speeds[robot])
+        q_start = checker.start_configuration()
+        sampler = self.bounds.sampler(robot)
+        for _ in range(self.settings.draws):
+            drawn = sampler.sample(tool, self.rng, self.settings.starts)
+            drawn.sort(key=lambda q: checker.least_duration(q_start, q))
+            for q in drawn:
+                soon = checker.begin[0] + checker.least_duration(q_start, q)
+                soon = max(soon, begin)
+                if not checker.configuration_free(q, self._drawn_time(soon)):
+                    continue
+                motion = skill_motion(placed, problem.frame, q, ways, velocity, seconds)
+                if motion is None:
+                    continue
+                windows = self._windows(motion, phase, soon)
+                if len(windows):
+                    yield Keyframe(motion, windows)
+
+    def _drawn_time(self, soon: float) -> float:
+        """Draw the time for which a configuration is tried first."""
+        return soon + float(self.rng.uniform(0.0, self.settings.spread_s))
+
+    def _windows(self, motion: SkillMotion, phase: Phase, earliest: float) -> Array:
+        parts = [(phase[0], motion.before), (phase[1], motion.after)]
+        latest = earliest + self.settings.ahead_s
+        return arrival_windows(parts, motion.seconds, earliest, latest)
+
+
+def holds_of(bounds: ReachBounds, robot: str, part: Part) -> list[Hold]:
+    """Return the holds with which a robot can both pick and place a part."""
+    grips = set(bounds.pick_grips(robot, part)) & set(bounds.place_grips(robot, part))
+    return [Hold(grip, turn) for grip in sorted(grips) for turn in _TURNS]
+
+
+def grips_apart(part: Part, a: int, b: int) -> bool:
+    """Tell whether two pads have room on a part, by the numbers of their grips."""
+    gap = part.grips[a].touch[:3, 3] - part.grips[b].touch[:3, 3]
+    return bool(np.linalg.norm(gap) >= APART)
+
+
+def _beside(path: Array, standing: Array) -> Array:
+    """Return the path of two robots the second of which stands."""
+    return np.hstack([path, np.tile(standing, (len(path), 1))])
+
+
+def common(a: Array, b: Array) -> Array:
+    """Return the intersection of two sets of time windows, shapes (w, 2) [s]."""
+    out = [
+        (max(lo, low), min(hi, high))
+        for lo, hi in a.tolist()
+        for low, high in b.tolist()
+        if max(lo, low) <= min(hi, high)
+    ]
+    return np.array(sorted(out), dtype=np.float64).reshape(-1, 2)

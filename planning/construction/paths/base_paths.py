@@ -122,7 +122,7 @@ def lattice_way(
         most: steps that are looked at, at most.
 
     Returns:
-        Configurations and when one can be there, shapes (w, n) and (w,), empty where there is
+        Configurations and times of arrival there, shapes (w, n) and (w,), empty where there is
         none or too much has been looked at.
     """
     n, count = len(query.start), lattice.rows * lattice.columns

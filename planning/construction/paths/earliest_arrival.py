@@ -1,6 +1,6 @@
 """Safe-interval path planning over a roadmap, compiled: which way, and when to wait where.
 
-Vertices are configurations, each with the spans of time in which one may stand there. The
+Vertices are configurations, each with the spans of time in which the movers may stand there. The
 search goes from span to span in order of earliest arrival (safe-interval path planning), and
 looks at a motion only once nothing else promises an earlier arrival. A motion that a robot is in
 the way of is looked at again for when that robot has left. It finds ways that a tree in
@@ -41,7 +41,7 @@ _LATER = 0.4
 """A second departure is so much later at least, a third one twice as much... [s]."""
 
 _UNKNOWN = -1
-"""Instead of tries: it is not known yet when one may stand where the motion ends."""
+"""In place of tries: the spans of the vertex where the motion ends are not known yet."""
 
 _LEEWAY = 4.0
 """What is clear of all that lies still for so long needs no second look within that time [s]."""
@@ -224,7 +224,7 @@ def _offer(
     tries: int,
     bound: float,
 ) -> None:
-    """Let a motion wait to be looked at, if it may be of use."""
+    """Queue a motion, if it may be of use."""
     v, i = source // SPANS, source % SPANS
     u, j = target // SPANS, target % SPANS
     lo, hi = road.spans[u, j]
@@ -253,7 +253,7 @@ def _offer_unknown(
     depart: float,
     bound: float,
 ) -> None:
-    """Let a motion to a vertex wait until it matters when one may stand there."""
+    """Queue a motion to a vertex whose spans are not known yet."""
     arrival = arrive(query, road.q[source // SPANS], depart, road.q[u])
     if arrival + road.rest[u] < bound - _TINY:
         key = arrival + _GREED * road.rest[u]

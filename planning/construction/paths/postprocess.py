@@ -18,7 +18,7 @@ from planning.transforms import Array
 
 _GAIN = 1e-6
 _SPACING = 0.5
-"""Travel time between the places on a path at which one may wait [s]."""
+"""Travel time between the places on a path at which waits are possible [s]."""
 
 
 def shorten(
@@ -71,12 +71,12 @@ def shorten(
 def retimed(
     checker: SpaceTimeChecker, way: SpaceTimePath, query: Query, latest: float
 ) -> SpaceTimePath | None:
-    """Return the earliest arrival along a way, whenever one must wait; None where there is none.
+    """Return the path with the earliest arrival that waits on it allow, None where there is none.
 
     Args:
         checker: who moves, and among what.
         way: a path whose times do not matter.
-        query: speeds, when joints are free to move, and when one may arrive.
+        query: speeds, when joints are free to move, and windows of arrival.
         latest: only an arrival before this is of use [s].
     """
     places = _places(way.path, query)

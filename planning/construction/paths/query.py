@@ -23,7 +23,7 @@ class Query(NamedTuple):
         lower, upper, velocity: of the joints, shape (n,).
         goals: configurations any of which will do, shape (g, n).
         window_first: windows of goal k are ``range(window_first[k], window_first[k + 1])``.
-        windows: spans of time in which one may arrive, in order, shape (w, 2) [s].
+        windows: spans of time of arrival, in order, shape (w, 2) [s].
         rest: posture of HOME, shape (n,).
         leans: True for joints that keep to that posture where they have time for it, False for
             those that drive, shape (n,).

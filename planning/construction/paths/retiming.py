@@ -1,7 +1,7 @@
 """Retiming of a given path, compiled: when to wait where, at full speed otherwise.
 
-Places on the path are fixed; only time is searched, over the spans of time in which one may
-stand at each place. What comes out is the earliest arrival for departures on a fine grid.
+Places on the path are fixed; only time is searched, over the spans of time in which the movers
+may stand at each place. What comes out is the earliest arrival for departures on a fine grid.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ _SPANS = 16
 def earliest_along(
     scene: Scene, query: Query, path: Array, goal: int, latest: float
 ) -> tuple[Array, Array]:
-    """Return when to come to and to leave each place of a path to arrive as early as possible.
+    """Return the times at each place of a path with which it is passed as early as possible.
 
     Args:
         scene: what must be kept clear of.
-        query: speeds, when joints are free to move, and when one may arrive.
+        query: speeds, when joints are free to move, and windows of arrival.
         path: places, the first where the movers are, the last a goal, shape (w, n).
         goal: which goal that is.
         latest: only an arrival before this is of use [s].
@@ -39,7 +39,7 @@ def earliest_along(
     places = len(path)
     start, step = np.min(query.begin), scene.step
     spans, counts = _stands_along(scene, path, start, latest)
-    # For each span of each place: when one comes, when one left the place before, and from
+    # For each span of each place: arrival there, departure from the place before, and from
     # which span of it.
     come = np.full((places, _SPANS), np.inf)
     left = np.full((places, _SPANS), np.inf)
@@ -85,7 +85,7 @@ def earliest_along(
 def latest_along(
     scene: Scene, query: Query, path: Array, arrival: float
 ) -> tuple[Array, Array]:
-    """Return when to come to and to leave each place of a path to leave as late as possible.
+    """Return the times at each place of a path with which its start is left as late as possible.
 
     Args:
         scene: what must be kept clear of.
@@ -99,8 +99,8 @@ def latest_along(
     places = len(path)
     start, step = np.min(query.begin), scene.step
     spans, counts = _stands_along(scene, path, start, arrival)
-    # For each span of each place: until when one may stay there and still be in time, and in
-    # which span of the next place one is then.
+    # For each span of each place: the latest departure that is still in time, and to which
+    # span of the next place.
     leave = np.full((places, _SPANS), -np.inf)
     after = np.full((places, _SPANS), -1, dtype=np.int64)
     m = _span_at(spans[places - 1], counts[places - 1], arrival)
@@ -141,11 +141,11 @@ def latest_along(
 def _stands_along(
     scene: Scene, path: Array, start: float, end: float
 ) -> tuple[Array, Indices]:
-    """Return when one may stand at each place of a path, who is at the first from ``start`` on.
+    """Return the spans of time in which the movers may stand at each place of a path.
 
     Args:
         scene: what must be kept clear of.
-        path: places, shape (w, n).
+        path: places, shape (w, n); the movers are at the first one from ``start`` on.
         start, end: what is before or after is not looked at [s].
 
     Returns:

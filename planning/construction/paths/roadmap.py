@@ -36,9 +36,9 @@ class Roadmap(NamedTuple):
     Attributes:
         q: shape (v, n).
         number: spans of each vertex, -1 where they are not known yet, shape (v,).
-        spans: when one may stand there, shape (v, SPANS, 2) [s].
-        come: when one is there, infinity where that is not known, shape (v, SPANS) [s].
-        left: when one left the vertex before, likewise [s].
+        spans: in which the movers may stand there, shape (v, SPANS, 2) [s].
+        come: arrival in each span, infinity where that is not known, shape (v, SPANS) [s].
+        left: departure from the vertex before, likewise [s].
         parent: which span of which vertex that was, likewise.
         rest: least time from there to a goal, shape (v,) [s].
         blocked: motions that are not clear of what lies still, shape (v, v).
@@ -138,7 +138,7 @@ def draw_roadmap(
 
 @inner_kernel
 def find_stands(scene: Scene, road: Roadmap, v: int, first: int) -> None:
-    """Work out when one may stand at a vertex."""
+    """Find the spans of time in which the movers may stand at a vertex."""
     road.free[:] = True
     strike_out(scene, road.q[v], road.q[v], first, road.free)
     road.number[v] = spans_of(road.free, first, scene.step, road.spans[v])
@@ -150,7 +150,7 @@ class Motions(NamedTuple):
     Attributes:
         size: how many motions there are, shape (1,).
         key: least arrival at a goal, shape (MOST,) [s].
-        depart: when one leaves, likewise [s].
+        depart: departure, likewise [s].
         edge: from which span of which vertex, to which, and how often it has been tried, shape
             (MOST, 3).
     """

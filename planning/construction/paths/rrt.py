@@ -52,7 +52,7 @@ def space_time_rrt(
     Args:
         checker: who moves, and among what.
         goals: configurations, shape (g, n).
-        windows: for each goal the spans in which one may arrive, shape (w, 2), see
+        windows: for each goal the time windows of arrival, shape (w, 2), see
             ``arrival_windows`` [s].
         settings: effort.
         latest: no later arrival is wanted [s].
@@ -85,7 +85,7 @@ def space_time_rrt(
     reached = [arrive(query, start, first, goal) for goal in goals]
     earliest = min(next_arrival(query, g, t) for g, t in enumerate(reached))
     if not earliest <= latest or np.isinf(earliest):
-        return None  # no goal is ever free when one could be there
+        return None  # no goal is ever free when it can be reached
     least = min(reached) - first
     # Some while after all others have stopped nothing changes any more.
     calm = max(checker.world.end, earliest)

@@ -31,12 +31,12 @@ def require_buildable(problem: ConstructionProblem) -> ReachBounds:
             parts that the team cannot bring to their places.
     """
     require_grounded(problem)
-    require_order(problem)
-    require_room(problem)
+    _require_order(problem)
+    _require_room(problem)
     require_free_supply(problem)
     bounds = reach_bounds(problem)
     require_reach(bounds)
-    require_way_in(problem)
+    _require_way_in(problem)
     return bounds
 
 
@@ -54,12 +54,8 @@ def require_grounded(problem: ConstructionProblem) -> None:
         )
 
 
-def require_order(problem: ConstructionProblem) -> None:
-    """Check that the parts can be placed in some order, each when its turn comes.
-
-    Raises:
-        ConstructionError: names the parts that wait for each other.
-    """
+def _require_order(problem: ConstructionProblem) -> None:
+    """Check that the parts can be placed in some order, each when its turn comes."""
     waiting = problem.graph.never_placeable(carried=problem.carried)
     if waiting:
         raise ConstructionError(
@@ -69,13 +65,10 @@ def require_order(problem: ConstructionProblem) -> None:
         )
 
 
-def require_room(problem: ConstructionProblem) -> None:
+def _require_room(problem: ConstructionProblem) -> None:
     """Check that a part in hand can come as near to others as its place is.
 
     What touches a part in its place is left out, up to NEAR: it may be touched.
-
-    Raises:
-        ConstructionError: names two that lie too near to each other.
     """
     cell, least = problem.cell, problem.cell.clearances.robot_object
     fixed = standing(cell)
@@ -92,12 +85,8 @@ def require_room(problem: ConstructionProblem) -> None:
         there[part.name] = lying
 
 
-def require_way_in(problem: ConstructionProblem) -> None:
-    """Check that a part is clear of all fixtures where its straight way into its place begins.
-
-    Raises:
-        ConstructionError: names the part and the fixture.
-    """
+def _require_way_in(problem: ConstructionProblem) -> None:
+    """Check that a part is clear of all fixtures where its straight way into its place begins."""
     cell = problem.cell
     least = cell.clearances.robot_object + _CLEAR
     fixed = standing(cell)

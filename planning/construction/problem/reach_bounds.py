@@ -26,6 +26,8 @@ from planning.transforms import Array, Transform, rotation
 _TURNS = 12
 _STARTS = 12
 _HANDOVERS = 150
+"""Poses of a part that are tried for a handover."""
+
 APART = 0.12
 """Least distance of two pads on one part [m]."""
 
@@ -111,9 +113,6 @@ class ReachBounds:
         taker: str,
         part: Part,
         rng: np.random.Generator,
-        *,
-        draws: int = _HANDOVERS,
-        grips: Iterable[tuple[int, int]] | None = None,
     ) -> Handover | None:
         """Return configurations in which two robots hold a part at once, None if none is found.
 
@@ -122,17 +121,15 @@ class ReachBounds:
             taker: who takes it over.
             part: what is handed over.
             rng: what is drawn from.
-            draws: poses of the part that are tried.
-            grips: pairs of the giver's and the taker's grips to choose from.
         """
-        pairs = list(self._grip_pairs(giver, part) if grips is None else grips)
+        pairs = list(self._grip_pairs(giver, part))
         if not pairs or giver == taker:
             return None
         # The robot that cannot drive leads: the other one comes to it.
         lead = 0 if not self.sampler(giver).mobile else 1
         robots = (giver, taker)
         half = 0.5 * float(np.max(self.problem.object(part).size))
-        for _ in range(draws):
+        for _ in range(_HANDOVERS):
             pair = pairs[int(rng.integers(len(pairs)))]
             q_lead = self.sampler(robots[lead]).draw(rng)
             held = part.grips[pair[lead]].held(rng.uniform(-np.pi, np.pi))

@@ -12,6 +12,8 @@ _EASY_S = 15.0
 class RrtSettings(NamedTuple):
     """Effort of the search for one path. It never looks at a clock: a seed means one path.
 
+    A path that arrives a second late is good enough: better ones cost more than they gain.
+
     Attributes:
         iterations: samples of the bi-directional search in all.
         patience: samples after the last improvement of the arrival time.
@@ -35,34 +37,21 @@ class RrtSettings(NamedTuple):
     """
 
     iterations: int = 3000
-    patience: int = 400
+    patience: int = 80
     weight: float = 0.5
     reach: float = 4.0
     growth: float = 1.15
-    good_enough_s: float = 0.2
-    acceptable_loss_s: float = 0.0
+    good_enough_s: float = 1.0
+    acceptable_loss_s: float = 10.0
     direct: int = 3
     stands: int = 3
     drives: int = 800
-    rounds: int = 2
-    vertices: int = 200
-    neighbours: int = 8
-    checks: int = 1000
-    most_loss_s: float = 15.0
+    rounds: int = 1
+    vertices: int = 50
+    neighbours: int = 16
+    checks: int = 450
+    most_loss_s: float = 60.0
     shortcuts: int = 60
-
-
-_RRT = RrtSettings(
-    good_enough_s=1.0,
-    acceptable_loss_s=10.0,
-    patience=80,
-    rounds=1,
-    vertices=50,
-    neighbours=16,
-    checks=450,
-    most_loss_s=60.0,
-)
-"""A path that arrives a second late is good enough: better ones cost more than they gain."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +88,7 @@ class SubproblemSettings:
     """
 
     keyframes: KeyframeSettings = field(default_factory=KeyframeSettings)
-    rrt: RrtSettings = _RRT
+    rrt: RrtSettings = field(default_factory=RrtSettings)
     holds: int = 2
 
     def low_effort(self) -> SubproblemSettings:

@@ -23,14 +23,14 @@ class Carrier(NamedTuple):
 
     Attributes:
         robot: who carries.
-        held: what it holds.
         names: entities of its bodies: the robot's parts, then what it holds.
+        self_limits: least distance of two of them, see RobotBodies.
         hulls: these bodies on a motion of one segment, packed.
     """
 
     robot: PlacedRobot
-    held: Held
     names: tuple[str, ...]
+    self_limits: Array
     hulls: HullTable
 
 
@@ -38,7 +38,8 @@ def make_carrier(robot: PlacedRobot, held: Held = ()) -> Carrier:
     """Return a robot with what it holds."""
     hand = [(item, Attachment(robot.name, pose)) for item, pose in held]
     bodies = robot_bodies(robot, hand)
-    return Carrier(robot, held, bodies.entities, bodies.hulls.on_a_motion())
+    hulls = bodies.hulls.on_a_motion()
+    return Carrier(robot, bodies.entities, bodies.self_limits, hulls)
 
 
 class Fleet(NamedTuple):

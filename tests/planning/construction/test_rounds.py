@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from planning.construction.problem.problem import Part
 from planning.construction.problem.settings import SearchSettings
-from planning.construction.rounds import Round, Rounds
+from planning.construction.search import Round, Rounds
 from planning.construction.subproblem import Solution
 from planning.construction.world.building import Building, nothing_built
 from tests.planning.construction.toy_sites import toy_part, toy_problem
@@ -30,6 +30,8 @@ class Told:
     Args:
         losses: by step and turn, shape (parts, turns) [s].
     """
+
+    problem = PROBLEM
 
     def __init__(self, losses: np.ndarray) -> None:
         self.losses = losses
@@ -53,7 +55,7 @@ class Told:
 
 def planned(told: Told, search: SearchSettings) -> list[Round]:
     """All rounds, up to one in which a part could not be placed."""
-    rounds, now, out = Rounds(PROBLEM, told, search), nothing_built(PROBLEM), []
+    rounds, now, out = Rounds(told, search), nothing_built(PROBLEM), []
     while len(now.placed) < PARTS:
         out.append(rounds.next(now))
         if out[-1].stuck is not None:
@@ -115,7 +117,7 @@ def test_robots_with_nothing_left_to_do_lose_time() -> None:
     home = np.tile(PROBLEM.robots()[0].home, (2, 1))
     start = nothing_built(PROBLEM).moved(PROBLEM.team[0], stand, home)
     told = Told(np.zeros((PARTS, 1)))
-    rounds = Rounds(PROBLEM, told, SearchSettings(tries=1))
+    rounds = Rounds(told, SearchSettings(tries=1))
     first = rounds.next(start)
     assert first.lost == 0.0
     last = rounds.next(first.states[-1])

@@ -14,7 +14,7 @@ from planning.construction.world.building import PlannedTask
 from planning.construction.world.fixed_world import FixedWorld
 from planning.tasks.task import TRANSIT, Handling
 from planning.transforms import Array, inverse, translation
-from tests.planning.construction.toy_tasks import find_path, with_task
+from tests.planning.construction.toy_tasks import PLAIN, find_path, with_task
 
 ABOVE = np.array([0.0, 0.0, 0.05])
 SKILL_S = 1.0
@@ -25,7 +25,7 @@ class Builder:
     """Plans task after task, each among all that are planned already."""
 
     cell: Workcell
-    settings: RrtSettings = field(default_factory=RrtSettings)
+    settings: RrtSettings = PLAIN
     tasks: tuple[PlannedTask, ...] = ()
     seed: int = 0
     world: FixedWorld = field(init=False)

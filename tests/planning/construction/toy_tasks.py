@@ -17,8 +17,17 @@ from planning.construction.world.fixed_world import FixedWorld
 from planning.tasks.task import TRANSIT
 from planning.transforms import Array
 
-PLAIN = RrtSettings()
-"""The effort of a path that nothing is said about."""
+PLAIN = RrtSettings(
+    good_enough_s=0.2,
+    acceptable_loss_s=0.0,
+    patience=400,
+    rounds=2,
+    vertices=200,
+    neighbours=8,
+    checks=1000,
+    most_loss_s=15.0,
+)
+"""The effort of a path that nothing is said about: more than that of the planner."""
 
 
 def with_task(world: FixedWorld, task: PlannedTask, *, work: bool = True) -> FixedWorld:

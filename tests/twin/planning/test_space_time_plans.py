@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.export.motion_plan_export import export_motion_plan
-from planning.construction.problem.settings import RrtSettings
 from planning.construction.world.building import PlannedTask
 from planning.construction.world.fixed_world import FixedWorld
 from planning.errors import PlanInvariantError
@@ -25,7 +24,7 @@ from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
 from tests.planning.construction.toy_building import Builder
-from tests.planning.construction.toy_tasks import find_path, with_task, world_of
+from tests.planning.construction.toy_tasks import PLAIN, find_path, with_task, world_of
 from tests.planning.construction.toy_teams import (
     box,
     fixture,
@@ -45,7 +44,7 @@ from twin.run.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import Disturbances, Stalls
 from twin.uncertainty.skill_durations import SkillDurations
 
-QUICK = RrtSettings(iterations=300, patience=50, rounds=1, checks=0, shortcuts=10)
+QUICK = PLAIN._replace(iterations=300, patience=50, rounds=1, checks=0, shortcuts=10)
 
 
 def crossing(count: int, seed: int) -> tuple[FixedWorld, list[PlannedTask]]:

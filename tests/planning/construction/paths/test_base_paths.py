@@ -21,10 +21,9 @@ from planning.construction.paths.base_paths import (
     stand_at,
 )
 from planning.construction.paths.query import Query
-from planning.construction.problem.settings import RrtSettings
 from planning.construction.world.fixed_world import FixedWorld
 from planning.transforms import Array
-from tests.planning.construction.toy_tasks import find_path
+from tests.planning.construction.toy_tasks import PLAIN, find_path
 from tests.planning.construction.toy_teams import fixture, placed, rover, team
 
 PLENTY = 10_000
@@ -167,7 +166,9 @@ def test_too_much_to_look_at_and_no_way_at_all() -> None:
 
 def test_a_maze_is_found_through_by_few_vertices() -> None:
     checker = checker_of(*maze())
-    few = RrtSettings(iterations=0, patience=0, vertices=12, neighbours=6, checks=300)
+    few = PLAIN._replace(
+        iterations=0, patience=0, vertices=12, neighbours=6, checks=300
+    )
     found = find_path(checker, np.array([1.6, 0.0, 0.0, 0.0, 1.0]), settings=few)
     assert found is not None
     for (a, b), (s, t) in zip(pairwise(found.path), pairwise(found.time), strict=True):

@@ -12,17 +12,16 @@ import pytest
 from planning.cell.robot_model import RobotModel
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.paths.query import SpaceTimePath
-from planning.construction.problem.settings import RrtSettings
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import RobotTimeline
 from planning.transforms import Array
-from tests.planning.construction.toy_tasks import find_path
+from tests.planning.construction.toy_tasks import PLAIN, find_path
 from tests.planning.construction.toy_teams import SPEED, fixture, placed, slider, team
 
-SEARCH = RrtSettings(direct=0)
+SEARCH = PLAIN._replace(direct=0)
 """Without the straight lines that are tried first."""
 
-THOROUGH = RrtSettings(rounds=3, vertices=200, neighbours=16, checks=4000)
+THOROUGH = PLAIN._replace(rounds=3, vertices=200, neighbours=16, checks=4000)
 
 
 @cache
@@ -99,7 +98,7 @@ def test_a_goal_that_is_closed_off_is_not_reached() -> None:
     checker = SpaceTimeChecker(shut, ("me",))
     assert find_path(checker, np.array([1.0, 0.0])) is None
     inside_the_wall = np.array([0.0, 0.8])
-    for how in (RrtSettings(), THOROUGH):
+    for how in (PLAIN, THOROUGH):
         assert find_path(checker, inside_the_wall, settings=how) is None
     assert find_path(SpaceTimeChecker(world, ("me",)), [[1, 0]], latest=9.0) is None  # type: ignore[arg-type]
 
@@ -248,7 +247,7 @@ def test_hints_lead_where_chance_does_not() -> None:
     cell = team([placed("me", small(), (-1.0, 0.7))], fixtures=walls)
     checker = SpaceTimeChecker(FixedWorld(cell), ("me",))
     goal = np.array([1.0, 0.7])
-    few = RrtSettings(direct=0, iterations=0, patience=0, vertices=0)
+    few = PLAIN._replace(direct=0, iterations=0, patience=0, vertices=0)
     assert find_path(checker, goal, settings=few) is None
     hints = np.array([[-0.5, 0.0], [0.5, 0.0]])
     found = find_path(checker, goal, hints=hints, settings=few)
