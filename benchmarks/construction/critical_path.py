@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from graphlib import TopologicalSorter
+
 from planning.construction.problem.precedence import PartGraph
 
 
@@ -35,7 +37,7 @@ def _shortest_way_up(graph: PartGraph) -> tuple[str, ...]:
 
 def _longest_pile(graph: PartGraph) -> tuple[str, ...]:
     known: dict[str, tuple[str, ...]] = {}
-    for part in graph.bottom_up():
+    for part in TopologicalSorter(graph.carriers).static_order():
         below = (known[other] for other in sorted(graph.carriers[part]))
         known[part] = (*max(below, key=len, default=()), part)
     return max(known.values(), key=len, default=())

@@ -123,8 +123,8 @@ class SpaceTimeChecker:
         return {
             name: found
             for robot, begin in zip(self.robots, self.begin.tolist(), strict=True)
-            for name, found in self.world.state_at(begin).attachments.items()
-            if found.holder == robot
+            for name, line in self.world.objects.items()
+            if (found := line.at(begin)) is not None and found.holder == robot
         }
 
     def _mover(self, robot: str) -> Carrier:

@@ -14,9 +14,9 @@ import numpy as np
 
 from planning.construction.checks.scene import Scene
 from planning.construction.checks.still_checks import still_clear_until
-from planning.construction.paths.query import Query
+from planning.construction.paths.query import Query, chain_to
 from planning.kernels import inner_kernel, kernel
-from planning.transforms import Array, Indices
+from planning.transforms import Array
 
 SPACING = 0.25
 """Distance of places on the lattice [m]."""
@@ -163,7 +163,7 @@ def lattice_way(
                     heapq.heappush(steps, (so_far + ahead, -so_far, to, at))
     if cost[lattice.last] == np.inf:
         return np.empty((0, n)), np.empty(0)
-    places = _back(parent, lattice.last)
+    places = chain_to(parent, lattice.last)
     way, times = np.empty((len(places), n)), np.empty(len(places))
     for c in range(len(places)):
         stand_at(query, goal, lattice, places[c], way[c])
@@ -177,20 +177,6 @@ def _between(lattice: Lattice, a: int, b: int) -> float:
     rows = a // lattice.columns - b // lattice.columns
     columns = a % lattice.columns - b % lattice.columns
     return lattice.spacing * float(np.hypot(rows, columns))
-
-
-@inner_kernel
-def _back(parent: Indices, last: int) -> Indices:
-    """Return the places that lead to one, in order."""
-    count, at = 1, last
-    while parent[at] >= 0:
-        count, at = count + 1, parent[at]
-    out = np.empty(count, dtype=np.int64)
-    at = last
-    for c in range(count - 1, -1, -1):
-        out[c] = at
-        at = parent[at]
-    return out
 
 
 @inner_kernel

@@ -17,6 +17,7 @@ from planning.construction.checks.scene import Scene, own_at
 from planning.construction.paths.query import (
     Query,
     arrive,
+    chain_to,
     next_arrival,
     random_share,
     sample_between,
@@ -175,11 +176,8 @@ def _hurry(
             best, at = arrival, i
     if at < 0:
         return times, path
-    new_times, new_path = np.empty(at + 2), np.empty((at + 2, path.shape[1]))
-    new_times[: at + 1] = times[: at + 1]
-    new_path[: at + 1] = path[: at + 1]
-    new_times[at + 1] = best
-    new_path[at + 1] = query.goals[goal]
+    new_times = np.append(times[: at + 1], best)
+    new_path = np.concatenate((path[: at + 1], query.goals[goal : goal + 1]))
     return new_times, new_path
 
 
@@ -287,25 +285,7 @@ def _extend(
 @inner_kernel
 def _join(ahead: _Forest, a: int, back: _Forest, b: int) -> tuple[Array, Array, int]:
     """Return times and configurations from the start through two nodes to a goal."""
-    count = 0
-    k = a
-    while k >= 0:
-        count += 1
-        k = ahead.parent[k]
-    first = count
-    k = b
-    while k >= 0:
-        count += 1
-        k = back.parent[k]
-    times, path = np.empty(count), np.empty((count, ahead.q.shape[1]))
-    k = a
-    for i in range(first - 1, -1, -1):
-        times[i] = ahead.t[k]
-        path[i] = ahead.q[k]
-        k = ahead.parent[k]
-    k = b
-    for i in range(first, count):
-        times[i] = back.t[k]
-        path[i] = back.q[k]
-        k = back.parent[k]
+    first, then = chain_to(ahead.parent, a), chain_to(back.parent, b)[::-1]
+    times = np.concatenate((ahead.t[first], back.t[then]))
+    path = np.concatenate((ahead.q[first], back.q[then]))
     return times, path, back.goal[back.root[b]]

@@ -18,7 +18,7 @@ from planning.construction.checks.still_checks import (
     lies_throughout,
     still_clear_until,
 )
-from planning.construction.paths.query import Query, arrive, next_arrival
+from planning.construction.paths.query import Query, arrive, chain_to, next_arrival
 from planning.construction.paths.roadmap import (
     SPANS,
     Motions,
@@ -41,7 +41,7 @@ _LATER = 0.4
 """A second departure is so much later at least, a third one twice as much... [s]."""
 
 _UNKNOWN = -1
-"""In place of tries: the spans of the vertex where the motion ends are not known yet."""
+"""In place of tries: the spans of the vertex where it ends are not known yet."""
 
 _LEEWAY = 4.0
 """What is clear of all that lies still for so long needs no second look within that time [s]."""
@@ -94,92 +94,122 @@ def search_roadmap(
     heap = no_motions()
     road.come[0, 0] = max(start, min(depart, road.spans[0, 0, 1]))
     best, last = bound, -1
-    at = next_arrival(query, 0, np.inf)
     checked = 0
     state = 0
-    order = np.empty(len(road.q))
-    known = goals + len(extra)
-    while True:
+    while state >= 0:
         v, i = state // SPANS, state % SPANS
         if 1 <= v <= goals:
             at = next_arrival(query, v - 1, road.come[v, i])
             if at <= road.spans[v, i, 1] + _TINY and at < best - _TINY:
                 best, last = at, state
-        for k in range(len(road.q)):
-            order[k] = (
-                np.inf
-                if road.blocked[v, k]
-                else arrive(query, road.q[v], start, road.q[k])
-            )
-        order[v] = np.inf
-        # The goals first, and from ways given to ways given, then the nearest vertices.
-        given = goals if 0 < v <= goals or v > known else known
-        for turn in range(given + settings.neighbours):
-            u = turn + 1
-            if turn >= given:
-                u = int(np.argmin(order))
-            if order[u] == np.inf:
-                continue
-            same = order[u] <= start + _TINY
-            order[u] = np.inf
-            if same:
-                continue
-            if road.number[u] < 0:
-                _offer_unknown(query, road, heap, state, u, road.come[v, i], best)
-            for j in range(road.number[u]):
-                _offer(
-                    query, road, heap, state, u * SPANS + j, road.come[v, i], 0, best
-                )
-        state = -1
-        while (
-            heap.size[0] > 0
-            and checked < settings.checks
-            and heap.key[0] < best - _TINY
-        ):
-            depart, source, target, tries = (
-                heap.depart[0],
-                heap.edge[0, 0],
-                heap.edge[0, 1],
-                heap.edge[0, 2],
-            )
-            pop(heap)
-            v, u, j = source // SPANS, target // SPANS, target % SPANS
-            if road.blocked[v, u]:
-                continue
-            if tries == _UNKNOWN:
-                if road.number[u] < 0:
-                    find_stands(scene, road, u, first)
-                for k in range(road.number[u]):
-                    _offer(query, road, heap, source, u * SPANS + k, depart, 0, best)
-                continue
-            if road.come[u, j] < np.inf:
-                continue
-            arrival = arrive(query, road.q[v], depart, road.q[u])
-            checked += 1
-            found, met = _look(scene, road, v, depart, u, arrival)
-            if found == _CLEAR:
-                road.come[u, j], road.left[u, j] = arrival, depart
-                road.parent[u, j] = source
-                state = target
-                break
-            if tries == 0 and found == _BLOCKED:
-                road.blocked[v, u] = road.blocked[u, v] = True
-                continue
-            if tries + 1 < _TRIES:
-                later = np.floor(depart / step + 1e-6) * step + _LATER * (1 << tries)
-                if met < np.inf:
-                    share = (met - depart) / (arrival - depart)
-                    there = road.q[v] + share * (road.q[u] - road.q[v])
-                    until = left_by_robots(scene, there, met, best)
-                    later = max(later, depart + until - met)
-                _offer(query, road, heap, source, target, later, tries + 1, best)
-        if state < 0:
-            break
+        known = goals + len(extra)
+        _offer_neighbours(query, road, heap, state, known, settings.neighbours, best)
+        state, checked = _next_state(
+            scene, query, road, heap, checked, settings.checks, best
+        )
     if last < 0:
         return np.empty(0), np.empty((0, n)), -1
     times, path = _trace(road, last, best)
     times[0] = start
     return times, path, last // SPANS - 1
+
+
+@inner_kernel
+def _offer_neighbours(
+    query: Query,
+    road: Roadmap,
+    heap: Motions,
+    state: int,
+    known: int,
+    neighbours: int,
+    bound: float,
+) -> None:
+    """Queue the motions from a span of a vertex to the vertices given and to the nearest ones.
+
+    Args:
+        query: what is asked for.
+        road: the roadmap: the start, goals, vertices given, and random ones.
+        heap: motions that wait.
+        state: the span, ``vertex * SPANS`` and more.
+        known: how many goals and vertices given there are.
+        neighbours: how many of the nearest vertices.
+        bound: only an arrival before this is of use [s].
+    """
+    v, start = state // SPANS, np.min(query.begin)
+    depart, goals = road.come[v, state % SPANS], len(query.goals)
+    order = np.full(len(road.q), np.inf)
+    for k in range(len(road.q)):
+        if k != v and not road.blocked[v, k]:
+            order[k] = arrive(query, road.q[v], start, road.q[k])
+    # The goals first, and from ways given to ways given, then the nearest vertices.
+    given = goals if 0 < v <= goals or v > known else known
+    for turn in range(given + neighbours):
+        u = turn + 1
+        if turn >= given:
+            u = int(np.argmin(order))
+        if order[u] == np.inf:
+            continue
+        same = order[u] <= start + _TINY
+        order[u] = np.inf
+        if same:
+            continue
+        if road.number[u] < 0:
+            _offer(query, road, heap, state, u * SPANS, depart, _UNKNOWN, bound)
+        for j in range(road.number[u]):
+            _offer(query, road, heap, state, u * SPANS + j, depart, 0, bound)
+
+
+@inner_kernel
+def _next_state(
+    scene: Scene,
+    query: Query,
+    road: Roadmap,
+    heap: Motions,
+    checked: int,
+    most: int,
+    bound: float,
+) -> tuple[int, int]:
+    """Look at motions that wait, the most promising first, until one of them is clear.
+
+    Returns:
+        The span of a vertex to which that leads, -1 for none; and ``checked`` and how many have
+        been checked on the way, ``most`` in all.
+    """
+    step = scene.step
+    first = int(np.floor(np.min(query.begin) / step + 1e-6))
+    while heap.size[0] > 0 and checked < most and heap.key[0] < bound - _TINY:
+        depart, edge = heap.depart[0], heap.edge[0]
+        source, target, tries = edge[0], edge[1], edge[2]
+        pop(heap)
+        v, u, j = source // SPANS, target // SPANS, target % SPANS
+        if road.blocked[v, u]:
+            continue
+        if tries == _UNKNOWN:
+            if road.number[u] < 0:
+                find_stands(scene, road, u, first)
+            for k in range(road.number[u]):
+                _offer(query, road, heap, source, u * SPANS + k, depart, 0, bound)
+            continue
+        if road.come[u, j] < np.inf:
+            continue
+        arrival = arrive(query, road.q[v], depart, road.q[u])
+        checked += 1
+        found, met = _look(scene, road, v, depart, u, arrival)
+        if found == _CLEAR:
+            road.come[u, j], road.left[u, j] = arrival, depart
+            road.parent[u, j] = source
+            return target, checked
+        if tries == 0 and found == _BLOCKED:
+            road.blocked[v, u] = road.blocked[u, v] = True
+        elif tries + 1 < _TRIES:
+            later = np.floor(depart / step + 1e-6) * step + _LATER * (1 << tries)
+            if met < np.inf:
+                share = (met - depart) / (arrival - depart)
+                there = road.q[v] + share * (road.q[u] - road.q[v])
+                until = left_by_robots(scene, there, met, bound)
+                later = max(later, depart + until - met)
+            _offer(query, road, heap, source, target, later, tries + 1, bound)
+    return -1, checked
 
 
 @inner_kernel
@@ -244,37 +274,15 @@ def _offer(
 
 
 @inner_kernel
-def _offer_unknown(
-    query: Query,
-    road: Roadmap,
-    heap: Motions,
-    source: int,
-    u: int,
-    depart: float,
-    bound: float,
-) -> None:
-    """Queue a motion to a vertex whose spans are not known yet."""
-    arrival = arrive(query, road.q[source // SPANS], depart, road.q[u])
-    if arrival + road.rest[u] < bound - _TINY:
-        key = arrival + _GREED * road.rest[u]
-        push(heap, key, depart, source, u * SPANS, _UNKNOWN)
-
-
-@inner_kernel
 def _trace(road: Roadmap, last: int, best: float) -> tuple[Array, Array]:
     """Return the path that leads to a span of a vertex."""
-    count = 1
-    k = last
-    while road.parent[k // SPANS, k % SPANS] >= 0:
-        count += 1
-        k = road.parent[k // SPANS, k % SPANS]
+    states = chain_to(road.parent.reshape(-1), last)
+    count = len(states)
     times, path = np.empty(2 * count), np.empty((2 * count, road.q.shape[1]))
-    k = last
     leave = best
     for c in range(count - 1, -1, -1):
-        v, i = k // SPANS, k % SPANS
+        v, i = states[c] // SPANS, states[c] % SPANS
         times[2 * c], times[2 * c + 1] = road.come[v, i], leave
         path[2 * c], path[2 * c + 1] = road.q[v], road.q[v]
         leave = road.left[v, i]
-        k = road.parent[v, i]
     return times, path

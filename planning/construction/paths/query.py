@@ -86,6 +86,20 @@ def next_arrival(query: Query, goal: int, t: float) -> float:
 
 
 @inner_kernel
+def chain_to(parent: Indices, last: int) -> Indices:
+    """Return the nodes of a tree from its root to one of them; a root's parent is below 0."""
+    count, at = 1, last
+    while parent[at] >= 0:
+        count, at = count + 1, parent[at]
+    out = np.empty(count, dtype=np.int64)
+    at = last
+    for c in range(count - 1, -1, -1):
+        out[c] = at
+        at = parent[at]
+    return out
+
+
+@inner_kernel
 def random_share(state: npt.NDArray[np.uint64]) -> float:
     """Return the next random number in [0, 1): splitmix64, so that a seed means one sequence."""
     state[0] += np.uint64(0x9E3779B97F4A7C15)

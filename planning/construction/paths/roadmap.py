@@ -36,7 +36,8 @@ class Roadmap(NamedTuple):
     Attributes:
         q: shape (v, n).
         number: spans of each vertex, -1 where they are not known yet, shape (v,).
-        spans: in which the movers may stand there, shape (v, SPANS, 2) [s].
+        spans: in which the movers may stand there, any time where that is not known yet, shape
+            (v, SPANS, 2) [s].
         come: arrival in each span, infinity where that is not known, shape (v, SPANS) [s].
         left: departure from the vertex before, likewise [s].
         parent: which span of which vertex that was, likewise.
@@ -122,10 +123,12 @@ def draw_roadmap(
     for k in range(vertices):
         for g in range(goals):
             rest[k] = min(rest[k], arrive(query, q[k], start, query.goals[g]) - start)
+    spans = np.empty((vertices, SPANS, 2))
+    spans[:, :, 0], spans[:, :, 1] = -np.inf, np.inf
     return Roadmap(
         q,
         np.full(vertices, -1, dtype=np.int64),
-        np.empty((vertices, SPANS, 2)),
+        spans,
         np.full((vertices, SPANS), np.inf),
         np.full((vertices, SPANS), np.inf),
         np.full((vertices, SPANS), -1, dtype=np.int64),

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from planning.cell.workcell import CellObject, PlacedRobot, Workcell
+from planning.cell.workcell import CellObject, Workcell
 from planning.construction.problem.precedence import NEAR, PartGraph
 from planning.kinematics.kinematics import frame_in_flange
 from planning.parts.contact_graph import Lying, near_to, standing
@@ -28,11 +28,9 @@ class PartGrip:
     Attributes:
         touch: pose of the tool frame in the part's frame at turn zero; the tool's z axis points
             into the part and its origin lies on the face.
-        words: what it is, for messages: ``"top"``, ``"top +150 mm along x"``.
     """
 
     touch: Transform
-    words: str
 
     def held(self, turn: float) -> Transform:
         """Return the pose of the part's centre in the tool frame.
@@ -67,8 +65,7 @@ def face_grips(
             touch[:3, :3] = _into(axis, sign, along)
             touch[axis, 3] = sign * 0.5 * size[axis]
             touch[along, 3] = offset
-            beside = f" {offset * 1e3:+.0f} mm along {'xyz'[along]}" if offset else ""
-            grips.append(PartGrip(readonly(touch), f"on {face}{beside}"))
+            grips.append(PartGrip(readonly(touch)))
     return tuple(grips)
 
 
@@ -203,10 +200,6 @@ class ConstructionProblem:
     def object(self, part: Part) -> CellObject:
         """Return the object that a part is."""
         return self.cell.object(part.name)
-
-    def robots(self) -> tuple[PlacedRobot, ...]:
-        """Return the robots of the team, in its order."""
-        return tuple(self.cell.robot(name) for name in self.team)
 
     def tool_pose(self, part: Part, at: Transform, grip: int, turn: float) -> Transform:
         """Return the pose of the tool when it touches a part.

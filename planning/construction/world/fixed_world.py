@@ -10,13 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.cell.workcell import (
-    Attachment,
-    CellObject,
-    PlacedRobot,
-    Workcell,
-    WorldState,
-)
+from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.construction.world.motion_pieces import STEP, cut_timeline
 from planning.construction.world.swept_track import SweptTrack, sweep_track
 from planning.construction.world.timeline import (
@@ -128,19 +122,6 @@ class FixedWorld:
         A way out of others' way may follow, see ``without_way_out``.
         """
         return self.robots[robot].busy_until
-
-    def state_at(self, t: float) -> WorldState:
-        """Return the state of the cell at time ``t`` [s]."""
-        attachments: dict[str, Attachment] = {}
-        for item in self.cell.objects:
-            found = self.objects[item.name].at(t)
-            if found is None and not item.later:
-                found = Attachment(None, item.start)
-            if found is not None:
-                attachments[item.name] = found
-        return WorldState(
-            {name: line.at(t) for name, line in self.robots.items()}, attachments
-        )
 
     def rests(self, name: str) -> list[Rest]:
         """Return the rests of an object, in order."""

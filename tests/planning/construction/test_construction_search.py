@@ -150,10 +150,10 @@ def test_robots_that_are_free_earliest_come_first() -> None:
     problem = toy_problem(CHEST, 3)
     world = nothing_built(problem)
     busy = world.moved(
-        "robot1", np.array([0.0, 4.0]), np.tile(problem.robots()[0].home, (2, 1))
+        "robot1", np.array([0.0, 4.0]), np.tile(problem.cell.robots[0].home, (2, 1))
     )
     busy = busy.moved(
-        "robot2", np.array([0.0, 2.0]), np.tile(problem.robots()[1].home, (2, 1))
+        "robot2", np.array([0.0, 2.0]), np.tile(problem.cell.robots[1].home, (2, 1))
     )
     assert robot_groups(busy, problem.team, 1) == [
         ("robot3",),

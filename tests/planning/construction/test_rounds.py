@@ -114,7 +114,7 @@ def test_no_more_is_spent_on_tries_than_allowed(seed: int, again: float) -> None
 
 def test_robots_with_nothing_left_to_do_lose_time() -> None:
     stand = np.array([0.0, 4.0])
-    home = np.tile(PROBLEM.robots()[0].home, (2, 1))
+    home = np.tile(PROBLEM.cell.robots[0].home, (2, 1))
     start = nothing_built(PROBLEM).moved(PROBLEM.team[0], stand, home)
     told = Told(np.zeros((PARTS, 1)))
     rounds = Rounds(told, SearchSettings(tries=1))

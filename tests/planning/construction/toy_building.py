@@ -14,7 +14,7 @@ from planning.construction.world.building import PlannedTask
 from planning.construction.world.fixed_world import FixedWorld
 from planning.tasks.task import TRANSIT, Handling
 from planning.transforms import Array, inverse, translation
-from tests.planning.construction.toy_tasks import PLAIN, find_path, with_task
+from tests.planning.construction.toy_tasks import PLAIN, find_path, state_at, with_task
 
 ABOVE = np.array([0.0, 0.0, 0.05])
 SKILL_S = 1.0
@@ -59,7 +59,7 @@ class Builder:
         not_before: float = 0.0,
     ) -> float:
         """Move a robot; return the arrival time."""
-        held = self.world.state_at(1e9).attachments.items()
+        held = state_at(self.world, 1e9).attachments.items()
         touching |= {
             frozenset((f"{robot}/tool", name))
             for name, at in held
@@ -98,7 +98,7 @@ class Builder:
 
     def pick(self, robot: str, item: str, step: int, along: float = 0.0) -> None:
         """Go above an object, down and up again with it, held so far along x of its middle."""
-        found = self.world.state_at(1e9).attachments[item]
+        found = state_at(self.world, 1e9).attachments[item]
         assert found.holder is None
         height = float(self.cell.object(item).size[2])
         touch = found.pose[:3, 3] + np.array([along, 0.0, height / 2])
@@ -123,7 +123,7 @@ class Builder:
 
     def place(self, robot: str, item: str, goal: Array, step: int) -> None:
         """Bring a held object to its goal pose, and go up again without it."""
-        held = self.world.state_at(1e9).attachments[item]
+        held = state_at(self.world, 1e9).attachments[item]
         assert held.holder == robot
         touch = (goal @ inverse(held.pose))[:3, 3]
         above = touch + ABOVE
@@ -154,7 +154,7 @@ class Builder:
         self, giver: str, taker: str, item: str, at: Array, step: int
     ) -> None:
         """Hand a held object over where the giver's cup is at ``at``: the taker comes to it."""
-        held = self.world.state_at(1e9).attachments[item]
+        held = state_at(self.world, 1e9).attachments[item]
         assert held.holder == giver
         both = (f"{giver}/tool", f"{taker}/tool")
         touching = frozenset(frozenset((item, tool)) for tool in both)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from planning.cell.workcell import Workcell
+from planning.cell.workcell import Attachment, Workcell, WorldState
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.time_windows import arrival_windows
 from planning.construction.paths.query import SpaceTimePath
@@ -49,6 +49,19 @@ def world_of(cell: Workcell, tasks: Sequence[PlannedTask]) -> FixedWorld:
     for task in tasks:
         world = with_task(world, task)
     return world
+
+
+def state_at(world: FixedWorld, t: float) -> WorldState:
+    """Where everything is at a time."""
+    attachments: dict[str, Attachment] = {}
+    for item in world.cell.objects:
+        found = world.objects[item.name].at(t)
+        if found is None and not item.later:
+            found = Attachment(None, item.start)
+        if found is not None:
+            attachments[item.name] = found
+    lines = world.robots.items()
+    return WorldState({name: line.at(t) for name, line in lines}, attachments)
 
 
 def find_path(

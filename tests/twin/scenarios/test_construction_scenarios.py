@@ -80,7 +80,7 @@ def test_shipped_constructions_can_be_built(name: str, parts: int, robots: int) 
     assert len(problem.parts) == len(problem.cell.objects) == parts
     assert len(problem.team) == robots
     assert [item.mass > 0.0 for item in problem.cell.objects] == [True] * parts
-    for robot in problem.robots():
+    for robot in problem.cell.robots:
         assert np.array_equal(problem.speeds[robot.name], robot.model.velocity)
 
 
@@ -93,7 +93,11 @@ def test_own_parts_are_taken_as_they_are_written(tmp_path: Path) -> None:
     assert np.allclose(low.start[:3, 3], (2.5, -0.4, 0.1))
     assert np.allclose(high.start[:3, 3], (2.0, 1.0, 0.15))
     assert (high.colour, low.mass) == ((10, 20, 30), 8.0)
-    assert [grip.words for grip in problem.part("high").grips] == ["on +y", "on +z"]
+    half = 0.5 * high.size
+    assert [grip.touch[:3, 3].tolist() for grip in problem.part("high").grips] == [
+        [0.0, half[1], 0.0],
+        [0.0, 0.0, half[2]],
+    ]
     assert np.allclose(problem.part("high").insertion, (0.0, 0.0, -1.0))
     assert problem.graph.carriers["high"] == {"low"}
     assert (problem.seed, problem.seconds) == (7, SkillSeconds(1.0, 2.0, 3.0))

@@ -27,7 +27,7 @@ from planning.kinematics.kinematics import joint_poses_of
 from planning.tasks.task import Handling
 from planning.transforms import Array, translation
 from tests.kernels import outer
-from tests.planning.construction.toy_tasks import with_task
+from tests.planning.construction.toy_tasks import state_at, with_task
 from tests.planning.construction.toy_teams import (
     box,
     fixture,
@@ -83,7 +83,7 @@ def room_left(
     """The least distance between a moving robot and everything else, at many instants."""
     least = np.inf
     for share in np.linspace(0.0, 1.0, n):
-        state = world.state_at(t0 + share * (t1 - t0))
+        state = state_at(world, t0 + share * (t1 - t0))
         at = {**state.configurations, robot: q0 + share * (q1 - q0)}
         state = WorldState(at, state.attachments)
         own = bodies(world.cell, world.cell.robot(robot), state)

@@ -14,7 +14,7 @@ from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.errors import PlanInvariantError
 from planning.tasks.task import TRANSIT, Handling
 from planning.transforms import translation
-from tests.planning.construction.toy_tasks import with_task
+from tests.planning.construction.toy_tasks import state_at, with_task
 from tests.planning.construction.toy_teams import box, placed, slider, team
 
 
@@ -79,8 +79,8 @@ def test_objects_change_hands_in_order() -> None:
         (Handling("b", 1, "a", translation(1.0, 0.0, -0.2)),),
     )
     world = with_task(FixedWorld(cell), pick)
-    assert world.state_at(0.5).attachments["b"].holder is None
-    assert world.state_at(1.0).attachments["b"].holder == "a"
+    assert state_at(world, 0.5).attachments["b"].holder is None
+    assert state_at(world, 1.0).attachments["b"].holder == "a"
     assert world.robots["a"].skills == ((0.0, 1.0),)
     with pytest.raises(PlanInvariantError, match="before its last"):
         world.objects["b"].then(0.5, None, np.eye(4))
