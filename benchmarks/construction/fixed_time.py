@@ -85,21 +85,15 @@ class FixedTimeSolver(SubproblemSolver):
         holds = holds_of(self.bounds, robot, part)
         hold = holds[int(rng.integers(len(holds)))]
         begin = world.robots[robot].end
-        with self.watch.time("keyframes"):
-            free = solver.free_place()
 
         def pick(instant: float) -> Leg | None:
-            goals = self._drawn(
-                solver, instant, lambda: solver.picks(robot, hold, begin)
-            )
+            goals = self._drawn(solver, instant, lambda: solver.picks(robot, hold))
             if not goals:
                 return None
             return legs.leg(building, robot, goals, hints=hints, latest=latest)
 
         def place(instant: float) -> Leg | None:
-            goals = self._drawn(
-                solver, instant, lambda: solver.places(robot, hold, begin, free)
-            )
+            goals = self._drawn(solver, instant, lambda: solver.places(robot, hold))
             if not goals:
                 return None
             allowed = gripped(robot, part.name)

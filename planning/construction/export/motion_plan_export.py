@@ -8,33 +8,26 @@ own: then the temporal plan graph keeps the planned times, and its guarantee und
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.construction.checks.scene import HALVINGS
-from planning.construction.export.piece_conflicts import (
-    conflicting_pieces,
-    contact_rules,
-)
+from planning.construction.export.piece_conflicts import conflicting_pieces
 from planning.construction.world.building import PlannedTask
 from planning.construction.world.fixed_world import FixedWorld
-from planning.construction.world.fleet import cell_entities
 from planning.construction.world.motion_pieces import STEP, Pieces, cut_timeline
 from planning.construction.world.swept_track import sweep_track
 from planning.construction.world.timeline import SAME, hand_changes
 from planning.construction.world.tracks import build_tracks
 from planning.errors import PlanInvariantError
-from planning.geometry.exact import TOLERANCE
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.tasks.task import TRANSIT, AllowedContact, Task
 from planning.transforms import Indices
 
 _FINER = 3
 """Further halvings of a time cell, beyond those of planning."""
-
-_MARGIN = 1.5 * TOLERANCE
-"""Kept on top of the clearances: enough for the exact decisions of the conflict search [m]."""
 
 
 def export_motion_plan(
@@ -58,8 +51,7 @@ def export_motion_plan(
     """
     cell = world.cell
     tasks = [planned[k] for k in _in_order(cell, planned)]
-    pieces = _cut(world, tasks)
-    motions = _motions(cell, tasks, pieces)
+    motions = _motions(cell, tasks, _cut(world, tasks))
     handled = [(h, k) for k, task in enumerate(tasks) for h in task.handlings]
     placed = {h.object: k for h, k in handled if h.holder is None}
     taken = {h.object: k for h, k in reversed(handled)}
@@ -95,33 +87,19 @@ def _in_order(cell: Workcell, planned: Sequence[PlannedTask]) -> list[int]:
     )
 
 
-class _Cut:
-    """The pieces of all robots, and which tasks they belong to.
+class _Cut(NamedTuple):
+    """The pieces of a robot, and for each the tasks it belongs to, shape (p, 2); see _tasks_of."""
 
-    Attributes:
-        pieces: of each robot, by name.
-        tasks: of each of its pieces, those before and after it for a stand, shape (p, 2).
-    """
-
-    def __init__(self) -> None:
-        self.pieces: dict[str, Pieces] = {}
-        self.tasks: dict[str, Indices] = {}
+    pieces: Pieces
+    tasks: Indices
 
 
-def _cut(world: FixedWorld, tasks: Sequence[PlannedTask]) -> _Cut:
-    """Cut all motions until those at the same time stay apart."""
+def _cut(world: FixedWorld, tasks: Sequence[PlannedTask]) -> dict[str, _Cut]:
+    """Cut the motions of all robots until those at the same time stay apart."""
     cell = world.cell
     cuts: dict[str, set[float]] = {robot.name: set() for robot in cell.robots}
-    numbers, near = cell_entities(cell), cell.clearances
-    rules = contact_rules(
-        numbers,
-        list(numbers)[: 2 * len(cell.robots)],
-        near.robot_robot + _MARGIN,
-        near.robot_object + _MARGIN,
-        [task.touching for task in tasks],
-    )
     while True:
-        cut = _Cut()
+        cut: dict[str, _Cut] = {}
         swept = []
         for robot in cell.robots:
             own = [k for k, task in enumerate(tasks) if task.robot == robot.name]
@@ -136,15 +114,14 @@ def _cut(world: FixedWorld, tasks: Sequence[PlannedTask]) -> _Cut:
                 sorted(cuts[robot.name]),
             )
             swept.append(sweep_track(robot, pieces, changes, cell.object))
-            cut.pieces[robot.name] = pieces
-            cut.tasks[robot.name] = _tasks_of(pieces, tasks, own)
+            cut[robot.name] = _Cut(pieces, _tasks_of(pieces, tasks, own))
         tracks = build_tracks(swept, 0)
         found = conflicting_pieces(
+            cell,
             [carrier for track in swept for carrier in track.carriers],
-            numbers,
             tracks,
-            np.concatenate(list(cut.tasks.values())),
-            rules,
+            np.concatenate([one.tasks for one in cut.values()]),
+            [task.touching for task in tasks],
         )
         if not found:
             return cut
@@ -153,7 +130,7 @@ def _cut(world: FixedWorld, tasks: Sequence[PlannedTask]) -> _Cut:
 
 
 def _halve(
-    cut: _Cut,
+    cut: Mapping[str, _Cut],
     first: Indices,
     i: int,
     j: int,
@@ -161,15 +138,15 @@ def _halve(
     tasks: Sequence[PlannedTask],
 ) -> None:
     """Cut two pieces that come too close; the longer one where they differ."""
-    names = list(cut.pieces)
+    names = list(cut)
     found: list[tuple[int, float, str]] = []
     words = []
     for piece in (i, j):
         r = int(np.searchsorted(first, piece, side="right")) - 1
         k = piece - int(first[r])
-        pieces = cut.pieces[names[r]]
+        pieces, owners = cut[names[r]]
         start, end = float(pieces.start[k]), float(pieces.end[k])
-        label = tasks[int(cut.tasks[names[r]][k, 0])].label if tasks else ""
+        label = tasks[int(owners[k, 0])].label if tasks else ""
         words.append(f"robot {names[r]!r} ({label}, from {start:.3f} s to {end:.3f} s)")
         if pieces.whole[k] or not np.any(pieces.q_a[k] != pieces.q_b[k]):
             continue
@@ -211,13 +188,13 @@ def _tasks_of(
 
 
 def _motions(
-    cell: Workcell, tasks: Sequence[PlannedTask], cut: _Cut
+    cell: Workcell, tasks: Sequence[PlannedTask], cut: Mapping[str, _Cut]
 ) -> list[TaskMotion]:
     """Return the path of every task, a waypoint at the end of every piece."""
     out: dict[int, TaskMotion] = {}
     for robot in cell.robots:
         own = [k for k, task in enumerate(tasks) if task.robot == robot.name]
-        pieces = cut.pieces[robot.name]
+        pieces = cut[robot.name].pieces
         last = robot.home
         for k in own:
             task = tasks[k]

@@ -6,96 +6,83 @@ allow them, as in a temporal plan graph.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from planning.cell.workcell import Workcell
 from planning.construction.checks.body_pairs import capsules_meet, proved_apart
 from planning.construction.world.fleet import (
     Carrier,
     Fleet,
     bodies_of,
+    cell_entities,
     make_fleet,
     set_motion,
 )
 from planning.construction.world.tracks import Tracks
 from planning.geometry.distance import boxes_apart
+from planning.geometry.exact import TOLERANCE
 from planning.geometry.separation import Scratch, room_for
 from planning.kernels import inner_kernel, kernel
 from planning.packed import packed
+from planning.skills.contacts import Pairs
 from planning.transforms import Array, Indices
 
-
-class Rules(NamedTuple):
-    """Least distances between entities, and allowed contacts.
-
-    Attributes:
-        limits: least distance of two entities, shape (e, e) [m].
-        allowed: whether two entities may touch in a task, shape (tasks, e, e).
-    """
-
-    limits: Array
-    allowed: npt.NDArray[np.bool_]
-
-
-def contact_rules(
-    numbers: Mapping[str, int],
-    robots: Collection[str],
-    between: float,
-    to_objects: float,
-    touching: Sequence[frozenset[frozenset[str]]],
-) -> Rules:
-    """Return the rules of a plan.
-
-    Args:
-        numbers: of all entities.
-        robots: those that are bodies of robots.
-        between: least distance between robots [m].
-        to_objects: least distance of anything to an object [m].
-        touching: pairs of entities that may touch, by task.
-    """
-    count = len(numbers)
-    limits = np.full((count, count), to_objects)
-    own = [numbers[name] for name in robots]
-    limits[np.ix_(own, own)] = between
-    allowed = np.zeros((len(touching), count, count), dtype=np.bool_)
-    for task, pairs in enumerate(touching):
-        for pair in pairs:
-            a, b = (numbers[name] for name in pair)
-            allowed[task, a, b] = allowed[task, b, a] = True
-    return Rules(limits, allowed)
+_MARGIN = 1.5 * TOLERANCE
+"""Kept on top of the clearances: enough for the exact decisions of the conflict search [m]."""
 
 
 class _Plan(NamedTuple):
-    """What is searched: all carriers, the entity of each body, all pieces and their tasks."""
+    """What is searched.
+
+    Attributes:
+        fleet: all carriers.
+        entity: of each of their bodies.
+        tracks: all pieces.
+        tasks: to which a piece belongs, shape (pieces, 2).
+        limits: least distance of two entities, shape (e, e) [m].
+        allowed: whether two entities may touch in a task, shape (tasks, e, e).
+        scratch: room to work in.
+    """
 
     fleet: Fleet
     entity: Indices
     tracks: Tracks
     tasks: Indices
-    rules: Rules
+    limits: Array
+    allowed: npt.NDArray[np.bool_]
     scratch: Scratch
 
 
 def conflicting_pieces(
+    cell: Workcell,
     carriers: Sequence[Carrier],
-    numbers: Mapping[str, int],
     tracks: Tracks,
     tasks: Indices,
-    rules: Rules,
+    touching: Sequence[Pairs],
 ) -> list[tuple[int, int]]:
-    """Return pairs of pieces that share time and are not proved to stay apart.
+    """Return pairs of pieces that share time and are not proved to keep the cell's clearances.
 
     Args:
+        cell: the static cell.
         carriers: those of the tracks.
-        numbers: of all entities.
         tracks: of all robots.
         tasks: the tasks that each piece belongs to: one given twice, or for a stand those
             before and after it, shape (pieces, 2).
-        rules: how near which bodies may come.
+        touching: pairs of entities that may touch, by task.
     """
+    numbers = cell_entities(cell)
+    count, robots = len(numbers), 2 * len(cell.robots)
+    limits = np.full((count, count), cell.clearances.robot_object + _MARGIN)
+    limits[:robots, :robots] = cell.clearances.robot_robot + _MARGIN
+    allowed = np.zeros((len(touching), count, count), dtype=np.bool_)
+    for task, pairs in enumerate(touching):
+        for pair in pairs:
+            a, b = (numbers[name] for name in pair)
+            allowed[task, a, b] = allowed[task, b, a] = True
     names = [name for carrier in carriers for name in carrier.names]
     joints = max(c.hulls.q_a.shape[1] for c in carriers)
     corners = max(c.hulls.most_corners for c in carriers)
@@ -105,7 +92,8 @@ def conflicting_pieces(
             np.array([numbers[name] for name in names], dtype=np.int64),
             tracks,
             tasks,
-            packed(rules),
+            limits,
+            allowed,
             room_for(joints, joints, corners, corners),
         )
     )
@@ -122,7 +110,7 @@ def conflicting_pieces(
 def _find(plan: _Plan, out: Indices) -> int:
     first, box = plan.tracks.first, plan.tracks.sweeps.box
     start, end = plan.tracks.pieces.start, plan.tracks.pieces.end
-    widest = np.max(plan.rules.limits)
+    widest = np.max(plan.limits)
     count = 0
     for r in range(len(first) - 1):
         for s in range(r):
@@ -146,7 +134,7 @@ def _find(plan: _Plan, out: Indices) -> int:
 
 @inner_kernel
 def _pair_clear(plan: _Plan, i: int, j: int) -> bool:
-    bodies, entity, limits = plan.fleet.body_first, plan.entity, plan.rules.limits
+    bodies, entity, limits = plan.fleet.body_first, plan.entity, plan.limits
     pieces, sweeps, box = (
         plan.tracks.pieces,
         plan.tracks.sweeps,
@@ -182,7 +170,7 @@ def _pair_clear(plan: _Plan, i: int, j: int) -> bool:
 @inner_kernel
 def _allowed(plan: _Plan, piece: int, x: int, y: int) -> bool:
     """Tell whether two entities may touch in a task that a piece belongs to."""
-    for task in plan.tasks[piece]:
-        if task >= 0 and plan.rules.allowed[task, x, y]:
-            return True
-    return False
+    allowed, before, after = plan.allowed, plan.tasks[piece, 0], plan.tasks[piece, 1]
+    if before >= 0 and allowed[before, x, y]:
+        return True
+    return bool(after >= 0 and allowed[after, x, y])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache, cached_property, partial
 from itertools import islice
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.time_windows import arrival_windows
 from planning.construction.keyframes.step_scenes import Hold, StepScenes
 from planning.construction.problem.problem import Part
-from planning.construction.problem.reach_bounds import APART, ReachBounds
+from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.problem.settings import KeyframeSettings
 from planning.construction.world.skill_motion import SkillMotion, skill_motion
 from planning.kinematics.kinematics import frame_pose
@@ -122,14 +123,12 @@ class KeyframeSolver:
         """
         part = self.scenes.part
         holds = holds_of(self.bounds, robot, part)
-        begin = self.scenes.world.robots[robot].end
-        free = self.free_place()
         for k in self.rng.permutation(len(holds)).tolist():
             hold = holds[k]
-            places = self.places(robot, hold, begin, free)
+            places = self.places(robot, hold)
             if not places:
                 continue
-            picks = self.picks(robot, hold, begin)
+            picks = self.picks(robot, hold)
             if picks:
                 yield Keyframes((hold,), picks, places)
 
@@ -138,32 +137,24 @@ class KeyframeSolver:
 
         The lower bounds come first again: place, then pick, then where both can meet.
         """
-        part, bounds, world = self.scenes.part, self.bounds, self.scenes.world
+        part, bounds = self.scenes.part, self.bounds
         pairs = [
             (Hold(a, turn_a), Hold(b, turn_b))
             for a in bounds.pick_grips(giver, part)
             for b in bounds.place_grips(taker, part)
-            if grips_apart(part, a, b)
+            if part.grips_apart(a, b)
             for turn_a in _TURNS
             for turn_b in _TURNS
         ]
-        free = self.free_place()
-        picks: dict[Hold, tuple[Keyframe, ...]] = {}
-        places: dict[Hold, tuple[Keyframe, ...]] = {}
+        places = cache(partial(self.places, taker))
+        picks = cache(partial(self.picks, giver))
         for k in self.rng.permutation(len(pairs)).tolist():
             first, second = pairs[k]
-            if second not in places:
-                begin = world.robots[taker].end
-                places[second] = self.places(taker, second, begin, free)
-            if not places[second]:
+            if not places(second) or not picks(first):
                 continue
-            if first not in picks:
-                picks[first] = self.picks(giver, first, world.robots[giver].end)
-            if not picks[first]:
-                continue
-            meetings = self.meetings(giver, taker, (first, second), picks[first][0])
+            meetings = self.meetings(giver, taker, (first, second), picks(first)[0])
             if meetings:
-                yield Keyframes((first, second), picks[first], places[second], meetings)
+                yield Keyframes((first, second), picks(first), places(second), meetings)
 
     def meetings(
         self, giver: str, taker: str, holds: tuple[Hold, Hold], pick: Keyframe
@@ -183,17 +174,16 @@ class KeyframeSolver:
         scenes, problem = self.scenes, self.scenes.problem
         before = scenes.handing(giver, taker, giver, holds[0])
         after = scenes.handing(giver, taker, taker, holds[1])
+        standing = scenes.world.robots[taker].path[-1]
+        start = np.concatenate([pick.motion.path[-1], standing])
         for _ in range(self.settings.meetings):
             drawn = self._draw_meeting(giver, taker, holds)
             if drawn is None:
                 continue
             q_giver, q_taker, tools = drawn
-            carried = before.least_duration(
-                np.concatenate([pick.motion.path[-1], self._standing(taker)]),
-                np.concatenate([q_giver, q_taker]),
-            )
-            soon = max(pick.earliest + pick.motion.seconds, before.begin[1]) + carried
             both = np.concatenate([q_giver, q_taker])
+            carried = before.least_duration(start, both)
+            soon = max(pick.earliest + pick.motion.seconds, before.begin[1]) + carried
             if not before.configuration_free(both, self._drawn_time(soon)):
                 continue
             motion = skill_motion(
@@ -221,9 +211,6 @@ class KeyframeSolver:
             if len(windows):
                 yield Meeting(Keyframe(motion, windows), q_taker)
 
-    def _standing(self, robot: str) -> Array:
-        return np.asarray(self.scenes.world.robots[robot].path[-1])
-
     def _draw_meeting(
         self, giver: str, taker: str, holds: tuple[Hold, Hold]
     ) -> tuple[Array, Array, tuple[Transform, Transform]] | None:
@@ -247,7 +234,7 @@ class KeyframeSolver:
             return q_lead, found[0], (tool, other)
         return found[0], q_lead, (other, tool)
 
-    def picks(self, robot: str, hold: Hold, begin: float) -> tuple[Keyframe, ...]:
+    def picks(self, robot: str, hold: Hold) -> tuple[Keyframe, ...]:
         """Return keyframes of the pick, the earliest first."""
         scenes, problem = self.scenes, self.scenes.problem
         start = problem.object(scenes.part).start
@@ -260,15 +247,13 @@ class KeyframeSolver:
             problem.tool_pose(scenes.part, start, *hold),
             None,
             phase,
-            max(self.earliest_times.pick, begin),
+            self.earliest_times.pick,
             problem.seconds.pick,
         )
         picks = islice(found, self.settings.picks)
         return tuple(sorted(picks, key=lambda k: k.earliest))
 
-    def places(
-        self, robot: str, hold: Hold, begin: float, free: Array
-    ) -> tuple[Keyframe, ...]:
+    def places(self, robot: str, hold: Hold) -> tuple[Keyframe, ...]:
         """Return keyframes of the place, the earliest first."""
         scenes, problem = self.scenes, self.scenes.problem
         phase = (
@@ -280,18 +265,19 @@ class KeyframeSolver:
             problem.tool_pose(scenes.part, scenes.part.goal, *hold),
             scenes.part.insertion,
             phase,
-            max(self.earliest_times.place, begin),
+            self.earliest_times.place,
             problem.seconds.place,
         )
         places = islice(found, self.settings.places)
         cut = [
-            Keyframe(k.motion, common(k.windows, free))
+            Keyframe(k.motion, common(k.windows, self._free_place))
             for k in sorted(places, key=lambda k: k.earliest)
         ]
         return tuple(k for k in cut if len(k.windows))
 
-    def free_place(self) -> Array:
-        """Return the spans from which on nothing that is fixed runs into the part in its place."""
+    @cached_property
+    def _free_place(self) -> Array:
+        """Spans from which on nothing that is fixed runs into the part in its place."""
         checker, q = self.scenes.lying
         begin = max(self.earliest_times.place, checker.start)
         # It counts as lying there from the beginning of the skill that places it.
@@ -303,7 +289,7 @@ class KeyframeSolver:
         tool: Transform,
         insertion: Array | None,
         phase: Phase,
-        begin: float,
+        earliest: float,
         seconds: float,
     ) -> Iterator[Keyframe]:
         """Yield ways to touch at a tool pose; without ``insertion`` straight along the tool."""
@@ -319,7 +305,7 @@ class KeyframeSolver:
             drawn.sort(key=lambda q: checker.least_duration(q_start, q))
             for q in drawn:
                 soon = checker.begin[0] + checker.least_duration(q_start, q)
-                soon = max(soon, begin)
+                soon = max(soon, earliest)
                 if not checker.configuration_free(q, self._drawn_time(soon)):
                     continue
                 motion = skill_motion(placed, problem.frame, q, ways, velocity, seconds)
@@ -343,12 +329,6 @@ def holds_of(bounds: ReachBounds, robot: str, part: Part) -> list[Hold]:
     """Return the holds with which a robot can both pick and place a part."""
     grips = set(bounds.pick_grips(robot, part)) & set(bounds.place_grips(robot, part))
     return [Hold(grip, turn) for grip in sorted(grips) for turn in _TURNS]
-
-
-def grips_apart(part: Part, a: int, b: int) -> bool:
-    """Tell whether two pads have room on a part, by the numbers of their grips."""
-    gap = part.grips[a].touch[:3, 3] - part.grips[b].touch[:3, 3]
-    return bool(np.linalg.norm(gap) >= APART)
 
 
 def _beside(path: Array, standing: Array) -> Array:

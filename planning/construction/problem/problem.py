@@ -20,6 +20,9 @@ from planning.parts.contact_graph import Lying, near_to, standing
 from planning.skills.contacts import Pairs, touching
 from planning.transforms import Array, Transform, inverse, readonly, rotation
 
+_APART = 0.12
+"""Least distance of two pads on one part [m]."""
+
 
 @dataclass(frozen=True)
 class PartGrip:
@@ -92,6 +95,11 @@ class Part:
     goal: Transform
     grips: tuple[PartGrip, ...]
     insertion: Array = field(default_factory=lambda: readonly((0.0, 0.0, -1.0)))
+
+    def grips_apart(self, a: int, b: int) -> bool:
+        """Tell whether two pads have room on the part, by the numbers of their grips."""
+        gap = self.grips[a].touch[:3, 3] - self.grips[b].touch[:3, 3]
+        return bool(np.linalg.norm(gap) >= _APART)
 
 
 class PartContacts:

@@ -28,9 +28,6 @@ _STARTS = 12
 _HANDOVERS = 150
 """Poses of a part that are tried for a handover."""
 
-APART = 0.12
-"""Least distance of two pads on one part [m]."""
-
 Handover = tuple[Array, Array, Transform]
 """Configurations of giver and taker, and the pose of the part's centre in the world."""
 
@@ -204,8 +201,7 @@ class ReachBounds:
         for mine, yours in product(
             self.pick_grips(giver, part), range(len(part.grips))
         ):
-            first, second = part.grips[mine].touch, part.grips[yours].touch
-            if np.linalg.norm(first[:3, 3] - second[:3, 3]) >= APART:
+            if part.grips_apart(mine, yours):
                 yield mine, yours
 
     def _robot(self, name: str) -> PlacedRobot:
