@@ -107,8 +107,8 @@ class FixedTimeSolver(SubproblemSolver):
         building, key, start, earliest, lost = leg
         late = start - earliest
         pose = self.problem.held_in_flange(robot, part, *hold)
-        allowed, contacts = gripped(robot, part.name), self.problem.contacts
-        touching = allowed | contacts.at_start(part)
+        allowed = gripped(robot, part.name)
+        touching = allowed | self.problem.start_contacts[part.name]
         building = building.worked(
             key.motion, "pick", part.name, start, robot, pose, touching
         )
@@ -117,7 +117,7 @@ class FixedTimeSolver(SubproblemSolver):
             return None
         building, key, start, earliest, more = leg
         late = start - max(opens.place, earliest - late)
-        touching = allowed | contacts.at_goal(part)
+        touching = allowed | self.problem.goal_contacts[part.name]
         building = building.worked(
             key.motion, "place-down", part.name, start, None, part.goal, touching
         )

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.reach_bounds import reach_bounds
 from planning.construction.problem.settings import PlannerSettings, SearchSettings
-from planning.construction.search import ConstructionSearch, Failure
-from planning.construction.subproblem import SubproblemSolver
+from planning.construction.search import ConstructionSearch
+from planning.construction.subproblem import Attempt, SubproblemSolver
 from planning.construction.world.building import Building
 
 
@@ -31,7 +31,7 @@ class ConstructionPlan:
     seconds: Mapping[str, float]
     cpu: Mapping[str, float]
     rewound: int = 0
-    failures: tuple[Failure, ...] = ()
+    failures: tuple[Attempt, ...] = ()
 
     @property
     def makespan(self) -> float:

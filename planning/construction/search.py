@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.construction.candidates import Candidates, Skeleton
+from planning.construction.candidates import Candidates
 from planning.construction.easy_placement import EasyPlacement
 from planning.construction.object_order import rank_parts
 from planning.construction.problem.problem import Part
@@ -18,19 +18,6 @@ from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.building import Building, nothing_built
 from planning.errors import ConstructionError
 from planning.kinematics.kinematics import frame_pose
-
-
-@dataclass(frozen=True)
-class Failure:
-    """A skeleton that did not work, to be gone through again when nothing else is left.
-
-    Attributes:
-        part: its name.
-        skeleton: who was to do it.
-    """
-
-    part: str
-    skeleton: Skeleton
 
 
 class ConstructionSearch:
@@ -47,7 +34,7 @@ class ConstructionSearch:
 
     Attributes:
         rewound: how many placements have been taken back.
-        failures: what did not work, in order.
+        failures: attempts of all robots that could not place a part, in order.
         spent: how much has been tried: attempts, those that try hard thrice.
     """
 
@@ -64,7 +51,7 @@ class ConstructionSearch:
         self.settings = settings
         self.progress = progress
         self.rewound = 0
-        self.failures: list[Failure] = []
+        self.failures: list[Attempt] = []
         self.spent = 0
         self._rng = np.random.default_rng([problem.seed, 1])
         self._walls: dict[str, set[frozenset[str]]] = {}
@@ -136,7 +123,9 @@ class ConstructionSearch:
                 return [*done[: len(done) - back], after.building]
         robots = ", ".join(
             dict.fromkeys(
-                " and ".join(f.skeleton) for f in self.failures if f.part == part.name
+                " and ".join(f.robots)
+                for f in self.failures
+                if f.part.name == part.name
             )
         )
         raise ConstructionError(
@@ -183,15 +172,16 @@ class ConstructionSearch:
             effort: how much harder than usual is tried.
         """
         for skeleton in self.candidates.of(building, part):
-            for attempt in range(self.settings.attempts):
-                seed = [self.problem.seed, 2, building.step, self.rewound, attempt]
+            for turn in range(self.settings.attempts):
+                seed = [self.problem.seed, 2, building.step, self.rewound, turn]
                 # One number for each action.
                 acting = skeleton[0], *skeleton, skeleton[-1]
                 seed += [effort, *map(self.problem.team.index, acting)]
-                after = self._solve(building, Attempt(part, skeleton, seed, effort))
+                attempt = Attempt(part, skeleton, seed, effort)
+                after = self._solve(building, attempt)
                 if after is not None:
                     return after
-            self.failures.append(Failure(part.name, skeleton))
+            self.failures.append(attempt)
         return None
 
     def _solve(self, building: Building, attempt: Attempt) -> Solution | None:

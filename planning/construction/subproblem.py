@@ -132,7 +132,7 @@ class SubproblemSolver:
             w.end for w in building.work if w.kind == "pick" and w.object in above
         ]
         touching = {
-            name for pair in self.problem.contacts.at_goal(part) for name in pair
+            name for pair in self.problem.goal_contacts[part.name] for name in pair
         }
         there = [end for name, end in building.placed.items() if name in touching]
         ready = ready_at(self.problem, part.name, building.placed)
@@ -171,7 +171,7 @@ class SubproblemSolver:
         building, pick, start, earliest, lost = leg
         late = start - earliest
         pose = problem.held_in_flange(robot, part, *hold)
-        touching = gripped(robot, part.name) | problem.contacts.at_start(part)
+        touching = gripped(robot, part.name) | problem.start_contacts[part.name]
         building = building.worked(
             pick.motion, "pick", part.name, start, robot, pose, touching
         )
@@ -194,7 +194,7 @@ class SubproblemSolver:
         building, place, start, earliest, more = leg
         opens = min(place.earliest for place in keyframes.places)
         late = start - max(opens, earliest - late)
-        touching = gripped(robot, part.name) | problem.contacts.at_goal(part)
+        touching = gripped(robot, part.name) | problem.goal_contacts[part.name]
         building = building.worked(
             place.motion, "place-down", part.name, start, None, part.goal, touching
         )
@@ -205,7 +205,7 @@ class SubproblemSolver:
         """Return how much later than possible a part may be picked and still be in time [s]."""
         if len(keyframes.holds) > 1:
             return 0.0  # another robot places it
-        velocity = np.asarray(self.problem.speeds[robot])
+        velocity = self.problem.cell.robot(robot).model.velocity
         pick = keyframes.picks[0]
         have = pick.earliest + pick.motion.seconds
         spare = np.inf

@@ -214,7 +214,7 @@ def test_a_schedule_tells_carrying_driving_and_waiting() -> None:
 
     pick, place = skill("pick", 5.0, "a"), skill("place-down", 8.0, None)
     world = FixedWorld(cell).with_robot(line)
-    problem = ConstructionProblem(cell, (), None, ("a",))  # type: ignore[arg-type]
+    problem = ConstructionProblem(cell, (), None)  # type: ignore[arg-type]
     plan = ConstructionPlan(problem, Building(world, (pick, place)), {}, {})
     assert [tuple(span)[1:4] for span in schedule(plan)] == [
         (DRIVE, 0.0, 2.0),

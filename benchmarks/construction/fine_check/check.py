@@ -88,10 +88,11 @@ def check_construction(
     problem, world = plan.problem, plan.building.world
     faults: list[Fault] = []
     for robot in problem.cell.robots:
-        limits = problem.speeds.get(robot.name, robot.model.velocity)
         line = world.robots[robot.name]
         model = robot.model
-        faults += _motion_faults(line, robot.home, model.lower, model.upper, limits)
+        faults += _motion_faults(
+            line, robot.home, model.lower, model.upper, model.velocity
+        )
     robots = {robot.name: ReferenceRobot(robot) for robot in problem.cell.robots}
     motions = {
         name: Motion(robots[name], world.robots[name]) for name in sorted(robots)

@@ -50,7 +50,8 @@ def export_motion_plan(
         PlanInvariantError: two robots come too close at the same time; names both.
     """
     cell = world.cell
-    tasks = [planned[k] for k in _in_order(cell, planned)]
+    robots = [robot.name for robot in cell.robots]
+    tasks = sorted(planned, key=lambda t: (t.start, t.end, robots.index(t.robot)))
     motions = _motions(cell, tasks, _cut(world, tasks))
     handled = [(h, k) for k, task in enumerate(tasks) for h in task.handlings]
     placed = {h.object: k for h, k in handled if h.holder is None}
@@ -75,15 +76,6 @@ def export_motion_plan(
         tuple(motions),
         np.array(sorted(edges), dtype=np.int64).reshape(-1, 2),
         _allowed(tasks),
-    )
-
-
-def _in_order(cell: Workcell, planned: Sequence[PlannedTask]) -> list[int]:
-    """Return positions of tasks by planned start, each robot's in its own order."""
-    robots = {robot.name: k for k, robot in enumerate(cell.robots)}
-    return sorted(
-        range(len(planned)),
-        key=lambda k: (planned[k].start, planned[k].end, robots[planned[k].robot], k),
     )
 
 
@@ -191,33 +183,24 @@ def _motions(
     cell: Workcell, tasks: Sequence[PlannedTask], cut: Mapping[str, _Cut]
 ) -> list[TaskMotion]:
     """Return the path of every task, a waypoint at the end of every piece."""
-    out: dict[int, TaskMotion] = {}
-    for robot in cell.robots:
-        own = [k for k, task in enumerate(tasks) if task.robot == robot.name]
-        pieces = cut[robot.name].pieces
-        last = robot.home
-        for k in own:
-            task = tasks[k]
-            if task.kind != TRANSIT:
-                path = np.array(task.path)
-                path[0] = last
-                out[k] = TaskMotion(path, np.array(task.time))
-            else:
-                if task.handlings:
-                    raise PlanInvariantError(
-                        f"{task.label} of robot {robot.name!r} is a transit, in which"
-                        " nothing changes hands"
-                    )
-                inside = np.flatnonzero(
-                    (pieces.start >= task.start - SAME)
-                    & (pieces.end <= task.end + SAME)
-                    & ~pieces.whole
-                )
-                path = np.vstack([last[None], pieces.q_b[inside]])
-                time = np.concatenate([[task.start], pieces.end[inside]])
-                out[k] = TaskMotion(path, time)
-            last = out[k].path[-1]
-    return [out[k] for k in range(len(tasks))]
+    out = []
+    last = {robot.name: robot.home for robot in cell.robots}
+    for task in tasks:
+        if task.kind != TRANSIT:
+            path, time = np.array(task.path), np.array(task.time)
+            path[0] = last[task.robot]
+        else:
+            pieces = cut[task.robot].pieces
+            inside = np.flatnonzero(
+                (pieces.start >= task.start - SAME)
+                & (pieces.end <= task.end + SAME)
+                & ~pieces.whole
+            )
+            path = np.vstack([last[task.robot][None], pieces.q_b[inside]])
+            time = np.concatenate([[task.start], pieces.end[inside]])
+        out.append(TaskMotion(path, time))
+        last[task.robot] = path[-1]
+    return out
 
 
 def _object_order(tasks: Sequence[PlannedTask]) -> set[tuple[int, int]]:

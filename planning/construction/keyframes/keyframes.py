@@ -194,7 +194,7 @@ class KeyframeSolver:
                     -problem.approach * tools[1][:3, 2],
                     -problem.approach * tools[0][:3, 2],
                 ),
-                np.asarray(problem.speeds[giver]),
+                problem.cell.robot(giver).model.velocity,
                 problem.seconds.handover,
             )
             if motion is None:
@@ -297,7 +297,7 @@ class KeyframeSolver:
         placed = problem.cell.robot(robot)
         into = tool[:3, 2] if insertion is None else insertion
         ways = (problem.approach * into, -problem.approach * tool[:3, 2])
-        checker, velocity = phase[0], np.asarray(problem.speeds[robot])
+        checker, velocity = phase[0], placed.model.velocity
         q_start = checker.start_configuration()
         sampler = self.bounds.sampler(robot)
         for _ in range(self.settings.draws):

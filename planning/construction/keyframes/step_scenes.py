@@ -64,9 +64,9 @@ class StepScenes:
 
     def held(self, robot: str, hold: Hold, *, at_goal: bool) -> SpaceTimeChecker:
         """Return the check of the part as it is lifted from the supply, or put down."""
-        contacts = self.problem.contacts
-        touched = contacts.at_goal if at_goal else contacts.at_start
-        allowed = gripped(robot, self.part.name) | touched(self.part)
+        problem = self.problem
+        touched = problem.goal_contacts if at_goal else problem.start_contacts
+        allowed = gripped(robot, self.part.name) | touched[self.part.name]
         held = self._attached(robot, hold)
         key = (robot, at_goal, hold)
         return self._checker(key, self.world, (robot,), held, allowed)
@@ -121,7 +121,7 @@ class StepScenes:
         own = self.part.name
         touched = {
             frozenset((f"{_GHOST}/arm", *(pair - {own})))
-            for pair in self.problem.contacts.at_goal(self.part)
+            for pair in self.problem.goal_contacts[self.part.name]
         }
         spared = [own] + [entity(r, g) for r in self.team for g in ("arm", "tool")]
         touched |= {frozenset((f"{_GHOST}/arm", name)) for name in spared}

@@ -102,52 +102,6 @@ class Part:
         return bool(np.linalg.norm(gap) >= _APART)
 
 
-class PartContacts:
-    """The contacts of every part at the start and in its place.
-
-    Args:
-        cell: fixtures, and objects where they are at the start.
-        parts: everything that is placed.
-        graph: says which part lies on which at the start.
-    """
-
-    def __init__(self, cell: Workcell, parts: Sequence[Part], graph: PartGraph) -> None:
-        fixed = standing(cell)
-        starts: dict[str, Lying] = {o.name: (o, o.start) for o in cell.objects}
-        goals: dict[str, Lying] = {
-            part.name: (cell.object(part.name), part.goal) for part in parts
-        }
-        still = {n: lying for n, lying in starts.items() if n not in goals}
-        # What lies on a part has been taken before it: from then on it is in somebody's hand.
-        self._start = {
-            name: _touched(
-                name,
-                starts,
-                {k: v for k, v in starts.items() if k not in graph.covers.get(name, ())}
-                | fixed,
-            )
-            for name in goals
-        }
-        self._goal = {
-            name: _touched(name, goals, goals | still | fixed) for name in goals
-        }
-
-    def at_start(self, part: Part) -> Pairs:
-        """Return the pairs of a part and what it touches in the supply when it is taken."""
-        return self._start[part.name]
-
-    def at_goal(self, part: Part) -> Pairs:
-        """Return the pairs of a part and what it touches in its place."""
-        return self._goal[part.name]
-
-
-def _touched(
-    name: str, lying: Mapping[str, Lying], others: Mapping[str, Lying]
-) -> Pairs:
-    rest = {key: value for key, value in others.items() if key != name}
-    return touching(name, near_to(lying[name], rest, NEAR))
-
-
 @dataclass(frozen=True)
 class SkillSeconds:
     """Nominal durations of the moments in which a tool stands still [s].
@@ -172,12 +126,10 @@ class ConstructionProblem:
             scenery. HOME is where robots start, and where they park.
         parts: everything that is placed, in the order of the scenario.
         graph: which parts touch each other and the ground in their places.
-        team: names of the robots that take part.
         frame: name of the tool frame that touches the parts.
         seconds: nominal durations of the skills.
         approach: straight way before and after a touch, and of a part before it reaches and
             after it leaves a place [m].
-        speeds: joint speed limits by robot, each of shape (n,) [rad/s or m/s].
         carried: whether a part waits for everything that it rests on, see PartGraph.placeable.
         seed: of everything that is drawn.
     """
@@ -185,13 +137,16 @@ class ConstructionProblem:
     cell: Workcell
     parts: tuple[Part, ...]
     graph: PartGraph
-    team: tuple[str, ...]
     frame: str = "tool"
     seconds: SkillSeconds = field(default_factory=SkillSeconds)
     approach: float = 0.1
-    speeds: Mapping[str, Array] = field(default_factory=dict)
     carried: bool = True
     seed: int = 0
+
+    @cached_property
+    def team(self) -> tuple[str, ...]:
+        """Names of the robots."""
+        return tuple(robot.name for robot in self.cell.robots)
 
     def part(self, name: str) -> Part:
         """Return the part called ``name``; KeyError lists no choices: names are checked."""
@@ -201,9 +156,32 @@ class ConstructionProblem:
         raise KeyError(f"no part {name!r}")
 
     @cached_property
-    def contacts(self) -> PartContacts:
-        """What every part touches at the start and in its place."""
-        return PartContacts(self.cell, self.parts, self.graph)
+    def start_contacts(self) -> Mapping[str, Pairs]:
+        """Part to the pairs of it and what it touches in the supply when it is taken."""
+        fixed = standing(self.cell)
+        starts: dict[str, Lying] = {o.name: (o, o.start) for o in self.cell.objects}
+        out = {}
+        for part in self.parts:
+            # What lies on it has been taken before: from then on it is in somebody's hand.
+            gone = {part.name, *self.graph.covers.get(part.name, ())}
+            others = {k: v for k, v in starts.items() if k not in gone} | fixed
+            near = near_to(starts[part.name], others, NEAR)
+            out[part.name] = touching(part.name, near)
+        return out
+
+    @cached_property
+    def goal_contacts(self) -> Mapping[str, Pairs]:
+        """Part to the pairs of it and what it touches in its place."""
+        lying: dict[str, Lying] = {o.name: (o, o.start) for o in self.cell.objects}
+        lying |= {part.name: (self.object(part), part.goal) for part in self.parts}
+        lying |= standing(self.cell)
+        out = {}
+        for part in self.parts:
+            others = {k: v for k, v in lying.items() if k != part.name}
+            out[part.name] = touching(
+                part.name, near_to(lying[part.name], others, NEAR)
+            )
+        return out
 
     def object(self, part: Part) -> CellObject:
         """Return the object that a part is."""

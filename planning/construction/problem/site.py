@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from planning.cell.cover import box_body
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.construction.problem.models import ModelPart
@@ -114,7 +112,6 @@ def build_problem(
         out.append(Part(part.name, readonly(part.goal), grips, insertion))
     items = {part.name: (cell.object(part.name), part.goal) for part in parts}
     starts = {o.name: (o, o.start) for o in cell.objects if o.name in items}
-    names = tuple(robot.name for robot in cell.robots)
     graph = build_part_graph(
         items,
         list(standing(cell).values()),
@@ -126,7 +123,5 @@ def build_problem(
         cell=cell,
         parts=tuple(out),
         graph=with_insertions(graph, items, ways, approach),
-        team=names,
         approach=approach,
-        speeds={name: np.array(cell.robot(name).model.velocity) for name in names},
     )

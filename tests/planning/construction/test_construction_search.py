@@ -178,7 +178,7 @@ def test_placements_are_taken_back_for_a_part_that_was_built_in() -> None:
     order = [w.object for w in plan.building.work if w.holder is None]
     assert sorted(order) == ["chest", "post1", "post2", "slab"]
     assert plan.rewound >= 1
-    assert {f.part for f in plan.failures} == {"chest"}
+    assert {f.part.name for f in plan.failures} == {"chest"}
     assert order.index("chest") < order.index("slab")
     _check(plan)
     assert check_construction(plan).faults == ()
@@ -233,7 +233,7 @@ def test_a_handover_is_found_where_nobody_can_do_it_alone() -> None:
     _check(plan)
     assert check_construction(plan).faults == ()
     # One alone was never tried: the bounds say that it is no use.
-    assert all(len(f.skeleton) == 2 for f in plan.failures)
+    assert all(len(f.robots) == 2 for f in plan.failures)
 
 
 def test_a_seed_means_one_plan(small_tower: ConstructionPlan) -> None:

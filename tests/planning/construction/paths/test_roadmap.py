@@ -1,4 +1,4 @@
-"""The queue of motions against heapq."""
+"""The queue of motions over a roadmap against heapq."""
 
 from __future__ import annotations
 
