@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.executed import Recording, RobotRows
+from twin.audit.executed import Recording
 
 CONTACT_DEPTH = 0.003
 """Allowed contacts may be this deep [m]."""
@@ -74,23 +74,8 @@ class ContactRule:
         """Return the tasks a robot is at: two at the moment one ends and when it stands."""
         key = (robot, t)
         if key not in self._known:
-            rows = self._recording.robots[robot]
-            tasks = self._tasks.get(robot, ())
-            if len(tasks):
-                nodes = np.clip(_nodes_at(rows, t), 0, len(tasks) - 1)
-                self._known[key] = frozenset(tasks[nodes].tolist())
-            else:
-                self._known[key] = frozenset()
+            tasks = self._tasks.get(robot, np.empty(0, dtype=np.int64))
+            nodes = self._recording.robots[robot].nodes_at(t)
+            own = tasks[np.clip(nodes, 0, len(tasks) - 1)] if len(tasks) else tasks
+            self._known[key] = frozenset(own.tolist())
         return self._known[key]
-
-
-def _nodes_at(rows: RobotRows, t: float) -> np.ndarray:
-    low = int(np.searchsorted(rows.t, t, side="left"))
-    high = int(np.searchsorted(rows.t, t, side="right"))
-    last = len(rows.t) - 1
-    if low == high:  # strictly between two rows
-        before, after = max(low - 1, 0), min(low, last)
-        if np.array_equal(rows.q[before], rows.q[after]):
-            return np.array([rows.node[before], rows.node[after]])
-        return np.array([rows.node[after]])
-    return np.asarray(rows.node[max(low, 0) : min(high, last) + 1])

@@ -43,6 +43,16 @@ class RobotRows:
         # Written so that a standing robot keeps exactly the same values.
         return np.asarray(before + (after - before) * np.clip(share, 0, 1)[:, None])
 
+    def nodes_at(self, t: float) -> Indices:
+        """Return the nodes at a time [s]: two where one ends, and while the robot stands."""
+        low = int(np.searchsorted(self.t, t, side="left"))
+        high = int(np.searchsorted(self.t, t, side="right"))
+        if low < high:
+            return self.node[low : high + 1]
+        before, after = max(low - 1, 0), min(low, len(self.t) - 1)
+        stands = np.array_equal(self.q[before], self.q[after])
+        return self.node[[before, after] if stands else [after]]
+
 
 @dataclass(frozen=True)
 class ObjectRow:

@@ -13,7 +13,6 @@ from twin.host.guard import guarded, print_json
 
 if TYPE_CHECKING:
     from twin.fit.fitting import Fit
-    from twin.fit.selection import Candidate
 
 File = Annotated[
     Path,
@@ -95,18 +94,17 @@ def _content(fit: Fit) -> dict[str, Any]:
         **fit.sample.labels,
         "durations": len(fit.sample.values_s),
         "section": dict(fit.section),
-        "candidates": [_figures(candidate) for candidate in fit.candidates],
-    }
-
-
-def _figures(candidate: Candidate) -> dict[str, Any]:
-    return {
-        "distribution": candidate.family.title,
-        "section": dict(candidate.section),
-        "aicc": candidate.aicc,
-        "anderson_darling": candidate.anderson_darling,
-        "p_value": candidate.p_value,
-        "rejected": candidate.rejected,
+        "candidates": [
+            {
+                "distribution": candidate.family.title,
+                "section": dict(candidate.section),
+                "aicc": candidate.aicc,
+                "anderson_darling": candidate.anderson_darling,
+                "p_value": candidate.p_value,
+                "rejected": candidate.rejected,
+            }
+            for candidate in fit.candidates
+        ],
     }
 
 

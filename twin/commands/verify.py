@@ -49,12 +49,10 @@ def verify(
     tpg = load_plan(folder)
     with StageDisplay(enabled=not (quiet or as_json)) as display:
         report = verify_plan(tpg, progress=of_stage(display, "verification"))
-        standing = None
-        if adversary:
-            standing = audit_standing_states(tpg, display)
+        standing = audit_standing_states(tpg, display) if adversary else None
     ok = report.ok and not (standing and standing.violations)
     if as_json:
-        print_json(_content(report, standing))
+        print_json(_content(ok, report, standing))
     elif not quiet:
         for problem in report.problems:
             typer.echo(problem.message)
@@ -74,20 +72,18 @@ def verify(
 
 
 def _millimetres(report: VerificationReport) -> str:
-    least = report.min_distance_robots_m
-    near = math.isfinite(least)
-    return (
-        f"measured {1000 * least:.2f} mm apart at the closest" if near else "far apart"
-    )
+    if math.isfinite(least := report.min_distance_robots_m):
+        return f"measured {1000 * least:.2f} mm apart at the closest"
+    return "far apart"
 
 
 def _content(
-    report: VerificationReport, standing: AdversaryReport | None
+    ok: bool, report: VerificationReport, standing: AdversaryReport | None
 ) -> dict[str, object]:
     from twin.host.atomic import finite
 
     content: dict[str, object] = {
-        "ok": report.ok and not (standing and standing.violations),
+        "ok": ok,
         "pairs_checked": report.pairs_checked,
         "min_distance_robots_m": finite(report.min_distance_robots_m),
         "min_distance_objects_m": finite(report.min_distance_objects_m),

@@ -30,9 +30,11 @@ _KEYWORDS = re.compile(
 
 def mermaid_files(run: RecordedRun) -> Mapping[str, bytes]:
     """Return ``gantt.mmd``."""
+    policy = run.summary.get("policy")
+    title = run.scenario + (f", {policy}" if policy else "")
     lines = [
         "gantt",
-        f"    title {_plain(_title(run))}",
+        f"    title {_plain(title)}",
         "    dateFormat YYYY-MM-DDTHH:mm:ss.SSS",
         "    axisFormat %H:%M:%S",
     ]
@@ -45,11 +47,6 @@ def mermaid_files(run: RecordedRun) -> Mapping[str, bytes]:
             if item.end_ns // _MILLISECOND > item.start_ns // _MILLISECOND
         ]
     return {"gantt.mmd": ("\n".join(lines) + "\n").encode()}
-
-
-def _title(run: RecordedRun) -> str:
-    policy = run.summary.get("policy")
-    return run.scenario + (f", {policy}" if policy else "")
 
 
 def _visible(activities: Sequence[Activity], least_ns: int) -> list[Activity]:

@@ -30,17 +30,15 @@ def perfetto_files(run: RecordedRun, *, nodes: bool) -> Mapping[str, bytes]:
     # Viewers tie an arrow to the slice around its end: slices first, arrows by time after.
     events += _arrows(run)
     events += _instants(run, threads)
+    keys = ("seed", "policy", "outcome")
+    about = {k: v for k, v in run.summary.items() if k in keys}
     document = {
         "traceEvents": events,
         "displayTimeUnit": "ms",
-        "otherData": {"scenario": run.scenario, **_about(run)},
+        "otherData": {"scenario": run.scenario, **about},
     }
     text = json.dumps(document, ensure_ascii=False, allow_nan=False)
     return {"trace.json": text.encode() + b"\n"}
-
-
-def _about(run: RecordedRun) -> dict[str, Any]:
-    return {k: v for k, v in run.summary.items() if k in ("seed", "policy", "outcome")}
 
 
 def _names(run: RecordedRun, threads: Mapping[str, int]) -> Iterator[dict[str, Any]]:

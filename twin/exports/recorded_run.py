@@ -70,20 +70,19 @@ class RecordedRun:
     @cached_property
     def node_times_ns(self) -> tuple[tuple[Nanoseconds, Nanoseconds], ...]:
         """Start and end of every node, a pair of arrays a chain; -1 for what did not happen."""
-        chains = {chain.robot: k for k, chain in enumerate(self.tpg.chains)}
-        times = tuple(
-            (np.full(len(c), -1, np.int64), np.full(len(c), -1, np.int64))
+        times = {
+            c.robot: (np.full(len(c), -1, np.int64), np.full(len(c), -1, np.int64))
             for c in self.tpg.chains
-        )
+        }
         for event in self.events:
             if event.kind in ("started", "completed"):
-                if event.robot not in chains:
+                if event.robot not in times:
                     raise self._foreign(f"robot {event.robot!r}")
-                start, end = times[chains[event.robot]]
+                start, end = times[event.robot]
                 if not 0 <= event.node < len(start):
                     raise self._foreign(f"node {event.node} of {event.robot}")
                 (start if event.kind == "started" else end)[event.node] = event.t_ns
-        return times
+        return tuple(times.values())
 
     @property
     def makespan_ns(self) -> int:

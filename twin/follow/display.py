@@ -177,53 +177,39 @@ class TerminalDisplay(RunListener):
         now = time.monotonic()
         if at_once or now - self._drawn >= _PAUSE_S:
             self._drawn = now
-            self._live.update(
-                run_picture(
-                    self._run,
-                    self._title,
-                    self._forecast,
-                    silent_s=self._silent_s,
-                    unreadable=self._unreadable,
-                ),
-                refresh=True,
+            self._live.update(self._picture(), refresh=True)
+
+    def _picture(self) -> Group:
+        """Return the picture of the run as it is now."""
+        run = self._run
+        now = run.now_ns + int(self._silent_s * NANOSECONDS)
+        table = Table(title=self._title, title_justify="left", expand=False)
+        for column in ("robot", "does", "for", "nodes", ""):
+            right = column in ("for", "nodes")
+            table.add_column(
+                column, justify="right" if right else "left", no_wrap=right
             )
-
-
-def run_picture(
-    run: FollowedRun,
-    title: str,
-    forecast: Forecast | None,
-    *,
-    silent_s: float = 0.0,
-    unreadable: list[str] | None = None,
-) -> Group:
-    """Return the picture of a run in progress."""
-    now = run.now_ns + int(silent_s * NANOSECONDS)
-    table = Table(title=title, title_justify="left", expand=False)
-    for column in ("robot", "does", "for", "nodes", ""):
-        right = column in ("for", "nodes")
-        table.add_column(column, justify="right" if right else "left", no_wrap=right)
-    for k, robot in enumerate(run.robots):
-        text, since = _state(run, k, robot)
-        total = len(robot.start_ns)
-        table.add_row(
-            robot.name,
-            text,
-            "" if since < 0 else f"{(now - since) / NANOSECONDS:.1f} s",
-            f"{robot.completed}/{total}",
-            ProgressBar(total=max(total, 1), completed=robot.completed, width=24),
-        )
-    parts: list[Table | Text] = [table, _forecast_line(run, forecast, now)]
-    if silent_s >= _SILENT_S:
-        parts.append(Text(f"no event for {silent_s:.0f} s", style="yellow"))
-    hidden = len(run.violations) - _MOST_VIOLATIONS
-    if hidden > 0:
-        parts.append(Text(f"{hidden} more forbidden events before", style="red"))
-    for violation in run.violations[-_MOST_VIOLATIONS:]:
-        parts.append(Text(f"forbidden: {violation.text}", style="bold red"))
-    for line in (unreadable or [])[-_MOST_VIOLATIONS:]:
-        parts.append(Text(line, style="yellow"))
-    return Group(*parts)
+        for k, robot in enumerate(run.robots):
+            text, since = _state(run, k, robot)
+            total = len(robot.start_ns)
+            table.add_row(
+                robot.name,
+                text,
+                "" if since < 0 else f"{(now - since) / NANOSECONDS:.1f} s",
+                f"{robot.completed}/{total}",
+                ProgressBar(total=max(total, 1), completed=robot.completed, width=24),
+            )
+        parts: list[Table | Text] = [table, _forecast_line(run, self._forecast, now)]
+        if self._silent_s >= _SILENT_S:
+            parts.append(Text(f"no event for {self._silent_s:.0f} s", style="yellow"))
+        hidden = len(run.violations) - _MOST_VIOLATIONS
+        if hidden > 0:
+            parts.append(Text(f"{hidden} more forbidden events before", style="red"))
+        for violation in run.violations[-_MOST_VIOLATIONS:]:
+            parts.append(Text(f"forbidden: {violation.text}", style="bold red"))
+        for line in self._unreadable[-_MOST_VIOLATIONS:]:
+            parts.append(Text(line, style="yellow"))
+        return Group(*parts)
 
 
 def _state(run: FollowedRun, k: int, robot: RobotProgress) -> tuple[Text, int]:

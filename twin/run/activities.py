@@ -5,8 +5,9 @@ The states that a lane can have come with their colours, the causes of edges in 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 from planning.tasks.task import TRANSIT
 from scheduling.graph.temporal_plan_graph import (
@@ -162,14 +163,13 @@ class _RobotLog:
             self._clock = t_ns
 
 
-def _joined(stretches: Iterable[Activity], *, nodes: bool) -> list[Activity]:
-    """Join stretches that follow each other in the same state and task."""
-    out: list[Activity] = []
-    for item in stretches:
-        last = out[-1] if out else None
-        alike = last is not None and (last.state, last.task) == (item.state, item.task)
-        if last is not None and alike and (not nodes or last.last == item.first):
-            out[-1] = replace(last, end_ns=item.end_ns, last=item.last)
-            continue
-        out.append(item)
-    return out
+def _joined(stretches: Iterable[Activity], *, nodes: bool) -> Iterator[Activity]:
+    """Join stretches, each of one node, that follow each other in the same state and task."""
+
+    def alike(item: Activity) -> tuple[str, int, int]:
+        return item.state, item.task, item.first if nodes else 0
+
+    for _, group in groupby(stretches, key=alike):
+        first, *others = group
+        last = others[-1] if others else first
+        yield replace(first, end_ns=last.end_ns, last=last.last)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -23,15 +23,8 @@ POLICIES: tuple[Policy, ...] = (
 )
 
 
-@dataclass(frozen=True)
-class Wait:
-    """A robot stands still because its next node may not start yet.
-
-    Attributes:
-        chain: index of the robot's chain.
-        node: the node that then starts.
-        start_ns, end_ns: when [ns].
-    """
+class Wait(NamedTuple):
+    """A robot stands still because its next node may not start yet, from when to when [ns]."""
 
     chain: int
     node: int

@@ -27,7 +27,7 @@ from tests.twin.turning_arms import SCENARIO, turning_plan
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.cli import app
 from twin.engine.execution_model import ExecutionModel
-from twin.follow.display import JsonLines, PlainLines, TerminalDisplay, run_picture
+from twin.follow.display import JsonLines, PlainLines, TerminalDisplay
 from twin.follow.follow import follow, growing_file, piped
 from twin.follow.forecast import Forecaster
 from twin.follow.state import FollowedRun
@@ -202,7 +202,9 @@ def test_pictures_say_what_every_robot_does() -> None:
     assert "ends at 5.0 s (P50), 5.0 s (P90)" in text
     assert plain[-1].endswith("0 of 6 nodes, 1 forbidden events")
     fresh = FollowedRun(tpg)
-    console.print(run_picture(fresh, "toy", None, silent_s=9.0))
+    display = TerminalDisplay(fresh, "toy", console)
+    display.waiting(fresh, 9.0)
+    display.close(fresh)
     assert "waits for node 1 of robot_0 (transit 0)" in out.getvalue()
     assert "no event for 9 s" in out.getvalue()
     assert EventLogError("x").args
