@@ -15,9 +15,6 @@ from twin.host.guard import COMPLETED, guarded, print_json
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from twin.study.folder import StudyRequest
-    from twin.study.replications.experiment import Experiment
-
 File = Annotated[Path | None, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
 Replications = Annotated[
     int | None,
@@ -127,7 +124,7 @@ def study(
 
     from twin.host.progress import StageDisplay
     from twin.scenario.file import load_scenario
-    from twin.study.folder import require_no_study, require_same_study
+    from twin.study.folder import StudyRequest, require_no_study, require_same_study
     from twin.study.replications.executors import check_scheduler, open_executor
     from twin.study.study import resume_study, start_study
 
@@ -146,20 +143,31 @@ def study(
                 require_same_study(resume, load_scenario(scenario))
             result = resume_study(resume, executor, progress)
         else:
+            from twin.comparison.comparison import shortcut_budget
             from twin.run.folder import run_folder
             from twin.scenario.variations import parse_variation, variants
             from twin.study.replications.experiment import Experiment
             from twin.study.replications.statistics import Precision
 
+            policies = policy or ("sequential", "asynchronous")
             experiment = Experiment(
-                policies=tuple(name.replace(" ", "") for name in policy or _POLICIES),
+                policies=tuple(name.replace(" ", "") for name in policies),
                 variants=variants([parse_variation(text) for text in vary or ()]),
                 replications=replications,
                 precision=Precision(precision, least, most, confidence),
                 antithetic=antithetic,
                 audited=audit_sample,
             )
-            request = _request(scenario, experiment, seed, shortcuts, deadline, sobol)
+            if scenario is None:
+                raise RequestError("give a scenario file, or --resume DIR")
+            chosen = load_scenario(scenario)
+            if seed is not None:
+                chosen = chosen.model_copy(update={"seed": seed})
+            if shortcuts is None:
+                shortcuts = shortcut_budget(chosen)
+            request = StudyRequest(
+                chosen, scenario.parent, experiment, shortcuts, deadline, sobol
+            )
             require_no_study(out, request.scenario)
             with run_folder(out, f"study-{request.scenario.name}") as folder:
                 result = start_study(request, folder, executor, progress)
@@ -173,27 +181,3 @@ def study(
 
         print_study(result)
     return COMPLETED
-
-
-_POLICIES = ("sequential", "asynchronous")
-
-
-def _request(
-    path: Path | None,
-    experiment: Experiment,
-    seed: int | None,
-    shortcuts: int | None,
-    deadline: float | None,
-    sobol: int,
-) -> StudyRequest:
-    from twin.comparison.comparison import shortcut_budget
-    from twin.scenario.file import load_scenario
-    from twin.study.folder import StudyRequest
-
-    if path is None:
-        raise RequestError("give a scenario file, or --resume DIR")
-    chosen = load_scenario(path)
-    if seed is not None:
-        chosen = chosen.model_copy(update={"seed": seed})
-    candidates = shortcut_budget(chosen) if shortcuts is None else shortcuts
-    return StudyRequest(chosen, path.parent, experiment, candidates, deadline, sobol)

@@ -31,6 +31,9 @@ from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, Standstill
 SAMPLES = 200
 """Futures that are drawn; fewer where a plan is so large that they would not fit."""
 
+_SEED = stable_hash("forecast") >> 2
+"""Names the draws; no run has it by accident."""
+
 _FEWEST = 50
 _MOST_VALUES = 8_000_000
 
@@ -78,7 +81,6 @@ class Forecaster:
         model: ExecutionModel,
         *,
         samples: int = SAMPLES,
-        seed: int | None = None,
     ) -> None:
         """Draw the futures.
 
@@ -86,7 +88,6 @@ class Forecaster:
             tpg: what is executed.
             model: how it is executed, and what varies.
             samples: futures to draw.
-            seed: names the draws; by default one that no run has by accident.
         """
         self._tpg = tpg
         self._graph = policy_graph(tpg, model.policy)
@@ -97,13 +98,12 @@ class Forecaster:
             self._messages = replace(model.messages, queue_depth=1)
         self._durations = model.durations
         self._disturbances = model.disturbances
-        self._seed = stable_hash("forecast") >> 2 if seed is None else seed
         nodes = len(self._graph.order)
         fits = max(_FEWEST, _MOST_VALUES // max(nodes, 1))
         self._samples = max(1, min(samples, fits))
         sampler = NodeTimeSampler(tpg, model.durations, model.disturbances)
         self._futures = [
-            sampler.sample(seed=self._seed, replication=r) for r in range(self._samples)
+            sampler.sample(seed=_SEED, replication=r) for r in range(self._samples)
         ]
         self._motion = np.stack([_joined(f.motion) for f in self._futures], axis=1)
         self._stall = np.stack([_joined(f.stall) for f in self._futures], axis=1)
@@ -233,7 +233,7 @@ class Forecaster:
     def _uniforms(self, robot: str, task: int, kind: str, purpose: str) -> Array:
         """Return a draw for every future, shape (samples,)."""
         futures = np.arange(self._samples)
-        drawn = uniforms(self._seed, futures, [robot], [task], [kind], purpose)
+        drawn = uniforms(_SEED, futures, [robot], [task], [kind], purpose)
         return np.asarray(drawn[0])
 
     def _standing_model(self, why: str) -> DurationModel:

@@ -196,28 +196,17 @@ def draw_object(rec: rr.RecordingStream, item: CellObject, t_ns: int) -> None:
     entity, frame = entity_path(layout.OBJECTS, item.name), f"@{item.name}"
     if item.later:
         rec.set_time(TIMELINE, duration=np.timedelta64(t_ns, "ns"))
-    rec.log(
-        entity,
-        rr.CoordinateFrame(frame),
-        rr.Boxes3D(
-            sizes=[item.size],
-            colors=[item.colour],
-            fill_mode=rr.components.FillMode.Solid,
-        ),
-        static=not item.later,
-    )
+    fill = rr.components.FillMode
+    body = rr.Boxes3D(sizes=[item.size], colors=[item.colour], fill_mode=fill.Solid)
     # Edges tell neighbours of one colour apart.
-    rec.log(
-        f"{entity}/edges",
-        rr.CoordinateFrame(frame),
-        rr.Boxes3D(
-            sizes=[item.size],
-            colors=[tuple(channel // 3 for channel in item.colour)],
-            radii=rr.Radius.ui_points(0.6),
-            fill_mode=rr.components.FillMode.MajorWireframe,
-        ),
-        static=not item.later,
+    edges = rr.Boxes3D(
+        sizes=[item.size],
+        colors=[tuple(channel // 3 for channel in item.colour)],
+        radii=rr.Radius.ui_points(0.6),
+        fill_mode=fill.MajorWireframe,
     )
+    for path, shape in ((entity, body), (f"{entity}/edges", edges)):
+        rec.log(path, rr.CoordinateFrame(frame), shape, static=not item.later)
     rec.reset_time()
 
 
