@@ -15,9 +15,8 @@ from twin.commands.fit import fit
 from twin.commands.follow import follow
 from twin.commands.import_task import app as import_app
 from twin.commands.replay import replay
-from twin.commands.resume import resume
 from twin.commands.robots import robots
-from twin.commands.run import run
+from twin.commands.run import resume, run
 from twin.commands.sequence import sequence
 from twin.commands.study import study
 from twin.commands.validate import schema, validate

@@ -1,4 +1,4 @@
-"""The program, one file a command; everything heavy is imported inside the functions.
+"""The program, a file a command (run and resume share one).
 
-Imports any room of twin; only cli.py imports it.
+Everything heavy is imported inside the functions. Imports any room of twin; only cli.py imports it.
 """

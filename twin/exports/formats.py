@@ -13,12 +13,12 @@ from twin.host.atomic import replacing
 _WRITERS = {
     "csv": "tables.csv_files",
     "parquet": "tables.parquet_files",
-    "perfetto": "perfetto.perfetto_files",
+    "perfetto": "timelines.perfetto_files",
     "joint-trajectory": "joint_trajectory.joint_trajectory_files",
     "graphml": "graphs.graphml_files",
     "dot": "graphs.dot_files",
     "task-graph": "graphs.task_graph_files",
-    "mermaid": "mermaid.mermaid_files",
+    "mermaid": "timelines.mermaid_files",
 }
 FORMATS = tuple(_WRITERS)
 

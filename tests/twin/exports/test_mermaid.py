@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from tests.twin.exports.exported_runs import exported, toy_run
-from twin.exports.mermaid import _plain
 from twin.exports.recorded_run import RecordedRun
+from twin.exports.timelines import _plain
 from twin.run.run_record import Run
 
 _TIME = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}"

@@ -1,19 +1,27 @@
-"""Trace-event JSON, which ui.perfetto.dev and chrome://tracing show as a timeline.
+"""Timelines of a run: trace-event JSON, and a Mermaid Gantt chart.
 
-A lane per robot with what it does and where it waits, stalls or is stopped; an arrow for each
-type-2 edge from the end of the node waited for to the start of the node that waits; an instant
-for each object that changes hands. Times are microseconds with three decimals, so exact.
+ui.perfetto.dev and chrome://tracing show the first: a lane per robot with what it does and where
+it waits, stalls or is stopped; an arrow for each type-2 edge from the end of the node waited for
+to the start of the node that waits; an instant for each object that changes hands. Times are
+microseconds with three decimals, so exact.
+
+GitHub and many editors draw the second in Markdown: a section a robot, a bar a task; waits and
+stops that are long enough to be seen are bars of their own, shorter ones belong to the task
+around them.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from datetime import datetime, timedelta
 from typing import Any
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.exports.recorded_run import RecordedRun
-from twin.run.activities import CAUSES, STANDING, Activity, robot_activities
+from twin.run.activities import CAUSES, STANDING, WAITING, Activity, robot_activities
 
 PROCESS = 1
 
@@ -117,3 +125,82 @@ def _instants(run: RecordedRun, threads: Mapping[str, int]) -> Iterator[dict[str
 def _microseconds(t_ns: int) -> float:
     """Return a time in microseconds; exact to the nanosecond up to a hundred days."""
     return t_ns / 1000
+
+
+# Mermaid knows calendar times only: the chart starts at midnight of some day.
+_START = datetime(2000, 1, 1)
+_SHARE = 0.005
+"""Standstills shorter than this share of the makespan are not shown."""
+
+_MILLISECOND = 1_000_000
+
+_KEYWORDS = re.compile(
+    r"(gantt|title|section|dateFormat|axisFormat|tickInterval|todayMarker|inclusiveEndDates"
+    r"|topAxis|excludes|includes|weekday|weekend|click|accTitle|accDescr|call|href)\b"
+)
+
+
+def mermaid_files(run: RecordedRun) -> Mapping[str, bytes]:
+    """Return ``gantt.mmd``."""
+    policy = run.summary.get("policy")
+    title = run.scenario + (f", {policy}" if policy else "")
+    lines = [
+        "gantt",
+        f"    title {_plain(title)}",
+        "    dateFormat YYYY-MM-DDTHH:mm:ss.SSS",
+        "    axisFormat %H:%M:%S",
+    ]
+    least_ns = int(_SHARE * run.makespan_ns)
+    for robot, activities in robot_activities(run.tpg, run.events).items():
+        lines.append(f"    section {_plain(robot)}")
+        lines += [
+            f"    {_bar(run.tpg, item)}"
+            for item in _visible(activities, least_ns)
+            if item.end_ns // _MILLISECOND > item.start_ns // _MILLISECOND
+        ]
+    return {"gantt.mmd": ("\n".join(lines) + "\n").encode()}
+
+
+def _visible(activities: Sequence[Activity], least_ns: int) -> list[Activity]:
+    """Leave out short standstills within tasks; what they divided becomes one bar."""
+    out: list[Activity] = []
+    for k, item in enumerate(activities):
+        short = item.state in STANDING and item.duration_ns < least_ns
+        if short and out and _goes_on(out[-1], activities[k + 1 :]):
+            out[-1] = replace(out[-1], end_ns=item.end_ns)
+            continue
+        last = out[-1] if out else None
+        if last is not None and (last.state, last.task) == (item.state, item.task):
+            out[-1] = replace(last, end_ns=item.end_ns, last=item.last)
+        elif not short:
+            out.append(item)
+    return out
+
+
+def _goes_on(last: Activity, following: Iterable[Activity]) -> bool:
+    """Tell whether a task that was under way goes on later."""
+    return last.state not in STANDING and any(
+        item.task == last.task and item.state == last.state for item in following
+    )
+
+
+def _bar(tpg: TemporalPlanGraph, item: Activity) -> str:
+    if item.state in STANDING:
+        tag = "done" if item.state == WAITING else "crit"
+        label = item.state
+    else:
+        tag = "" if item.state == "transit" else "active"
+        label = tpg.tasks[item.task].label
+    tags = f"{tag}, " if tag else ""
+    return f"{_plain(label)} :{tags}{_mermaid_time(item.start_ns)}, {_mermaid_time(item.end_ns)}"
+
+
+def _mermaid_time(t_ns: int) -> str:
+    moment = _START + timedelta(milliseconds=t_ns // _MILLISECOND)
+    return moment.isoformat(timespec="milliseconds")
+
+
+def _plain(text: str) -> str:
+    """Return a text without the characters and first words that mean something to Mermaid."""
+    words = re.sub(r"[\s:;#,%{}]+", " ", text).strip()
+    return f"- {words}".rstrip() if not words or _KEYWORDS.match(words) else words
