@@ -95,42 +95,36 @@ def _pairs(
     stretch: Stretch, arms: int, exempt: frozenset[tuple[int, int]], least: float
 ) -> Iterator[_Watched]:
     """Yield the pairs that come near each other; the first ``arms`` tracks are of robots."""
-    moving, resting = stretch.moving, stretch.resting
-    travelled = [np.append(0.0, np.cumsum(track.steps)) for track in moving]
-    low = np.array([track.centre.min(axis=0) for track in moving])
-    high = np.array([track.centre.max(axis=0) for track in moving])
-    radius = np.array([track.shape.radius for track in moving])
-    for i, a in enumerate(moving):
-        apart = np.maximum(np.maximum(low[i] - high, low - high[i]), 0.0)
-        near = np.linalg.norm(apart, axis=1) <= radius[i] + radius + max(least, 0.0)
-        for j in (np.flatnonzero(near[i + 1 :]) + i + 1).tolist():
-            if (i, j) in exempt:
-                continue
-            b = moving[j]
-            between_robots = a.holder != b.holder and j < arms
-            room = a.shape.radius + b.shape.radius
-            room += max(least, 0.0) if between_robots else 0.0
-            close = np.linalg.norm(a.centre - b.centre, axis=1) <= room
-            if np.any(close):
-                if a.holder == b.holder:
-                    moved = _travelled_within(a, b)
-                else:
-                    moved = travelled[i] + travelled[j]
-                yield _Watched(a, b, np.flatnonzero(close), moved, between_robots)
-    if not resting:
+    tracks = [*stretch.moving, *stretch.resting]
+    if not tracks:
         return
-    centre = np.array([track.centre[0] for track in resting])
-    radius = np.array([track.shape.radius for track in resting])
-    for i, a in enumerate(moving):
-        gap = np.maximum(np.maximum(low[i] - centre, centre - high[i]), 0.0)
-        near = np.linalg.norm(gap, axis=1) <= radius + a.shape.radius
-        for j in np.flatnonzero(near).tolist():
-            if a.link == 0 and i < arms:
-                continue  # a base and a box at rest: nothing moves; bases stand on tables
-            b = resting[j]
-            close = _outside(b, a.centre) <= a.shape.radius
-            if np.any(close):
-                yield _Watched(a, b, np.flatnonzero(close), travelled[i], False)
+    travelled = [np.append(0.0, np.cumsum(track.steps)) for track in stretch.moving]
+    low = np.array([track.centre.min(axis=0) for track in tracks])
+    high = np.array([track.centre.max(axis=0) for track in tracks])
+    radius = np.array([track.shape.radius for track in tracks])
+    watched = max(least, 0.0)  # how far apart robots are of interest
+    reach = radius + np.where(np.arange(len(tracks)) < arms, watched, 0.0)
+    for i, a in enumerate(stretch.moving):
+        apart = np.maximum(np.maximum(low[i] - high, low - high[i]), 0.0)
+        near = np.linalg.norm(apart, axis=1) <= radius[i] + reach
+        for j in (np.flatnonzero(near[i + 1 :]) + i + 1).tolist():
+            b = tracks[j]
+            rests = b.holder is None
+            # A base and a box at rest: nothing moves; bases stand on tables.
+            if (i, j) in exempt or (rests and a.link == 0 and i < arms):
+                continue
+            between_robots = a.holder != b.holder and j < arms
+            room = a.shape.radius
+            if rests:
+                distance, moved = _outside(b, a.centre), travelled[i]
+            else:
+                distance = np.linalg.norm(a.centre - b.centre, axis=1)
+                room += b.shape.radius + (watched if between_robots else 0.0)
+                same = a.holder == b.holder
+                moved = _travelled_within(a, b) if same else travelled[i] + travelled[j]
+            close = np.flatnonzero(distance <= room)
+            if len(close):
+                yield _Watched(a, b, close, moved, between_robots)
 
 
 def _outside(box: Track, points: Array) -> Array:

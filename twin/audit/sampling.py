@@ -116,33 +116,21 @@ def stretches(world: AuditWorld, recording: Recording) -> Iterator[Stretch]:
         if not box.later
     }
     rows = list(recording.objects)
-    knots = np.unique(
-        np.concatenate(
-            [
-                np.zeros(1),
-                np.array([row.t for row in rows]),
-                *(r.t for r in recording.robots.values()),
-            ]
-        )
-    )
+    times = np.array([0.0, *(row.t for row in rows)])
+    passed = [robot.t for robot in recording.robots.values()]
+    knots = np.unique(np.concatenate([times, *passed]))
     knots = knots[(knots >= 0.0) & (knots <= recording.end)]
     changes = sorted({row.t for row in rows if 0.0 < row.t <= recording.end})
     # What changes hands at the very end is seen in a last stretch of one moment.
     bounds = [0.0, *changes, recording.end]
     for start, end in pairwise(bounds):
-        _apply(placements, rows, start)
+        while rows and rows[0].t <= start:
+            row = rows.pop(0)
+            placements[row.object] = row
         inside = knots[(knots >= start) & (knots <= end)]
         for k in range(0, max(len(inside) - 1, 1), _ROWS):
             piece = inside[k : k + _ROWS + 1]
             yield _sample(world, recording, piece, dict(placements))
-
-
-def _apply(
-    placements: dict[str, ObjectRow], rows: list[ObjectRow], until: float
-) -> None:
-    while rows and rows[0].t <= until:
-        row = rows.pop(0)
-        placements[row.object] = row
 
 
 def _sample(
