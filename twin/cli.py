@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
 
 import typer
 
@@ -29,13 +28,21 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-COMMANDS: tuple[Callable[..., None], ...] = (
-    *(run, validate, sequence, compare, study, replay, fit, resume, follow, export),
-    *(verify, robots, schema, doctor),
-)
-for command in COMMANDS:
-    app.command()(command)
+app.command()(run)
+app.command()(validate)
+app.command()(sequence)
+app.command()(compare)
+app.command()(study)
+app.command()(replay)
+app.command()(fit)
+app.command()(resume)
+app.command()(follow)
+app.command()(export)
 app.add_typer(import_app, name="import")
+app.command()(verify)
+app.command()(robots)
+app.command()(schema)
+app.command()(doctor)
 
 
 def main() -> None:

@@ -128,20 +128,14 @@ class AuditWorld:
             joint = moved.index(carrier) if carrier != BASE else BASE
             low, high = np.array(self._bullet.getAABB(body, link))
             middle = 0.5 * (low + high) - position[0, joint + 1]
-            group = "tool" if shape.owner in tool else "arm"
-            self.robot_shapes.append(
-                Shape(
-                    f"{robot.name}/{group}",
-                    f"{robot.name}/{shape.owner}",
-                    body,
-                    link,
-                    index,
-                    joint,
-                    rotation[0, joint + 1].T @ middle,
-                    float(0.5 * np.linalg.norm(high - low)),
-                    shape.margin,
-                )
+            centre = rotation[0, joint + 1].T @ middle
+            radius = float(0.5 * np.linalg.norm(high - low))
+            entity = f"{robot.name}/{'tool' if shape.owner in tool else 'arm'}"
+            detail = f"{robot.name}/{shape.owner}"
+            watched = Shape(
+                entity, detail, body, link, index, joint, centre, radius, shape.margin
             )
+            self.robot_shapes.append(watched)
 
     def _urdf_body(self, text: str, base: Transform) -> int:
         """Load a description, fixed at a pose; return Bullet's number for it."""
@@ -164,17 +158,8 @@ class AuditWorld:
         body = self._bullet.createMultiBody(0, shape)
         self._bullet.changeDynamics(body, BASE, collisionMargin=0.0)
         self.place(body, pose)
-        return Shape(
-            name,
-            name,
-            body,
-            BASE,
-            None,
-            BASE,
-            np.zeros(3),
-            float(np.linalg.norm(half)),
-            0.0,
-        )
+        radius = float(np.linalg.norm(half))
+        return Shape(name, name, body, BASE, None, BASE, np.zeros(3), radius, 0.0)
 
     def place(self, body: int, pose: Transform) -> None:
         """Pose a box in the world."""

@@ -9,7 +9,9 @@ import numpy as np
 import rerun as rr
 
 from planning.errors import OutputError
+from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
+from twin.durations import Nanoseconds
 from twin.follow.follow import RunListener
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, Violation
@@ -151,14 +153,12 @@ class LiveRecording(RunListener):
         self._lane_state: dict[str, str] = {}
         self._lanes = {c.robot: draw_lane(rec, c.robot) for c in tpg.chains}
         self._trees = {}
-        self._rows: dict[str, list[Trajectory]] = {}
+        self._rows: dict[str, list[tuple[Nanoseconds, Array]]] = {}
         for robot in tpg.cell.robots:
             chain = self._chain.get(robot.name)
             q = robot.home if chain is None else tpg.chains[chain].start
             self._trees[robot.name] = draw_robot(rec, robot)
-            self._rows[robot.name] = [
-                Trajectory(robot.name, np.array([0]), q[None], np.array([-1]))
-            ]
+            self._rows[robot.name] = [(np.array([0]), q[None])]
         self._drawn: set[str] = set()
         self._shown = {chain.robot: 0 for chain in tpg.chains}
         for item in tpg.cell.objects:
@@ -190,9 +190,8 @@ class LiveRecording(RunListener):
             start = min(int(robot.start_ns[node] + robot.stood_ns[node]), end)
             own = slice(int(chain.first[node]), int(chain.first[node + 1]))
             passed = np.rint(chain.fraction[own] * (end - start)).astype(np.int64)
-            q = np.vstack([rows[-1].q[-1:], chain.waypoints[own]])
-            t = np.concatenate([[start], start + passed])
-            rows.append(Trajectory(chain.robot, t, q, np.full(len(t), node)))
+            q = np.vstack([rows[-1][1][-1:], chain.waypoints[own]])
+            rows.append((np.concatenate([[start], start + passed]), q))
         self._shown[chain.robot] = robot.completed
 
     def _handled(self, k: int, event: Event) -> None:
@@ -213,16 +212,10 @@ class LiveRecording(RunListener):
         self._events.clear()
         for robot in self._tpg.cell.robots:
             rows = self._rows[robot.name]
-            if len(rows) == 1 and rows[0].t_ns[-1] > 0:
+            if len(rows) == 1 and rows[0][0][-1] > 0:
                 continue
-            motion = Trajectory(
-                robot.name,
-                np.maximum.accumulate(np.concatenate([r.t_ns for r in rows])),
-                np.vstack([r.q for r in rows]),
-                np.concatenate([r.node for r in rows]),
-            )
+            t_ns = np.maximum.accumulate(np.concatenate([t for t, _ in rows]))
+            q = np.vstack([q for _, q in rows])
+            motion = Trajectory(robot.name, t_ns, q, np.full(len(t_ns), -1))
             move_robot(self._rec, self._trees[robot.name], robot, motion)
-            last = Trajectory(
-                robot.name, motion.t_ns[-1:], motion.q[-1:], motion.node[-1:]
-            )
-            self._rows[robot.name] = [last]
+            self._rows[robot.name] = [(t_ns[-1:], q[-1:])]

@@ -82,9 +82,9 @@ def draw_gantt(
         _style(axis, list(lanes), window)
         for k, lane in enumerate(lanes.values()):
             _draw_lane(axis, tpg, k, lane, window)
-        for start, end in links:
-            if window[0] <= end[0] < window[1] and start[0] >= window[0]:
-                _draw_arrow(axis, start, end)
+        for t_s, start, end in links:
+            if window[0] <= t_s < window[1]:
+                _draw_arrow(axis, t_s, start, end)
         if window[0] <= total_s <= window[1]:
             axis.axvline(total_s, color=INK, lw=1.2)
     axes[-1].set_xlabel("time [s]", color=INK, fontsize=9)
@@ -166,30 +166,25 @@ def _dark(state: str) -> bool:
 
 def _binding_edges(
     tpg: TemporalPlanGraph, run: Run, robots: Sequence[str]
-) -> list[tuple[tuple[float, int], tuple[float, int]]]:
-    """Return the (time, lane) ends of the type-2 edges whose source ended a wait."""
+) -> list[tuple[float, int, int]]:
+    """Return the time [s] and both lanes of the type-2 edges whose source ended a wait."""
     lane_of = {robot: k for k, robot in enumerate(robots)}
     waited = {(w.chain, w.node): w.end_ns for w in run.waits()}
     links = []
     for a, m, b, n in tpg.edges.tolist():
         end = int(run.end_ns[a][m])
         if waited.get((b, n)) == end:
-            links.append(
-                (
-                    (end / NANOSECONDS, lane_of[tpg.chains[a].robot]),
-                    (end / NANOSECONDS, lane_of[tpg.chains[b].robot]),
-                )
-            )
+            lanes = lane_of[tpg.chains[a].robot], lane_of[tpg.chains[b].robot]
+            links.append((end / NANOSECONDS, *lanes))
     return links
 
 
-def _draw_arrow(axis: Axes, start: tuple[float, int], end: tuple[float, int]) -> None:
-    down = 1 if end[1] > start[1] else -1
-    reach = _LANE_HEIGHT / 2
+def _draw_arrow(axis: Axes, t_s: float, start: int, end: int) -> None:
+    reach = _LANE_HEIGHT / 2 if end > start else -_LANE_HEIGHT / 2
     axis.annotate(
         "",
-        xy=(end[0], end[1] - down * reach),
-        xytext=(start[0], start[1] + down * reach),
+        xy=(t_s, end - reach),
+        xytext=(t_s, start + reach),
         arrowprops={
             "arrowstyle": "-|>",
             "lw": 0.7,

@@ -127,9 +127,7 @@ def try_plan(
     progress(SIMULATION, 0, 1)
     memory = MemoryRecorder()
     log = JsonlRecorder(folder / EVENTS)
-    run = execute(
-        scenario, tpg, base, scenario.execution.policy, recorders=(log, memory)
-    )
+    run = execute(scenario, tpg, base, recorders=(log, memory))
     progress(SIMULATION, 1, 1)
     return conclude(scenario, tpg, folder, run, memory.events, about, progress)
 
@@ -198,7 +196,7 @@ def execute(
     scenario: Scenario,
     tpg: TemporalPlanGraph,
     base: Path,
-    policy: Policy,
+    policy: Policy | None = None,
     *,
     recorders: tuple[Recorder, ...] = (),
 ) -> Run:
@@ -208,7 +206,7 @@ def execute(
         scenario: seed, durations and disturbances are taken from it.
         tpg: the plan.
         base: where relative paths of the scenario start.
-        policy: how nodes are released.
+        policy: how nodes are released; by default as the scenario says.
         recorders: told of every event.
 
     Raises:
@@ -276,13 +274,8 @@ def resume_run(
     tpg = load_plan(folder)
     progress(SIMULATION, 0, 1)
     memory = MemoryRecorder()
-    run = execute(
-        scenario,
-        tpg,
-        base or Path(about.base),
-        scenario.execution.policy,
-        recorders=(memory,),
-    )
+    start = base or Path(about.base)
+    run = execute(scenario, tpg, start, recorders=(memory,))
     if run.outcome == "aborted":
         raise KeyboardInterrupt
     lines = [event_line(event) for event in memory.events]
