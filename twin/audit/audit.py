@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -123,17 +124,6 @@ class Auditor(AbstractContextManager["Auditor"]):
         return watch.report()
 
 
-@dataclass
-class _Overlap:
-    """A violation that may go on."""
-
-    t_start: float
-    t_end: float
-    last: int
-    depth: float
-    detail: str
-
-
 class _Watch:
     """Collects what is seen stretch by stretch."""
 
@@ -148,8 +138,9 @@ class _Watch:
         self._least = within
         self._configurations = 0
         self._samples = 0
-        self._open: dict[tuple[str, str], _Overlap] = {}
-        self._done: list[Violation] = []
+        # Deepest overlap of each pair by number of the sample: time [s], depth [m], links.
+        self._overlaps: dict[tuple[str, str], dict[int, tuple[float, float, str]]] = {}
+        self._jumped: list[Violation] = []
         self._before: Stretch | None = None
 
     def look(self, stretch: Stretch) -> None:
@@ -161,7 +152,6 @@ class _Watch:
         }
         self._configurations += len(moved) - (self._before is not None)
         holders = {name: p.holder for name, p in stretch.placements.items()}
-        bad: dict[tuple[str, str], dict[int, tuple[float, str]]] = {}
         for gap in gaps(self._world, stretch, self._exempt, lambda: self._least):
             a, b = gap.first, gap.second
             robots = a.robot is not None and b.robot is not None and a.robot != b.robot
@@ -170,38 +160,16 @@ class _Watch:
             if gap.distance > 0.0:
                 continue
             for sample in range(gap.sample, min(gap.until, len(stretch.t))):
-                limit = 0.0
-                if not robots:
-                    t = float(stretch.t[sample])
-                    limit = self._rule.depth(a.entity, b.entity, holders, t)
-                if -gap.distance > limit or robots:
-                    seen = bad.setdefault((a.entity, b.entity), {})
-                    if sample not in seen or seen[sample][0] < -gap.distance:
-                        seen[sample] = (-gap.distance, f"{a.detail} - {b.detail}")
-        for pair, samples in bad.items():
-            for sample in sorted(samples):
-                self._note(pair, float(stretch.t[sample]), sample, *samples[sample])
+                t, number = float(stretch.t[sample]), self._samples + sample
+                if robots or -gap.distance > self._rule.depth(
+                    a.entity, b.entity, holders, t
+                ):
+                    seen = self._overlaps.setdefault((a.entity, b.entity), {})
+                    if number not in seen or seen[number][1] < -gap.distance:
+                        links = f"{a.detail} - {b.detail}"
+                        seen[number] = (t, -gap.distance, links)
         self._samples += len(stretch.t)
         self._before = stretch
-
-    def _note(
-        self, pair: tuple[str, str], t: float, sample: int, depth: float, detail: str
-    ) -> None:
-        number = self._samples + sample
-        overlap = self._open.get(pair)
-        if overlap is not None and number - overlap.last <= 1:
-            overlap.t_end, overlap.last = t, number
-            if depth > overlap.depth:
-                overlap.depth, overlap.detail = depth, detail
-            return
-        if overlap is not None:
-            self._close(pair, overlap)
-        self._open[pair] = _Overlap(t, t, number, depth, detail)
-
-    def _close(self, pair: tuple[str, str], seen: _Overlap) -> None:
-        self._done.append(
-            Violation(seen.t_start, seen.t_end, *pair, seen.depth, seen.detail)
-        )
 
     def _jumps(self, stretch: Stretch) -> None:
         """Check that objects that change hands stay where they are.
@@ -224,12 +192,16 @@ class _Watch:
             ends = np.stack([old, tracks[1][box.name].pose(0)])
             jump = float(travel(ends[:, :3, :3], ends[:, :3, 3], shape.radius)[0])
             if jump > JUMP:
-                self._done.append(Violation(t, t, box.name, "jump", jump))
+                self._jumped.append(Violation(t, t, box.name, "jump", jump))
 
     def report(self) -> AuditReport:
         """Return everything seen so far."""
-        for pair, overlap in self._open.items():
-            self._close(pair, overlap)
-        self._open.clear()
-        ordered = sorted(self._done, key=lambda v: (v.t_start, v.first, v.second))
-        return AuditReport(self._configurations, self._least, tuple(ordered))
+        found = list(self._jumped)
+        for pair, seen in self._overlaps.items():
+            numbers = np.array(sorted(seen))
+            for run in np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1):
+                rows = [seen[number] for number in run.tolist()]
+                _, depth, detail = max(rows, key=itemgetter(1))
+                found.append(Violation(rows[0][0], rows[-1][0], *pair, depth, detail))
+        found.sort(key=lambda v: (v.t_start, v.first, v.second))
+        return AuditReport(self._configurations, self._least, tuple(found))

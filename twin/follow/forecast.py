@@ -6,6 +6,7 @@ taken already. The rest is drawn as for any run. Everything then follows from th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -133,8 +134,8 @@ class Forecaster:
             fails |= self._fails(k, robot)
         past = Past(
             now,
-            _joined(tuple(robot.start_ns for robot in run.robots)),
-            _joined(tuple(robot.end_ns for robot in run.robots)),
+            _joined([robot.start_ns for robot in run.robots]),
+            _joined([robot.end_ns for robot in run.robots]),
             not_before,
         )
         end = end_times(self._graph, busy, self._messages, past)
@@ -263,7 +264,7 @@ def _attempts(future: NodeTimes, k: int, node: int) -> list[Standstill]:
     ]
 
 
-def _joined(rows: tuple[Nanoseconds, ...]) -> Nanoseconds:
+def _joined(rows: Sequence[Nanoseconds]) -> Nanoseconds:
     return np.concatenate([*rows, np.empty(0, dtype=np.int64)]).astype(np.int64)
 
 
