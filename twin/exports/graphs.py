@@ -41,7 +41,7 @@ _STYLES = {SAME_ROBOT: "bold", DEPENDENCY: "solid", CONFLICT: "dashed"}
 
 def graphml_files(run: RecordedRun, *, nodes: bool) -> Mapping[str, bytes]:
     """Return ``tpg.graphml``."""
-    return {"tpg.graphml": graphml(run_graph(run, nodes=nodes))}
+    return {"tpg.graphml": graphml(_run_graph(run, nodes=nodes))}
 
 
 def graphml(graph: Graph) -> bytes:
@@ -53,10 +53,10 @@ def graphml(graph: Graph) -> bytes:
 
 def dot_files(run: RecordedRun, *, nodes: bool) -> Mapping[str, bytes]:
     """Return ``tpg.dot``: a cluster a robot, tasks in the colours of the Gantt chart."""
-    return {"tpg.dot": _dot(run_graph(run, nodes=nodes), run.scenario).encode()}
+    return {"tpg.dot": _dot(_run_graph(run, nodes=nodes), run.scenario).encode()}
 
 
-def run_graph(run: RecordedRun, *, nodes: bool) -> Graph:
+def _run_graph(run: RecordedRun, *, nodes: bool) -> Graph:
     """Return the graph that was executed, with plain values as attributes.
 
     Attributes of nodes: robot, task, kind, step, label, object, duration_s (nominal), and start_s
@@ -78,7 +78,7 @@ def run_graph(run: RecordedRun, *, nodes: bool) -> Graph:
         names.append([])
         for low, high in pairwise([*np.flatnonzero(opens).tolist(), len(chain)]):
             index = int(chain.task[low])
-            name = f"{chain.robot}/{low}" if nodes else task_name(index)
+            name = f"{chain.robot}/{low}" if nodes else _task_name(index)
             own: dict[str, Any] = {"nodes": high - low}
             if nodes:
                 own = {"node": low, "skill": bool(chain.skill[low])}
@@ -89,7 +89,7 @@ def run_graph(run: RecordedRun, *, nodes: bool) -> Graph:
                 own["start_s"] = int(start[low]) / NANOSECONDS
             if end[high - 1] >= 0:
                 own["end_s"] = int(end[high - 1]) / NANOSECONDS
-            graph.add_node(name, **task_attributes(tpg, index), **own)
+            graph.add_node(name, **_task_attributes(tpg, index), **own)
             if low:
                 graph.add_edge(names[-1][-1], name, type=1, cause=SAME_ROBOT, **once)
             names[-1] += [name] * (high - low)
@@ -109,12 +109,12 @@ def run_graph(run: RecordedRun, *, nodes: bool) -> Graph:
     return graph
 
 
-def task_name(index: int) -> str:
+def _task_name(index: int) -> str:
     """Return the name of the node that stands for a task."""
     return f"task {index}"
 
 
-def task_attributes(tpg: TemporalPlanGraph, index: int) -> dict[str, Any]:
+def _task_attributes(tpg: TemporalPlanGraph, index: int) -> dict[str, Any]:
     """Return what is known of a task, as attributes of a node."""
     task = tpg.tasks[index]
     return {
@@ -190,13 +190,13 @@ def task_graph(tpg: TemporalPlanGraph, name: str = "") -> Graph:
     graph: Graph = nx.DiGraph(name=name)
     last: dict[str, str] = {}
     for task in tpg.tasks:
-        node = task_name(task.index)
-        graph.add_node(node, type="task", **task_attributes(tpg, task.index))
+        node = _task_name(task.index)
+        graph.add_node(node, type="task", **_task_attributes(tpg, task.index))
         if task.robot in last:
             graph.add_edge(last[task.robot], node, kind="order")
         last[task.robot] = node
     for first, second in tpg.dependencies.tolist():
-        graph.add_edge(task_name(first), task_name(second), kind="dependency")
+        graph.add_edge(_task_name(first), _task_name(second), kind="dependency")
     _add_objects(graph, tpg)
     return graph
 
@@ -223,11 +223,11 @@ def _add_objects(graph: Graph, tpg: TemporalPlanGraph) -> None:
         name, taker = handling.object, handling.holder
         if holders.get(name) is None and taker is not None:
             resting = f"{name} {stays[name] - 1}"
-            graph.add_edge(resting, task_name(index), kind="attached")
+            graph.add_edge(resting, _task_name(index), kind="attached")
         else:
             stay = add_stay(name, taker, handling.pose[:3, 3].tolist())
-            graph.add_edge(task_name(index), stay, kind="detached")
+            graph.add_edge(_task_name(index), stay, kind="detached")
             later = (t for t in tpg.tasks if t.robot == taker and t.index > index)
             if (task := next(later, None)) is not None:
-                graph.add_edge(stay, task_name(task.index), kind="attached")
+                graph.add_edge(stay, _task_name(task.index), kind="attached")
         holders[name] = taker

@@ -46,11 +46,6 @@ def joint_trajectory_files(run: RecordedRun) -> Mapping[str, bytes]:
     return {"joint_trajectories.json": text.encode() + b"\n"}
 
 
-def segment_id(robot: str, index: int) -> str:
-    """Return the identity of a segment."""
-    return f"{robot}/{index}"
-
-
 def _after(found: Contraction) -> dict[tuple[int, int], list[dict[str, str]]]:
     """Return the segments of other robots that each segment has to wait for."""
     out: dict[tuple[int, int], list[dict[str, str]]] = defaultdict(list)
@@ -61,7 +56,7 @@ def _after(found: Contraction) -> dict[tuple[int, int], list[dict[str, str]]]:
         before, source, chain, target = edge
         out[chain, target].append(
             {
-                "segment": segment_id(chains[before].robot, source),
+                "segment": f"{chains[before].robot}/{source}",
                 "cause": CAUSES[cause],
             }
         )
@@ -101,11 +96,11 @@ def _segments(
                 )
         waits = list(after.get((k, index), ()))
         if index:
-            previous = segment_id(chain.robot, index - 1)
+            previous = f"{chain.robot}/{index - 1}"
             waits.insert(0, {"segment": previous, "cause": "same robot"})
         task = tpg.tasks[int(chain.task[first])]
         yield {
-            "id": segment_id(chain.robot, index),
+            "id": f"{chain.robot}/{index}",
             "robot": chain.robot,
             "task": {
                 "index": task.index,

@@ -129,32 +129,19 @@ def try_plan(
     log = JsonlRecorder(folder / EVENTS)
     run = execute(scenario, tpg, base, recorders=(log, memory))
     progress(SIMULATION, 1, 1)
-    return conclude(scenario, tpg, folder, run, memory.events, about, progress)
+    return _conclude(scenario, tpg, folder, run, memory.events, about, progress)
 
 
-def conclude(
+def _conclude(
     scenario: Scenario,
     tpg: TemporalPlanGraph,
     folder: Path,
     run: Run,
     events: list[Event],
     about: Preparation,
-    progress: Report = report_nothing,
+    progress: Report,
 ) -> Trial:
-    """Write everything about a run that has been simulated, besides its event log.
-
-    Args:
-        scenario: what was executed.
-        tpg: the plan.
-        folder: of the run.
-        run: how it went.
-        events: the rows of its log.
-        about: what was known before it began.
-        progress: told how far each stage has come.
-
-    Raises:
-        OutputError: a file cannot be written.
-    """
+    """Write everything about a run that has been simulated, besides its event log."""
     total = 3 + about.recording
     progress(RECORDS, 0, total)
     write_motion(folder, tpg, run)
@@ -288,7 +275,7 @@ def resume_run(
     except OSError as error:
         raise OutputError(f"{path}: cannot write the event log: {error}") from error
     progress(SIMULATION, 1, 1)
-    trial = conclude(scenario, tpg, folder, run, memory.events, about, progress)
+    trial = _conclude(scenario, tpg, folder, run, memory.events, about, progress)
     return Resumption(len(known), len(lines) - len(known), trial)
 
 
