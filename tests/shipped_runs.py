@@ -15,7 +15,7 @@ from twin.run.folder import prepare_run_folder
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.scenario import Scenario, resolved, restored
-from twin.trial.trial import Keep, Trial, try_plan
+from twin.trial.trial import Trial, try_plan
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 
@@ -81,6 +81,7 @@ def _plan_and_run(folder: Path, file: Path, robots: int | None) -> ShippedRun:
         planned.tpg,
         prepare_run_folder(folder / "run", scenario.name),
         base=file.parent,
-        keep=Keep(recording=False, audit=False),
+        recording=False,
+        audit=False,
     )
     return ShippedRun(file, scenario, planned, trial)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -102,8 +101,7 @@ def run(
         compilation_shown(progress, silent=silent) as compiled,
     ):
         tpg = None if plan is None else _saved_plan(plan, chosen, base)
-        planning_s: Mapping[str, float] = {}
-        turns = None
+        planned = None
         with run_folder(out, chosen.name) as folder:
             if not silent:
                 _announce(chosen, folder)
@@ -111,17 +109,17 @@ def run(
                 from twin.planning.pipeline import plan_scenario
 
                 planned = plan_scenario(chosen, base, progress)
-                tpg, planning_s, turns = planned.tpg, planned.planning_s, planned.turns
-            from twin.trial.trial import Keep, try_plan
+                tpg = planned.tpg
+            from twin.trial.trial import try_plan
 
             trial = try_plan(
                 chosen,
                 tpg,
                 folder,
                 base=base,
-                planning_s=planning_s,
-                turns=turns,
-                keep=Keep(recording=recording, audit=audit),
+                planned=planned,
+                recording=recording,
+                audit=audit,
                 progress=progress,
             )
     if as_json:

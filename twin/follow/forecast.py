@@ -32,7 +32,7 @@ from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, Standstill
 SAMPLES = 200
 """Futures that are drawn; fewer where a plan is so large that they would not fit."""
 
-_SEED = stable_hash("forecast") >> 2
+SEED = stable_hash("forecast") >> 2
 """Names the draws; no run has it by accident."""
 
 _FEWEST = 50
@@ -104,7 +104,7 @@ class Forecaster:
         self._samples = max(1, min(samples, fits))
         sampler = NodeTimeSampler(tpg, model.durations, model.disturbances)
         self._futures = [
-            sampler.sample(seed=_SEED, replication=r) for r in range(self._samples)
+            sampler.sample(seed=SEED, replication=r) for r in range(self._samples)
         ]
         self._motion = np.stack([_joined(f.motion) for f in self._futures], axis=1)
         self._stall = np.stack([_joined(f.stall) for f in self._futures], axis=1)
@@ -234,7 +234,7 @@ class Forecaster:
     def _uniforms(self, robot: str, task: int, kind: str, purpose: str) -> Array:
         """Return a draw for every future, shape (samples,)."""
         futures = np.arange(self._samples)
-        drawn = uniforms(_SEED, futures, [robot], [task], [kind], purpose)
+        drawn = uniforms(SEED, futures, [robot], [task], [kind], purpose)
         return np.asarray(drawn[0])
 
     def _standing_model(self, why: str) -> DurationModel:

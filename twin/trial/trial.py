@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from planning.errors import OutputError, TwinError
 from scheduling.graph.plan_files import load_plan, save_plan
@@ -30,21 +30,11 @@ from twin.scenario.manifest import read_manifest, write_manifest
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.simulation import scenario_execution
 
+if TYPE_CHECKING:
+    from twin.planning.pipeline import Planned
+
 SIMULATION, RECORDS = "simulation", "recording"
 """Names of the stages for progress displays."""
-
-
-@dataclass(frozen=True)
-class Keep:
-    """Outputs and checks of a trial besides the simulation.
-
-    Attributes:
-        recording: write ``run.rrd``.
-        audit: let PyBullet check what was executed.
-    """
-
-    recording: bool = True
-    audit: bool = True
 
 
 @dataclass(frozen=True)
@@ -93,9 +83,9 @@ def try_plan(
     folder: Path,
     *,
     base: Path = Path(),
-    planning_s: Mapping[str, float] | None = None,
-    turns: TemporalPlanGraph | None = None,
-    keep: Keep | None = None,
+    planned: Planned | None = None,
+    recording: bool = True,
+    audit: bool = True,
     progress: Report = report_nothing,
 ) -> Trial:
     """Execute a plan once and write everything about it into a folder.
@@ -105,22 +95,23 @@ def try_plan(
         tpg: the plan.
         folder: of the run, made by prepare_run_folder.
         base: where relative paths of the scenario start.
-        planning_s: seconds of the planning stages, for the summary.
-        turns: what to compare with, one task after another; by default the plan itself.
-        keep: what to do besides.
+        planned: how the plan was made, for the summary: seconds of the stages, and what to
+            compare with, one task after another; by default the plan itself.
+        recording: write ``run.rrd``.
+        audit: let PyBullet check what was executed.
         progress: told how far each stage has come.
 
     Raises:
         OutputError: a file cannot be written.
         DeadlockError: no robot could go on.
     """
-    keep = keep or Keep()
+    turns = (planned and planned.turns) or tpg
     about = Preparation(
         base=str(base.resolve()),
-        recording=keep.recording,
-        audit=keep.audit,
-        planning_s=dict(planning_s or {}),
-        makespan_sequential_s=_sequential_s(scenario, turns or tpg, base),
+        recording=recording,
+        audit=audit,
+        planning_s=dict(planned.planning_s if planned else {}),
+        makespan_sequential_s=_sequential_s(scenario, turns, base),
     )
     write_manifest(folder, scenario, tpg.cell, run=asdict(about))
     save_plan(tpg, folder)

@@ -15,7 +15,7 @@ from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.durations import Exponential, Fixed, Lognormal, Measured, Uniform
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.follow.forecast import Forecaster, conditional_quantiles
+from twin.follow.forecast import SEED, Forecaster, conditional_quantiles
 from twin.follow.state import FollowedRun
 from twin.recorders.observers import MemoryRecorder
 from twin.run.events import Event
@@ -100,14 +100,13 @@ def test_before_it_begins_a_run_is_any_run(
             disturbances=disturbances,
         ),
         samples=12,
-        seed=5,
     ).forecast(FollowedRun(tpg))
-    runs = [engine.run(seed=5, replication=r) for r in range(12)]
+    runs = [engine.run(seed=SEED, replication=r) for r in range(12)]
     failing = [
         any(
             node >= 0
             for node in sample_node_times(
-                tpg, VARIED, disturbances, seed=5, replication=r
+                tpg, VARIED, disturbances, seed=SEED, replication=r
             ).failed
         )
         for r in range(12)

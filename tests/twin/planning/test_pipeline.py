@@ -13,7 +13,7 @@ from scheduling.verification.verify import verify_plan
 from twin.planning.in_turns import MOTION
 from twin.planning.pipeline import Planned, plan_scenario
 from twin.scenario.file import load_scenario
-from twin.trial.trial import Keep, Trial, try_plan
+from twin.trial.trial import Trial, try_plan
 
 SCENARIO = """\
 version: 1
@@ -57,7 +57,7 @@ def trial(planned: Planned, folder: Path) -> Trial:
     out = folder / "run"
     out.mkdir()
     scenario = load_scenario(folder / "three.yaml")
-    return try_plan(scenario, planned.tpg, out, keep=Keep(recording=False))
+    return try_plan(scenario, planned.tpg, out, recording=False)
 
 
 def test_the_plan_uses_the_stock_that_is_prescribed(planned: Planned) -> None:

@@ -10,7 +10,7 @@ from twin.planning.pipeline import Planned, plan_scenario
 from twin.run.folder import prepare_run_folder
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
-from twin.trial.trial import Keep, Trial, try_plan
+from twin.trial.trial import Trial, try_plan
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +32,4 @@ def trial(
 ) -> Trial:
     folder = tmp_path_factory.mktemp(scenario.name)
     folder = prepare_run_folder(folder / "run", scenario.name)
-    return try_plan(
-        scenario, planned.tpg, folder, base=file.parent, keep=Keep(recording=False)
-    )
+    return try_plan(scenario, planned.tpg, folder, base=file.parent, recording=False)

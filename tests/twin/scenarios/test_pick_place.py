@@ -15,7 +15,7 @@ from twin.scenario.document.problems import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.poses import build_transform
 from twin.scenario.sections.scenario import Scenario
-from twin.trial.trial import Keep, Trial, try_plan
+from twin.trial.trial import Trial, try_plan
 
 SCENARIO = """\
 version: 1
@@ -75,7 +75,7 @@ def planned(scenario: Scenario) -> Planned:
 def trial(scenario: Scenario, planned: Planned, file: Path) -> Trial:
     out = file.parent / "run"
     out.mkdir()
-    return try_plan(scenario, planned.tpg, out, keep=Keep(recording=False))
+    return try_plan(scenario, planned.tpg, out, recording=False)
 
 
 def test_both_robots_work_and_the_plan_is_safe_by_the_other_proof(

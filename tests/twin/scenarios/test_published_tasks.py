@@ -13,7 +13,7 @@ from twin.cli import app
 from twin.planning.pipeline import plan_scenario
 from twin.run.folder import prepare_run_folder
 from twin.scenario.file import load_scenario
-from twin.trial.trial import Keep, try_plan
+from twin.trial.trial import try_plan
 
 DATA = Path(
     os.environ.get(
@@ -38,7 +38,7 @@ def test_a_published_task_runs_clean(task: str, most: float, tmp_path: Path) -> 
     planned = plan_scenario(scenario, tmp_path)
     assert verify_plan(planned.tpg).problems == ()
     folder = prepare_run_folder(tmp_path / "run", task)
-    trial = try_plan(scenario, planned.tpg, folder, keep=Keep(recording=False))
+    trial = try_plan(scenario, planned.tpg, folder, recording=False)
     summary = trial.summary
     assert summary["outcome"] == "completed"
     assert summary["audit"]["violations"] == []

@@ -22,7 +22,7 @@ from twin.run.trajectory import object_placements
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.adversary import audit_standing_states
-from twin.trial.trial import Keep, Trial, try_plan
+from twin.trial.trial import Trial, try_plan
 
 SCENARIO = """\
 version: 1
@@ -72,7 +72,7 @@ def planned(scenario: Scenario, folder: Path) -> Planned:
 @pytest.fixture(scope="module")
 def trial(planned: Planned, scenario: Scenario, folder: Path) -> Trial:
     (folder / "run").mkdir()
-    return try_plan(scenario, planned.tpg, folder / "run", keep=Keep(recording=True))
+    return try_plan(scenario, planned.tpg, folder / "run", recording=True)
 
 
 def test_one_more_brick_than_steps_is_made_and_only_the_first_is_there(
@@ -200,7 +200,7 @@ def test_stalls_change_nothing_about_that(
     stalled = scenario.model_copy(update={"execution": execution})
     out = folder / "stalled"
     out.mkdir()
-    trial = try_plan(stalled, planned.tpg, out, keep=Keep(recording=False))
+    trial = try_plan(stalled, planned.tpg, out, recording=False)
     assert trial.passed
     assert max(trial.summary["stall_s"].values()) > 0.0
 

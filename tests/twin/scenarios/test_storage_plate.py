@@ -11,7 +11,7 @@ from scheduling.verification.verify import verify_plan
 from twin.planning.pipeline import Planned
 from twin.scenario.document.problems import InvalidScenarioError
 from twin.scenario.file import load_scenario
-from twin.trial.trial import Keep, try_plan
+from twin.trial.trial import try_plan
 
 SCENARIO = """\
 version: 1
@@ -71,7 +71,7 @@ def test_the_plan_is_safe_and_the_run_clean(planned: Planned, file: Path) -> Non
         load_scenario(file),
         planned.tpg,
         file.parent / "run",
-        keep=Keep(recording=False),
+        recording=False,
     )
     assert trial.passed
 
