@@ -46,8 +46,8 @@ LIMIT = 900.0
 PARTS = {
     "no lattice for the base": "paths/base_paths.py",
     "straight ways only": "all but straight ways in paths/direct_paths.py",
-    "rounds planned once": "Rounds in search.py",
-    "no easy placement": "easy_placement.py",
+    "rounds planned once": "Rounds in planner.py",
+    "no easy placement": "EasyPlacement in candidates.py",
 }
 """Part of planning/construction/ left out by each variant."""
 

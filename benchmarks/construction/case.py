@@ -14,7 +14,7 @@ from benchmarks.construction.fixed_time import plan_fixed_time
 from benchmarks.construction.schedule import schedule
 from benchmarks.construction.store import Row
 from benchmarks.stalled_runs import audited_runs
-from planning.construction.export.timed_tasks import motion_plan
+from planning.construction.export.motion_plan_export import motion_plan
 from planning.construction.planner import ConstructionPlan, plan_construction
 from planning.construction.problem.problem import ConstructionProblem
 from planning.errors import TwinError

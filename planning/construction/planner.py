@@ -1,16 +1,23 @@
-"""Construction planning: problem in, timed plan and statistics out (Hartmann et al.)."""
+"""Construction planning: a search over parts and robots, depth first with backtracking (Hartmann et al. IV-D)."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from planning.construction.problem.problem import ConstructionProblem
+import numpy as np
+
+from planning.construction.candidates import Candidates, EasyPlacement
+from planning.construction.object_order import rank_parts
+from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.problem.reach_bounds import reach_bounds
 from planning.construction.problem.settings import PlannerSettings, SearchSettings
-from planning.construction.search import ConstructionSearch
-from planning.construction.subproblem import Attempt, SubproblemSolver
-from planning.construction.world.building import Building
+from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
+from planning.construction.world.building import Building, nothing_built
+from planning.errors import ConstructionError
+from planning.kinematics.kinematics import frame_pose
 
 
 @dataclass(frozen=True)
@@ -79,3 +86,251 @@ def plan_with(
         search.rewound,
         tuple(search.failures),
     )
+
+
+class ConstructionSearch:
+    """Plans part after part, fixed once planned, and takes placements back where it must.
+
+    A part that nobody can place is kept from its place by others: those placed last are taken
+    back until it can be placed. The parts that were in its way are remembered, and do not come
+    together again before it as long as others can. For no part is that done without end.
+
+    Args:
+        solver: of sub-problems.
+        settings: effort of the search.
+        progress: told how many parts are planned, of how many.
+
+    Attributes:
+        rewound: how many placements have been taken back.
+        failures: attempts of all robots that could not place a part, in order.
+        spent: how much has been tried: attempts, those that try hard thrice.
+    """
+
+    def __init__(
+        self,
+        solver: SubproblemSolver,
+        settings: SearchSettings,
+        progress: Callable[[int, int], None],
+    ) -> None:
+        self.problem = problem = solver.problem
+        self.candidates = Candidates(solver.bounds)
+        self.easy = EasyPlacement(problem, self.candidates, self._solve, settings)
+        self.solver = solver
+        self.settings = settings
+        self.progress = progress
+        self.rewound = 0
+        self.failures: list[Attempt] = []
+        self.spent = 0
+        self._rng = np.random.default_rng([problem.seed, 1])
+        self._walls: dict[str, set[frozenset[str]]] = {}
+        self._returns: Counter[str] = Counter()
+        self._rounds = Rounds(self, settings)
+
+    def run(self) -> Building:
+        """Return the state in which every part is in its place.
+
+        Raises:
+            ConstructionError: no way was found; names the part.
+        """
+        total = len(self.problem.parts)
+        done = [nothing_built(self.problem)]
+        while len(done[-1].placed) < total:
+            planned = self._rounds.next(done[-1])
+            done += planned.states
+            if planned.stuck is not None:
+                done = self._backtrack(done, planned.stuck)
+            self.progress(len(done[-1].placed), total)
+        return done[-1]
+
+    def next_parts(self, building: Building) -> list[Part]:
+        """Return the parts that may be placed next, the best first."""
+        problem = self.problem
+        world = building.world
+        robot = min(problem.team, key=world.free_from)
+        free = world.free_from(robot)
+        q = world.robots[robot].at(free)
+        tool = frame_pose(problem.cell.robot(robot), q, problem.frame)[:3, 3]
+        args = (problem, building.placed)
+        ranked = rank_parts(*args, self._walls, self._rng, free, tool)
+        if not ranked:
+            # What has been remembered leaves nothing: go on, and see what can be placed.
+            ranked = rank_parts(*args, {}, self._rng, free, tool)
+        return [problem.part(name) for name in ranked]
+
+    def _backtrack(self, done: list[Building], part: Part) -> list[Building]:
+        """Return the states up to one in which a part is in its place that could not be placed.
+
+        Raises:
+            ConstructionError: it cannot be placed before any of the others, either; or others
+                that come after it cannot, again and again.
+        """
+        if self._returns[part.name] >= self.settings.returns:
+            others = ", ".join(sorted(set(self._returns) - {part.name}))
+            raise ConstructionError(
+                f"no way was found to place both {part.name} and {others or 'the rest'}: whichever "
+                f"comes first keeps the other from its place"
+            )
+        for effort in range(self.settings.efforts):
+            # In the last state it has just failed with no more effort than usual.
+            for back in range(1 if effort == 0 else 0, len(done)):
+                before = done[-1 - back]
+                if part.name not in self._placeable(before):
+                    continue
+                after = (
+                    self._place(before, part, effort)
+                    if effort
+                    else self.place_next(before, [part], 0, np.inf)
+                )
+                if after is None:
+                    continue
+                if back:
+                    wall = frozenset(done[-back].placed)
+                    self._walls.setdefault(part.name, set()).add(wall)
+                    self._returns[part.name] += 1
+                    self.rewound += back
+                return [*done[: len(done) - back], after.building]
+        robots = ", ".join(
+            dict.fromkeys(
+                " and ".join(f.robots)
+                for f in self.failures
+                if f.part.name == part.name
+            )
+        )
+        raise ConstructionError(
+            f"no way was found to place {part.name}, with any of the {len(done) - 1} parts"
+            f" planned before it in place or taken back; tried: {robots or 'nobody'}"
+        )
+
+    def _placeable(self, building: Building) -> tuple[str, ...]:
+        problem = self.problem
+        return problem.graph.placeable(building.placed, carried=problem.carried)
+
+    def place_next(
+        self, building: Building, parts: list[Part], turn: int, most_loss: float
+    ) -> Solution | None:
+        """Plan the placement of the first part, or of another one where that is easier.
+
+        Args:
+            building: the state before.
+            parts: that may be placed next, the best first.
+            turn: how often this has been planned before. The first time all is tried, later
+                only what is easy and one hard attempt.
+            most_loss: a way with which so much time is lost is of no use [s].
+        """
+        own = [building.step, self.rewound, turn]
+        easy = self.easy.place(building, parts, [self.problem.seed, 3, *own], most_loss)
+        if easy is not None:
+            return easy
+        if turn == 0:
+            return self._place(building, parts[0])
+        skeleton = next(self.candidates.of(building, parts[0]), None)
+        if skeleton is None:
+            return None
+        seed = [self.problem.seed, 4, *own]
+        return self._solve(building, Attempt(parts[0], skeleton, seed, lost=most_loss))
+
+    def _place(
+        self, building: Building, part: Part, effort: int = 0
+    ) -> Solution | None:
+        """Plan the placement of a part; None where no robot can do it.
+
+        Args:
+            building: the state before.
+            part: what is placed.
+            effort: how much harder than usual is tried.
+        """
+        for skeleton in self.candidates.of(building, part):
+            for turn in range(self.settings.attempts):
+                seed = [self.problem.seed, 2, building.step, self.rewound, turn]
+                # One number for each action.
+                acting = skeleton[0], *skeleton, skeleton[-1]
+                seed += [effort, *map(self.problem.team.index, acting)]
+                attempt = Attempt(part, skeleton, seed, effort)
+                after = self._solve(building, attempt)
+                if after is not None:
+                    return after
+            self.failures.append(attempt)
+        return None
+
+    def _solve(self, building: Building, attempt: Attempt) -> Solution | None:
+        """Plan how a part is brought to its place; None where that failed."""
+        self.spent += 1 if attempt.low_effort else 3
+        return self.solver.solve(building, attempt)
+
+
+class Round(NamedTuple):
+    """Placements, one after another.
+
+    Attributes:
+        states: after each of them.
+        lost: for how long robots stood or made detours, and at the end of a construction for
+            how long they had nothing to do [s].
+        stuck: the part that could not be placed, None where all was well.
+    """
+
+    states: list[Building]
+    lost: float
+    stuck: Part | None = None
+
+
+@dataclass
+class Rounds:
+    """Rounds of a few placements, planned again where robots lose much time.
+
+    One robot is planned after another, so who comes first may stand in the way of all others:
+    more with the first parts, when all robots set out together, and with the last ones, when some
+    have nothing left to do. Other random numbers often lose half as much.
+
+    Attributes:
+        search: plans a placement.
+        settings: how often a round is planned.
+    """
+
+    search: ConstructionSearch
+    settings: SearchSettings
+
+    def __post_init__(self) -> None:
+        """Set how many attempts may go into planning again."""
+        parts, robots = len(self.search.problem.parts), len(self.search.problem.team)
+        self._spare = self.settings.again * parts / robots
+
+    def next(self, start: Building) -> Round:
+        """Return the next placements, as good as a few tries make them.
+
+        Args:
+            start: the state before.
+        """
+        size = min(len(self.search.problem.team), self.settings.round)
+        left = len(self.search.problem.parts) - len(start.placed)
+        if left < 2 * size:
+            size = left  # no short round at the end
+        best = self._plan(start, size, 0, np.inf)
+        for turn in range(1, self.settings.tries):
+            if (
+                best.stuck is not None
+                or best.lost <= self.settings.acceptable_loss_s * size
+                or self._spare <= 0.0
+            ):
+                break
+            before = self.search.spent
+            found = self._plan(start, size, turn, best.lost)
+            self._spare -= self.search.spent - before
+            if found.stuck is None and found.lost < best.lost:
+                best = found
+        return best
+
+    def _plan(self, start: Building, size: int, turn: int, most_loss: float) -> Round:
+        """Return a round, broken off when so much time is lost."""
+        states: list[Building] = []
+        now, lost = start, 0.0
+        for _ in range(size):
+            parts = self.search.next_parts(now)
+            found = self.search.place_next(now, parts, turn, most_loss - lost)
+            if found is None:
+                return Round(states, lost, parts[0])
+            now, lost = found.building, lost + found.lost
+            states.append(now)
+        if len(now.placed) == len(self.search.problem.parts):
+            free = [now.world.free_from(robot) for robot in self.search.problem.team]
+            lost += sum(max(free) - t for t in free)
+        return Round(states, lost)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planning.construction.candidates import Skeleton
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.keyframes.keyframes import (
     EarliestTimes,
@@ -26,6 +25,9 @@ from planning.construction.world.building import Building
 from planning.construction.world.skill_motion import SkillMotion
 from planning.skills.contacts import gripped
 from planning.transforms import Array
+
+Skeleton = tuple[str, ...]
+"""Robots in the order in which they have a part in hand."""
 
 
 @dataclass(frozen=True)

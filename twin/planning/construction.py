@@ -94,7 +94,7 @@ class ConstructionKind(AssemblyKind):
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
     ) -> PlannedMotions:
         """Plan in space and time; the stages are checks, keyframes, path and search."""
-        from planning.construction.export.timed_tasks import motion_plan
+        from planning.construction.export.motion_plan_export import motion_plan
         from planning.construction.planner import plan_construction
         from planning.tasks.assignment import TaskPlan
 

@@ -19,7 +19,7 @@ from benchmarks.construction.fixed_time import FixedTimeSolver, plan_fixed_time
 from planning.cell.cover import box_body
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
 from planning.construction.candidates import Candidates, robot_groups
-from planning.construction.export.timed_tasks import motion_plan
+from planning.construction.export.motion_plan_export import motion_plan
 from planning.construction.object_order import rank_parts, ready_at
 from planning.construction.planner import (
     ConstructionPlan,

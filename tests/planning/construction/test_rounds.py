@@ -8,9 +8,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planning.construction.planner import Round, Rounds
 from planning.construction.problem.problem import Part
 from planning.construction.problem.settings import SearchSettings
-from planning.construction.search import Round, Rounds
 from planning.construction.subproblem import Solution
 from planning.construction.world.building import Building, nothing_built
 from tests.planning.construction.toy_sites import toy_part, toy_problem
