@@ -13,6 +13,7 @@ from planning.construction.keyframes.keyframes import (
     Keyframe,
     Keyframes,
     KeyframeSolver,
+    common,
 )
 from planning.construction.keyframes.step_scenes import StepScenes
 from planning.construction.legs import LegPlanner, retreat_hints
@@ -238,7 +239,8 @@ class SubproblemSolver:
         building, chosen, waits, _, _ = leg
         meeting = next(m for m in keyframes.meetings if m.giver is chosen)
         motion = chosen.motion
-        goal = Keyframe(_standing(taker, meeting.taker), _from(chosen.windows, waits))
+        windows = common(chosen.windows, np.array([[waits, np.inf]]))
+        goal = Keyframe(_standing(taker, meeting.taker), windows)
         leg = legs.leg(building, taker, [goal])
         if leg is None:
             return None
@@ -261,10 +263,3 @@ class SubproblemSolver:
 def _standing(robot: str, q: Array) -> SkillMotion:
     """Return a skill in which the robot only stands."""
     return SkillMotion(robot, q[None], 0, np.zeros(1))
-
-
-def _from(windows: Array, t: float) -> Array:
-    """Return what is left of spans from a time on, shape (w, 2) [s]."""
-    left = windows[windows[:, 1] >= t].copy()
-    left[:, 0] = np.maximum(left[:, 0], t)
-    return left

@@ -100,7 +100,7 @@ class EarliestTimes(NamedTuple):
 
 @dataclass
 class KeyframeSolver:
-    """Finds keyframes of one sub-problem for one robot that picks and places by itself.
+    """Finds keyframes of one sub-problem, for one robot or for two with a handover.
 
     Attributes:
         scenes: checks of the sub-problem.

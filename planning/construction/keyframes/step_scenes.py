@@ -1,4 +1,4 @@
-"""Collision checkers of one sub-problem, one a phase: what is held, and what may touch."""
+"""Collision checkers of one sub-problem, one per phase: what is held, and what may touch."""
 
 from __future__ import annotations
 

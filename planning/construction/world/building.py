@@ -154,6 +154,6 @@ def nothing_built(problem: ConstructionProblem) -> Building:
 
 
 def lying_at(world: FixedWorld, part: str, pose: Transform) -> FixedWorld:
-    """Return the world in which a part has been in some place for ever."""
+    """Return the world in which a part lies in some place at all times."""
     line = ObjectTimeline(part).then(float("-inf"), None, pose)
     return world.with_object(line)

@@ -113,7 +113,7 @@ class FixedWorld:
 
     @property
     def end(self) -> float:
-        """Time from which on nothing moves any more [s]."""
+        """End of the last motion [s]."""
         return max((line.end for line in self.robots.values()), default=0.0)
 
     def free_from(self, robot: str) -> float:

@@ -60,7 +60,7 @@ class RobotTimeline:
 
     @property
     def end(self) -> float:
-        """The time from which on it stands for good [s]."""
+        """End of its last motion [s]."""
         return float(self.time[-1])
 
     def at(self, t: float) -> Array:
