@@ -56,24 +56,21 @@ _LEVEL = np.array(
 _DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
-def support_bottom_targets(
-    plate: Plate, support: Support, *, axes: Transform | None = None
-) -> tuple[SkillTargets, ...]:
+def support_bottom_targets(plate: Plate, support: Support) -> tuple[SkillTargets, ...]:
     """Return the poses of a support from below.
 
     The top of the tool's tip, 16 mm wide, touches the bottom of the bricks in layer z + 1.
 
     Args:
         plate: the plate whose grid the support is given in.
-        support: its cell and orientation.
-        axes: transform whose rotation gives the directions of the orientations in the world;
-            the plate's by default. The published code takes those of the first robot's base.
+        support: its cell and orientation, along the plate's axes. (The published code takes
+            those of the first robot's base.)
 
     Returns:
         The support from each of nine pre-poses 1 mm lower: straight below first, then shifted
         by 1 mm.
     """
-    frame = _axes(plate, axes)
+    frame = _axes(plate)
     up = frame[:3, 2] * (LAYER_HEIGHT - STUD_PITCH)
     pose = frame @ rotation("z", _YAW[_index(support)]) @ _LEVEL
     pose[:3, 3] = _contact(plate, support, support.z - 1)[:3, 3] + up
@@ -90,9 +87,7 @@ def support_bottom_targets(
     )
 
 
-def support_top_targets(
-    plate: Plate, support: Support, *, axes: Transform | None = None
-) -> tuple[SkillTargets, ...]:
+def support_top_targets(plate: Plate, support: Support) -> tuple[SkillTargets, ...]:
     """Return the poses of a support from above.
 
     The tool stands on the studs of the bricks in layer z - 1, pointing down.
@@ -100,18 +95,16 @@ def support_top_targets(
     Args:
         plate: the plate whose grid the support is given in.
         support: its cell and orientation.
-        axes: see ``support_bottom_targets``; here they only give the direction of a 2 mm
-            shift off the edge.
 
     Returns:
         The support from one pre-pose, 5 mm above it.
     """
-    frame = _axes(plate, axes)
+    frame = _axes(plate)
     heading = rotation("z", _YAW[_index(support)])
     contact = _contact(plate, support, support.z)
     shift = (frame @ heading)[:3, 0] * TOP_SHIFT
     lift = frame[:3, 2] * (LEVER_WALL + STUD_HEIGHT - LAYER_HEIGHT)
-    pose = _plate_axes(plate) @ heading @ _DOWN
+    pose = frame @ heading @ _DOWN
     pose[:3, 3] = contact[:3, 3] + shift + lift
     return (_support("support-top", pose, frame, (0.0, 0.0, TOP_LEAD)),)
 
@@ -134,17 +127,9 @@ def _contact(plate: Plate, support: Support, layer: int) -> Transform:
     return grip_pose(top_pose(plate, cell, pair), pair, Press(_SIDE[k], 0))
 
 
-def _plate_axes(plate: Plate) -> Transform:
+def _axes(plate: Plate) -> Transform:
     out = plate_corner(plate).copy()
     out[:3, 3] = 0.0
-    return out
-
-
-def _axes(plate: Plate, axes: Transform | None) -> Transform:
-    if axes is None:
-        return _plate_axes(plate)
-    out = np.eye(4)
-    out[:3, :3] = axes[:3, :3]
     return out
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,11 @@ from planning.lego.bricks.assembly import (
 from planning.lego.bricks.grid import top_pose
 from planning.lego.bricks.grips import press_cell, side_contact_pose
 from planning.lego.skills.handovers import giver_rest, receive_poses
-from planning.lego.skills.support import support_bottom_targets, support_top_targets
+from planning.lego.skills.support import (
+    _contact,
+    support_bottom_targets,
+    support_top_targets,
+)
 from planning.lego.skills.targets import (
     handover_targets,
     pick_targets,
@@ -44,7 +48,6 @@ DATA = Path(
 )
 TASKS = ("cliff", "faucet", "bridge")
 ROWS_DOWN, ROWS_UP = 16, 27
-WORLD_AXES = np.eye(4)
 
 pytestmark = pytest.mark.skipif(
     not (DATA / "steps").is_dir(), reason="the published APEX-MR data are not there"
@@ -201,12 +204,22 @@ def test_place_downs(task: str) -> None:
         assert_reached(s, s.main, subgoals, [9, 10, 11, 12, 13])
 
 
+def _in_world_axes(plate: Plate, support: Support) -> Plate:
+    """Return a plate along the world's axes with the same place of a support.
+
+    The published code takes directions from the first robot's base, not from the plate.
+    """
+    level = Plate(translation(*plate.pose[:3, 3]), plate.studs)
+    where = [_contact(p, support, support.z)[:3, 3] for p in (plate, level)]
+    return replace(level, pose=translation(*(where[0] - where[1])) @ level.pose)
+
+
 @pytest.mark.parametrize("task", TASKS)
 def test_supports_from_below(task: str) -> None:
     supported = [s for s in steps(task) if s.helper and not s.up]
     assert supported
     for s in supported:
-        targets = support_bottom_targets(s.plate, s.support, axes=WORLD_AXES)
+        targets = support_bottom_targets(_in_world_axes(s.plate, s.support), s.support)
         assert_reached(s, s.helper, targets[0].subgoals[1:], [8])
         # The published search settles on one of the shifted pre-poses.
         tip = dh_product(
@@ -237,7 +250,10 @@ def test_handovers_and_place_ups(task: str) -> None:
         top = received_top(s.frames, place[1].pose, s.goal, contact)
         give = handover_targets(s.frames, s.brick, top, s.press)
         assert_reached(s, s.helper, give.subgoals, [10, 11, 12, 13])
-        (above,) = support_top_targets(s.plate, s.support, axes=WORLD_AXES)
+        (above,) = support_top_targets(_in_world_axes(s.plate, s.support), s.support)
+        (own,) = support_top_targets(s.plate, s.support)
+        for there, turned in zip(above.subgoals, own.subgoals, strict=True):
+            there.pose[:3, :3] = turned.pose[:3, :3]
         assert_reached(s, s.helper, above.subgoals, [19, 20])
 
 
