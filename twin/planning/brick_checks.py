@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from planning.lego.bricks.assembly import BrickType, PlacedBrick
+from planning.lego.bricks.assembly import BrickType
 from planning.lego.bricks.drawing import Spot
 from planning.lego.bricks.grid import Stud, joined_to_plate, occupied_studs
 from planning.lego.skills.support import supported_cell
@@ -66,12 +66,11 @@ def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Foun
     taken: dict[Stud, str] = {}
     storage = assembly.storage_plate
     stock = list(enumerate(assembly.stock))
-    stored = [] if storage is None else [(i, s) for i, s in stock if not s.fixed]
-    here = [entry for entry in stock if entry not in stored]
+    here = [(i, item) for i, item in stock if storage is None or item.fixed]
     yield from _check_stock(here, types, studs, taken)
     if storage is not None:
+        stored = [(i, item) for i, item in stock if not item.fixed]
         yield from _check_stock(stored, types, storage.studs, {})
-
     structure = {cell for cell, name in taken.items() if owner[name].fixed}
     for k, step in enumerate(assembly.steps):
         at = ("assembly", "steps", k)
@@ -89,15 +88,11 @@ def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Foun
         elif step.place == "down" and not (
             step.at[2] == 1 or _touches(cells, structure, -1)
         ):
-            yield (
-                (*at, "at"),
-                f"{label} would float: no stud of it is above the plate or a brick placed before",
-            )
+            text = "no stud of it is above the plate or a brick placed before"
+            yield (*at, "at"), f"{label} would float: {text}"
         elif step.place == "up" and not _touches(cells, structure, 1):
-            yield (
-                (*at, "at"),
-                f"{label} is placed from below, but no brick placed before is above it",
-            )
+            text = "is placed from below, but no brick placed before is above it"
+            yield (*at, "at"), f"{label} {text}"
         taken.update(dict.fromkeys(cells, label))
         structure.update(cells)
         yield from _check_step(step, types[step.brick], at, taken)
@@ -119,11 +114,10 @@ def _check_step(
     if step.press is not None:
         along = brick.studs[1] if step.press.side in (1, 4) else brick.studs[0]
         # A one-stud edge is gripped with half of the tool beside it.
-        if step.press.offset > max(along - 2, 0):
-            yield (
-                (*at, "press", "offset"),
-                f"the edge has {along} studs: an offset of at most {max(along - 2, 0)} fits",
-            )
+        most = max(along - 2, 0)
+        if step.press.offset > most:
+            text = f"the edge has {along} studs: an offset of at most {most} fits"
+            yield (*at, "press", "offset"), text
     if step.place == "up" and step.support is None:
         yield at, "a brick placed from below needs 'support'"
     if step.support is not None:
@@ -174,11 +168,9 @@ def _check_supply(assembly: LegoSection) -> Found:
         need[step.brick] += 1
         lacking = need[step.brick] > supply[step.brick]
         if lacking and step.stock is None and step.brick not in stations:
-            yield (
-                (*at, "brick"),
-                f"step {k + 1} is the {_ordinal(need[step.brick])} to need a {step.brick}, "
-                f"but the stock has {supply[step.brick]}",
-            )
+            text = f"is the {_ordinal(need[step.brick])} to need a {step.brick}"
+            have = f"but the stock has {supply[step.brick]}"
+            yield (*at, "brick"), f"step {k + 1} {text}, {have}"
         if step.stock is None:
             continue
         source = owner.get(step.stock)
@@ -186,10 +178,10 @@ def _check_supply(assembly: LegoSection) -> Found:
             names = tuple(s.name for s in free)
             yield (*at, "stock"), unknown_name("stock brick", step.stock, names)
         elif source.brick != step.brick:
-            yield (
-                (*at, "stock"),
-                f"{source.name} is a {source.brick}, step {k + 1} needs a {step.brick}",
+            text = (
+                f"{source.name} is a {source.brick}, step {k + 1} needs a {step.brick}"
             )
+            yield (*at, "stock"), text
         elif source.fixed:
             yield (*at, "stock"), f"{source.name} is fixed and cannot be used"
         elif source.name in used and not source.station:
@@ -231,10 +223,8 @@ def _touches(cells: frozenset[Stud], structure: set[Stud], layers: int) -> bool:
 
 
 def _ordinal(n: int) -> str:
-    suffix = (
-        "th" if 10 < n % 100 < 14 else {1: "st", 2: "nd", 3: "rd"}.get(n % 10, "th")
-    )
-    return f"{n}{suffix}"
+    teen = 10 < n % 100 < 14
+    return f"{n}{'th' if teen else {1: 'st', 2: 'nd', 3: 'rd'}.get(n % 10, 'th')}"
 
 
 def find_structure_problems(
@@ -255,64 +245,39 @@ def find_structure_problems(
     read = read_structure(assembly.structure, types)
     found = list(read.problems)
     if not found:
-        found += _check_places(read, assembly, types)
-        found += _check_joined(read, assembly, types)
-        found += _check_drawn_supply(read, assembly)
+        found += _check_drawn(read, assembly, types)
     return [
         Problem(mark_of_spot(document, (*prefix, *path), spot), message)
         for path, spot, message in found
     ]
 
 
-def _check_places(
+def _check_drawn(
     read: ReadStructure, assembly: LegoSection, types: Mapping[str, BrickType]
 ) -> Drawn:
-    """No two bricks in one place, none off the plate or where the stock stands."""
+    """No two bricks in one place, none off the plate or in the air, and enough in stock."""
     taken: dict[Stud, str] = {}
     for item in assembly.stock:
         if item.fixed or assembly.storage_plate is None:
             words = f"{item.name} of the stock"
             taken.update(dict.fromkeys(studs_of(item, types), words))
-    for brick, (path, spot) in zip(read.bricks, read.places, strict=True):
-        places = sorted(occupied_studs(brick.cell, brick.brick))
-        if other := _first_taken(places, taken):
-            yield path, spot, f"{_words(brick)} goes where {other} already is"
-        if message := _off_plate(places, assembly.plate.studs, ""):
-            yield path, spot, f"{_words(brick)}: {message}"
-        taken.update(dict.fromkeys(places, brick.name))
-
-
-def _check_joined(
-    read: ReadStructure, assembly: LegoSection, types: Mapping[str, BrickType]
-) -> Drawn:
-    """Every brick must be joined to the plate, through others or through the scaffold."""
-    fixed = [studs_of(item, types) for item in assembly.stock if item.fixed]
     studs = {k: occupied_studs(b.cell, b.brick) for k, b in enumerate(read.bricks)}
+    fixed = [studs_of(item, types) for item in assembly.stock if item.fixed]
     held = joined_to_plate(studs, frozenset().union(*fixed))
-    for k, (brick, (path, spot)) in enumerate(
-        zip(read.bricks, read.places, strict=True)
-    ):
-        if k not in held:
-            text = f"{_words(brick)} floats: it is not joined to the plate"
-            yield path, spot, text
-
-
-def _check_drawn_supply(read: ReadStructure, assembly: LegoSection) -> Drawn:
-    """The stock must have enough bricks of every type."""
     _, stations, supply = _free_stock(assembly)
-    need: Counter[str] = Counter()
     total = Counter(brick.brick.name for brick in read.bricks)
-    for brick, (path, spot) in zip(read.bricks, read.places, strict=True):
-        name = brick.brick.name
-        need[name] += 1
-        if need[name] == supply[name] + 1 and name not in stations:
-            yield (
-                path,
-                spot,
-                f"the structure needs {total[name]} bricks {name}, but the stock has "
-                f"{supply[name]}",
-            )
-
-
-def _words(brick: PlacedBrick) -> str:
-    return f"brick {brick.name} ({brick.brick.name})"
+    need: Counter[str] = Counter()
+    for k, (path, spot) in enumerate(read.places):
+        brick, kind = read.bricks[k], read.bricks[k].brick.name
+        words, places = f"brick {brick.name} ({kind})", sorted(studs[k])
+        if other := _first_taken(places, taken):
+            yield path, spot, f"{words} goes where {other} already is"
+        if message := _off_plate(places, assembly.plate.studs, ""):
+            yield path, spot, f"{words}: {message}"
+        taken.update(dict.fromkeys(places, brick.name))
+        if k not in held:
+            yield path, spot, f"{words} floats: it is not joined to the plate"
+        need[kind] += 1
+        if need[kind] == supply[kind] + 1 and kind not in stations:
+            text = f"the structure needs {total[kind]} bricks {kind}, but the stock has"
+            yield path, spot, f"{text} {supply[kind]}"

@@ -175,14 +175,10 @@ class _Sequencer:
         if report.stable:
             return
         what = self._place(report.brick or "")
+        why = f"{what} needs {report.score:.2f} times the friction its knobs have"
         if math.isinf(report.score):
-            raise InfeasibleStepError(
-                f"the finished structure does not stand: nothing holds {what}"
-            )
-        raise InfeasibleStepError(
-            f"the finished structure does not stand: {what} needs {report.score:.2f} times "
-            f"the friction its knobs have"
-        )
+            why = f"nothing holds {what}"
+        raise InfeasibleStepError(f"the finished structure does not stand: {why}")
 
     def check_hanging(self, names: Names) -> None:
         """Raise an error when bricks hang although nothing may be placed from below."""
@@ -243,21 +239,19 @@ class _Sequencer:
             presses=site.presses_with(chosen),
             supports=tuple(i.support for i in with_press if i.support is not None),
         )
-        return SequencedStep(
-            brick, step, self._reason(names, brick, chosen.way), chosen.score
-        )
+        reason = self._reason(names, brick, chosen.way)
+        return SequencedStep(brick, step, reason, chosen.score)
 
     def explain(self, parts: Names, *, complete: bool) -> str:
         """Return the reasons why no brick of a dead end can be removed."""
         names = parts | self.fixed
         whys = [
-            (self._place(brick), *self._why_not(names, brick))
-            for brick in self._candidates(parts)
+            (*self._why_not(names, k), self._place(k)) for k in self._candidates(parts)
         ]
         # What stands in the way of all else comes first.
-        whys.sort(key=lambda why: why[1])
+        whys.sort(key=lambda why: why[0])
         end = "" if complete else " (the search was cut short by its limit)"
-        shown = [f"  {place}: {reason}" for place, _, reason in whys[:_MOST_REASONS]]
+        shown = [f"  {place}: {reason}" for _, reason, place in whys[:_MOST_REASONS]]
         if len(whys) > len(shown):
             shown.append(f"  and {len(whys) - len(shown)} more")
         total = len(self._structures.bricks) - len(self.fixed)
@@ -288,11 +282,8 @@ class _Sequencer:
         rest = self._structures.standing(names - {brick})
         if not rest.stable:
             what = self._place(rest.brick or "")
-            return True, (
-                f"without it nothing holds {what}"
-                if math.isinf(rest.score)
-                else f"without it {what} gives way"
-            )
+            held = "nothing holds {}" if math.isinf(rest.score) else "{} gives way"
+            return True, f"without it {held.format(what)}"
         return False, self._why_not_inserted(names, brick)
 
     def _why_not_inserted(self, names: Names, brick: str) -> str:
