@@ -76,7 +76,7 @@ def step_section(item: SequencedStep) -> dict[str, Any]:
     """Return a step as a scenario file writes it."""
     step = item.step
     out: dict[str, Any] = {
-        "brick": step.brick,
+        "brick": step.brick.name,
         "at": [step.cell.x, step.cell.y, step.cell.z],
     }
     if step.cell.turned:
@@ -130,7 +130,7 @@ def _print_table(found: SequencedStructure) -> None:
         table.add_row(
             str(number),
             item.name,
-            step.brick,
+            step.brick.name,
             cell,
             _kind(item),
             press,

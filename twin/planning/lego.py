@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ import numpy as np
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import (
+    BrickType,
     LegoAssembly,
     LegoStep,
     PlacedBrick,
@@ -139,12 +140,12 @@ def build_lego(lego: LegoSection) -> LegoAssembly:
 
     There are no steps yet where it gives a structure; see ``build_structure``.
     """
+    types = brick_types(lego)
     twist = lego.twist_deg.model_dump(by_alias=True)
     return LegoAssembly(
         plate=_plate(lego.plate),
-        bricks=brick_types(lego),
-        stock=tuple(_stock(s) for s in lego.stock),
-        steps=tuple(_step(s) for s in lego.steps),
+        stock=tuple(_stock(s, types) for s in lego.stock),
+        steps=tuple(_step(s, types) for s in lego.steps),
         twist={skill: float(np.deg2rad(angle)) for skill, angle in twist.items()},
         storage=None if lego.storage_plate is None else _plate(lego.storage_plate),
     )
@@ -204,17 +205,21 @@ def _plate(section: PlateSection) -> Plate:
     return Plate(build_transform(section.pose), (section.studs[0], section.studs[1]))
 
 
-def _stock(section: StockSection) -> StockBrick:
+def _stock(section: StockSection, types: Mapping[str, BrickType]) -> StockBrick:
     return StockBrick(
-        section.name, section.brick, cell_of(section), section.fixed, section.station
+        section.name,
+        types[section.brick],
+        cell_of(section),
+        section.fixed,
+        section.station,
     )
 
 
-def _step(section: StepSection) -> LegoStep:
+def _step(section: StepSection, types: Mapping[str, BrickType]) -> LegoStep:
     presses = section.presses or filter(None, [section.press])
     supports = section.supports or filter(None, [section.support])
     return LegoStep(
-        brick=section.brick,
+        brick=types[section.brick],
         cell=cell_of(section),
         up=section.place == "up",
         attack=section.attack,

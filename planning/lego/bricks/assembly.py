@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from planning.errors import ScenarioError
 from planning.transforms import Transform
 
 STUD_PITCH = 0.008
@@ -114,7 +113,7 @@ class StockBrick:
 
     Attributes:
         name: unique in the scenario.
-        brick: name of its type.
+        brick: its type.
         cell: where it stands.
         fixed: scaffolding that no step may use.
         station: a feeding station: once a brick has been picked there, the next one of this
@@ -122,7 +121,7 @@ class StockBrick:
     """
 
     name: str
-    brick: str
+    brick: BrickType
     cell: Cell
     fixed: bool = False
     station: bool = False
@@ -133,7 +132,7 @@ class LegoStep:
     """One step of the assembly sequence.
 
     Attributes:
-        brick: name of the type it places.
+        brick: type that it places.
         cell: where the brick goes.
         up: True for a place-up from below (handover and support-top), False for a place-down.
         presses: grips to choose from, the preferred one first; the planner may choose any where
@@ -144,7 +143,7 @@ class LegoStep:
         stock: name of the prescribed stock brick, None when the planner may choose.
     """
 
-    brick: str
+    brick: BrickType
     cell: Cell
     up: bool = False
     presses: tuple[Press, ...] = ()
@@ -168,7 +167,7 @@ class LegoStep:
         turned = " turned" if self.cell.turned else ""
         how = "place-up" if self.up else "place-down"
         at = f"[{self.cell.x}, {self.cell.y}, {self.cell.z}]"
-        return f"{how} of {self.brick} at {at}{turned}"
+        return f"{how} of {self.brick.name} at {at}{turned}"
 
 
 @dataclass(frozen=True)
@@ -177,7 +176,6 @@ class LegoAssembly:
 
     Attributes:
         plate: where the structure is built.
-        bricks: brick types by name.
         stock: bricks that are there at the start.
         steps: assembly sequence.
         twist: twist angles by skill ("pick", "place-down", "place-up", "handover") [rad].
@@ -186,7 +184,6 @@ class LegoAssembly:
     """
 
     plate: Plate
-    bricks: Mapping[str, BrickType]
     stock: tuple[StockBrick, ...]
     steps: tuple[LegoStep, ...]
     twist: Mapping[str, float]
@@ -196,7 +193,7 @@ class LegoAssembly:
     def structure(self) -> tuple[PlacedBrick, ...]:
         """The bricks that the steps place, named ``"step 1"`` and so on."""
         return tuple(
-            PlacedBrick(f"step {k}", brick_type(step.brick, self.bricks), step.cell)
+            PlacedBrick(f"step {k}", step.brick, step.cell)
             for k, step in enumerate(self.steps, start=1)
         )
 
@@ -204,7 +201,7 @@ class LegoAssembly:
     def scaffold(self) -> tuple[PlacedBrick, ...]:
         """The stock bricks that stay where they are."""
         return tuple(
-            PlacedBrick(item.name, brick_type(item.brick, self.bricks), item.cell)
+            PlacedBrick(item.name, item.brick, item.cell)
             for item in self.stock
             if item.fixed
         )
@@ -232,21 +229,3 @@ BRICKS: Mapping[str, BrickType] = MappingProxyType(
     }
 )
 """Types every scenario may use, by name such as ``"2x4"``."""
-
-
-def brick_type(name: str, bricks: Mapping[str, BrickType] = BRICKS) -> BrickType:
-    """Return the brick type called ``name``.
-
-    Args:
-        name: such as ``"2x4"``.
-        bricks: library to look in.
-
-    Raises:
-        ScenarioError: there is no such type; lists those there are.
-    """
-    try:
-        return bricks[name]
-    except KeyError:
-        raise ScenarioError(
-            f"unknown brick type {name!r}", choices=tuple(sorted(bricks))
-        ) from None

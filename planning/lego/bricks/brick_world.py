@@ -16,7 +16,6 @@ from planning.lego.bricks.assembly import (
     Plate,
     Press,
     StockBrick,
-    brick_type,
 )
 from planning.lego.bricks.grid import box_pose, box_size, bricks_above, top_pose
 from planning.lego.bricks.grips import MOST_OFFSETS, presses
@@ -82,7 +81,7 @@ class BrickWorld:
     def stock_on(self, plate: Plate) -> dict[str, tuple[Cell, BrickType]]:
         """Return cell and type of each stock brick on a plate."""
         return {
-            k: (s.cell, self.kind(s.brick))
+            k: (s.cell, s.brick)
             for k, s in self.stock.items()
             if self.assembly.plate_of(s) is plate
         }
@@ -96,21 +95,16 @@ class BrickWorld:
     def _goals(self) -> tuple[Placed, ...]:
         goals = []
         for number, step in enumerate(self.assembly.steps, start=1):
-            kind = self.kind(step.brick)
-            name, size = goal_name(number), box_size(kind)
-            pose = readonly(box_pose(self.assembly.plate, step.cell, kind))
+            name, size = goal_name(number), box_size(step.brick)
+            pose = readonly(box_pose(self.assembly.plate, step.cell, step.brick))
             body = box_body(name, size)
-            item = CellObject(name, step.brick, readonly(size), pose, body)
+            item = CellObject(name, step.brick.name, readonly(size), pose, body)
             goals.append((item, Attachment(None, pose)))
         return tuple(goals)
 
     def step(self, number: int) -> LegoStep:
         """Return a step, counted from 1."""
         return self.assembly.steps[number - 1]
-
-    def kind(self, brick: str) -> BrickType:
-        """Return a brick type of this assembly."""
-        return brick_type(brick, self.assembly.bricks)
 
     def frames(self, robot: str) -> Mapping[str, Transform]:
         """Return a robot's tool frames in its flange frame."""
@@ -126,10 +120,7 @@ class BrickWorld:
 
     def goal_cells(self, numbers: Iterable[int]) -> dict[str, tuple[Cell, BrickType]]:
         """Return cell and type of the bricks of some steps in their places."""
-        return {
-            goal_name(k): (self.step(k).cell, self.kind(self.step(k).brick))
-            for k in numbers
-        }
+        return {goal_name(k): (self.step(k).cell, self.step(k).brick) for k in numbers}
 
     def cells_during(self, number: int) -> dict[str, tuple[Cell, BrickType]]:
         """Return all bricks that may stand on the structure's plate while a step is done."""
@@ -139,17 +130,17 @@ class BrickWorld:
         """Return the pose of the top face of a stock brick at the start."""
         item = self.stock[stock]
         plate = self.assembly.plate_of(item)
-        return top_pose(plate, item.cell, self.kind(item.brick))
+        return top_pose(plate, item.cell, item.brick)
 
     def goal_top(self, number: int) -> Transform:
         """Return the pose of the top face of a step's brick in its place."""
         step = self.step(number)
-        return top_pose(self.assembly.plate, step.cell, self.kind(step.brick))
+        return top_pose(self.assembly.plate, step.cell, step.brick)
 
     def above(self, stock: str) -> frozenset[str]:
         """Return the stock bricks that stand on a stock brick, however high."""
         item, others = self.stock[stock], self.stock_beside(stock)
-        upper = bricks_above(item.cell, self.kind(item.brick), others)
+        upper = bricks_above(item.cell, item.brick, others)
         return frozenset(upper).union(*map(self.above, upper))
 
     def usable_stock(self, number: int) -> list[str]:
@@ -166,7 +157,7 @@ class BrickWorld:
     def grasps(self, number: int) -> list[int]:
         """Return the grips of a step to choose from, the prescribed one alone, or all."""
         step = self.step(number)
-        some = step.presses or presses(self.kind(step.brick))
+        some = step.presses or presses(step.brick)
         return [grasp_number(press) for press in some]
 
     def go_together(self, number: int, grasp: int, support: int) -> bool:

@@ -22,7 +22,6 @@ from planning.lego.bricks.assembly import (
     LegoAssembly,
     Plate,
     StockBrick,
-    brick_type,
 )
 from planning.lego.bricks.grid import box_pose, box_size
 from planning.transforms import readonly, translation
@@ -90,19 +89,15 @@ def stock_objects(assembly: LegoAssembly) -> tuple[CellObject, ...]:
     """Return the bricks of the stock as objects of the cell, in the order of the stock.
 
     Of a feeding station it is the first brick.
-
-    Raises:
-        ScenarioError: a type is unknown.
     """
     return tuple(_stock_object(assembly, item) for item in assembly.stock)
 
 
 def _stock_object(assembly: LegoAssembly, item: StockBrick) -> CellObject:
-    brick = brick_type(item.brick, assembly.bricks)
-    size = box_size(brick)
+    brick, size = item.brick, box_size(item.brick)
     return CellObject(
         name=copy_name(item.name, 1) if item.station else item.name,
-        kind=item.brick,
+        kind=brick.name,
         size=readonly(size),
         start=readonly(box_pose(assembly.plate_of(item), item.cell, brick)),
         body=box_body(item.name, size),

@@ -173,7 +173,7 @@ class InsertionSite:
         """Return an insertion as a step of an assembly."""
         item, press, up = self.item, insertion.press, self.up
         return LegoStep(
-            brick=item.brick.name,
+            brick=item.brick,
             cell=item.cell,
             up=up,
             presses=(press,),

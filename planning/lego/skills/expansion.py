@@ -91,7 +91,6 @@ class _Expander:
         self.choice = plan[builder.step]
         self.builder = builder
         self.work = self.world.step(builder.step)
-        self.kind = self.world.kind(self.work.brick)
         source, stations = self.choice.object, self.world.stations
         sources = [c.object for c in plan.choices if c.step <= builder.step]
         *used, self.brick = object_names(sources, stations)
@@ -206,7 +205,7 @@ class _Expander:
         self, task: int, robot: str, cell: Cell, pose: Transform, others: Bricks
     ) -> None:
         """Allow the contacts of the brick where it is picked or placed."""
-        seat, fixtures = (cell, self.kind, pose), self.world.cell.fixtures
+        seat, fixtures = (cell, self.work.brick, pose), self.world.cell.fixtures
         pairs = contacts_at_rest(robot, self.brick, seat, others, fixtures)
         self.builder.allow(pairs, task)
 
@@ -226,7 +225,7 @@ class _Expander:
         build.depend(placed, ways_back[0])
         self._home(robot)
         assert self.choice.support is not None
-        bricks = {**self.others, self.brick: (self.work.cell, self.kind)}
+        bricks = {**self.others, self.brick: (self.work.cell, self.work.brick)}
         support = self.work.supports[self.choice.support.pose]
         touched = supporting(robot, support, bricks)
         build.allow(touched, held, *ways_back)

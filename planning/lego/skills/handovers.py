@@ -196,7 +196,7 @@ class HandoverOptions:
         The scene is that of the receiver, whose tool is at a pose in the world.
         """
         world, press = self._skills.world, press_of(grasp)
-        kind, goal = world.kind(world.step(step).brick), world.goal_top(step)
+        kind, goal = world.step(step).brick, world.goal_top(step)
         assert scene.handed is not None
         name, taken = scene.handed
         assert taken.holder is not None

@@ -103,12 +103,11 @@ class SkillOptions:
     def _pick(self, robot: str, stock: str, grasp: int) -> Found:
         world = self.world
         item, top = world.stock[stock], world.start_top(stock)
-        kind = world.kind(item.brick)
-        seat = (item.cell, kind, world.stock_at_rest[stock][1].pose)
+        seat = (item.cell, item.brick, world.stock_at_rest[stock][1].pose)
         touching = contacts_at_rest(
             robot, stock, seat, world.stock_beside(stock), world.cell.fixtures
         )
-        tool = grip_pose(top, kind, press_of(grasp))
+        tool = grip_pose(top, item.brick, press_of(grasp))
         held = held_box(world.frames(robot), "tool", tool, top)
         above = world.above(stock)
         goals = world.goals(range(1, len(world.assembly.steps) + 1))
@@ -140,7 +139,7 @@ class SkillOptions:
         world = self.world
         return pick_targets(
             world.frames(robot),
-            world.kind(world.stock[stock].brick),
+            world.stock[stock].brick,
             world.start_top(stock),
             press_of(grasp),
             twist=world.assembly.twist["pick"],
@@ -188,8 +187,8 @@ class SkillOptions:
         self, robot: str, step: int, grasp: int
     ) -> tuple[Mapping[str, Transform], BrickType, Transform, Press]:
         world = self.world
-        kind = world.kind(world.step(step).brick)
-        return world.frames(robot), kind, world.goal_top(step), press_of(grasp)
+        brick, top = world.step(step).brick, world.goal_top(step)
+        return world.frames(robot), brick, top, press_of(grasp)
 
     def around(self, step: int) -> dict[str, Placed]:
         """Return the stock at rest and the goals of the earlier steps."""
@@ -200,7 +199,7 @@ class SkillOptions:
     ) -> Found:
         world, name, work = self.world, goal_name(step), self.world.step(step)
         goal, at_goal = world.goal(step)
-        seat = (work.cell, world.kind(work.brick), at_goal.pose)
+        seat = (work.cell, work.brick, at_goal.pose)
         touching = contacts_at_rest(
             robot, name, seat, world.cells_during(step), world.cell.fixtures
         )

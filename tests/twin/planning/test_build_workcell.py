@@ -73,7 +73,7 @@ def test_cell_and_assembly_hold_what_the_file_says(tmp_path: Path) -> None:
     )
 
     assert assembly.stock[1].station
-    assert assembly.bricks["slab"].mass == 0.01
+    assert assembly.stock[0].brick.mass == 0.01
     first, second = assembly.steps
     assert (first.stock, first.press, first.attack) == ("b1", None, 1)
     assert second.cell == Cell(20, 4, 2, True)

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.lego.bricks.assembly import brick_type
 from planning.lego.bricks.grid import box_pose
 from scheduling.verification.verify import verify_plan
 from twin.planning.in_turns import MOTION
@@ -94,7 +93,7 @@ def test_bricks_end_where_the_file_says_and_the_audit_is_clean(
         last[row["object"]] = row
     for choice in planned.task_plan.choices:
         step = planned.assembly.steps[choice.step - 1]
-        kind = brick_type(step.brick, planned.assembly.bricks)
+        kind = step.brick
         goal = box_pose(planned.assembly.plate, step.cell, kind)
         assert last[choice.object]["parent"] == "world"
         np.testing.assert_allclose(last[choice.object]["xyz"], goal[:3, 3], atol=1e-9)

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import (
     BRICKS,
     LAYER_HEIGHT,
@@ -15,7 +13,6 @@ from planning.lego.bricks.assembly import (
     BrickType,
     Cell,
     Plate,
-    brick_type,
 )
 from planning.lego.bricks.grid import (
     box_from_top,
@@ -121,9 +118,3 @@ def test_contact_on_the_grid_is_contact_of_the_boxes(
 def test_footprints_turn_with_the_brick() -> None:
     assert footprint(Cell(0, 0, 1), BRICKS["2x6"]) == (2, 6)
     assert footprint(Cell(0, 0, 1, True), BRICKS["2x6"]) == (6, 2)
-
-
-def test_an_unknown_brick_lists_the_known_ones() -> None:
-    with pytest.raises(ScenarioError, match="3x3") as caught:
-        brick_type("3x3")
-    assert "2x4" in caught.value.choices

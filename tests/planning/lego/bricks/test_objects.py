@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
-from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import (
     BRICKS,
     Cell,
@@ -21,19 +18,13 @@ from planning.transforms import from_rpy
 
 ASSEMBLY = LegoAssembly(
     plate=Plate(from_rpy((0.4, 0.0, 1.0), (0.0, 0.0, 0.2)), (32, 48)),
-    bricks=BRICKS,
     stock=(
-        StockBrick("a", "2x4", Cell(0, 0, 1)),
-        StockBrick("b", "1x2", Cell(0, 0, 2, True), fixed=True),
+        StockBrick("a", BRICKS["2x4"], Cell(0, 0, 1)),
+        StockBrick("b", BRICKS["1x2"], Cell(0, 0, 2, True), fixed=True),
     ),
-    steps=(LegoStep("2x4", Cell(9, 9, 1)),),
+    steps=(LegoStep(BRICKS["2x4"], Cell(9, 9, 1)),),
     twist={},
 )
-
-
-def with_brick(*stock: StockBrick) -> LegoAssembly:
-    """Return the assembly with more bricks in the stock."""
-    return dataclasses.replace(ASSEMBLY, stock=(*ASSEMBLY.stock, *stock))
 
 
 def test_bricks_become_boxes_where_they_stand() -> None:
@@ -57,14 +48,3 @@ def test_the_plate_lies_below_the_bricks() -> None:
     plate = plate_fixture(ASSEMBLY.plate)
     np.testing.assert_allclose(plate.size[:2], [32 * 0.008, 48 * 0.008])
     assert plate.pose[2, 3] + plate.size[2] / 2 == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize(
-    ("brick", "message"),
-    [
-        (StockBrick("c", "9x9", Cell(9, 9, 1)), "unknown brick type '9x9'"),
-    ],
-)
-def test_a_stock_that_cannot_be_is_refused(brick: StockBrick, message: str) -> None:
-    with pytest.raises(ScenarioError, match=message):
-        stock_objects(with_brick(brick))

@@ -64,7 +64,7 @@ def _replay(structure, found: SequencedStructure, scaffold=(), force=15.0) -> No
     assert stability(there).stable
     for item in found.sequence:
         step, brick = item.step, goal[item.name]
-        assert (step.brick, step.cell) == (brick.brick.name, brick.cell)
+        assert (step.brick, step.cell) == (brick.brick, brick.cell)
         filled = {p: i for i in there for p in occupied_studs(i.cell, i.brick)}
         own = occupied_studs(brick.cell, brick.brick)
         above = {filled.get((x, y, z + 1)) for x, y, z in own} - {None}
@@ -328,11 +328,11 @@ def test_published_sequences_have_support_exactly_where_it_is_needed(task, force
 
 def test_an_assembly_is_planned_anew_from_its_goal():
     steps = [
-        LegoStep("2x4", Cell(20, 20, 3)),
-        LegoStep("2x4", Cell(20, 20, 2), stock="b"),
+        LegoStep(BRICKS["2x4"], Cell(20, 20, 3)),
+        LegoStep(BRICKS["2x4"], Cell(20, 20, 2), stock="b"),
     ]
-    stock = (StockBrick("base", "2x4", Cell(20, 20, 1), fixed=True),)
-    assembly = LegoAssembly(GRID, BRICKS, stock, tuple(steps), {})
+    stock = (StockBrick("base", BRICKS["2x4"], Cell(20, 20, 1), fixed=True),)
+    assembly = LegoAssembly(GRID, stock, tuple(steps), {})
     planned, found = sequenced(assembly)
     assert [s.cell.z for s in planned.steps] == [2, 3]
     assert [q.name for q in found.sequence] == ["step 2", "step 1"]

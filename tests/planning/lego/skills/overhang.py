@@ -25,33 +25,36 @@ from planning.robots.registry import robot_model
 from planning.transforms import from_rpy, translation
 
 TOWER = (
-    StockBrick("f1", "2x6", Cell(23, 14, 1), fixed=True),
-    *(StockBrick(f"f{z}", "2x4", Cell(23, 15, z), fixed=True) for z in range(2, 7)),
-    StockBrick("f7", "2x4", Cell(23, 16, 7), fixed=True),
-    StockBrick("f8", "2x4", Cell(23, 18, 8), fixed=True),
+    StockBrick("f1", BRICKS["2x6"], Cell(23, 14, 1), fixed=True),
+    *(
+        StockBrick(f"f{z}", BRICKS["2x4"], Cell(23, 15, z), fixed=True)
+        for z in range(2, 7)
+    ),
+    StockBrick("f7", BRICKS["2x4"], Cell(23, 16, 7), fixed=True),
+    StockBrick("f8", BRICKS["2x4"], Cell(23, 18, 8), fixed=True),
 )
 STOCK = (
-    StockBrick("near_left", "2x4", Cell(6, 30, 1)),
-    StockBrick("near_right", "2x4", Cell(40, 30, 1)),
-    StockBrick("upper", "2x4", Cell(40, 36, 2)),
-    StockBrick("lower", "2x4", Cell(40, 36, 1)),
-    StockBrick("small", "2x2", Cell(10, 34, 1)),
+    StockBrick("near_left", BRICKS["2x4"], Cell(6, 30, 1)),
+    StockBrick("near_right", BRICKS["2x4"], Cell(40, 30, 1)),
+    StockBrick("upper", BRICKS["2x4"], Cell(40, 36, 2)),
+    StockBrick("lower", BRICKS["2x4"], Cell(40, 36, 1)),
+    StockBrick("small", BRICKS["2x2"], Cell(10, 34, 1)),
 )
 STEPS = (
     LegoStep(
-        "2x4",
+        BRICKS["2x4"],
         Cell(23, 20, 9),
         presses=(Press(1, 0),),
         supports=(Support(23, 21, 7, 0),),
     ),
     LegoStep(
-        "2x4",
+        BRICKS["2x4"],
         Cell(23, 22, 10),
         presses=(Press(4, 0),),
         supports=(Support(24, 23, 8, 3),),
     ),
     LegoStep(
-        "2x2",
+        BRICKS["2x2"],
         Cell(23, 24, 9),
         up=True,
         presses=(Press(4, 0),),
@@ -65,7 +68,7 @@ def overhang(
 ) -> tuple[Workcell, LegoAssembly]:
     """Return the cell and the assembly."""
     plate = Plate(translation(0.44, 0.0, 1.1145))
-    assembly = LegoAssembly(plate, BRICKS, TOWER + stock, steps, DEFAULT_TWIST)
+    assembly = LegoAssembly(plate, TOWER + stock, steps, DEFAULT_TWIST)
     gp4 = robot_model("gp4")
     cell = Workcell(
         (

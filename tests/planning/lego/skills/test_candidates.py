@@ -12,7 +12,7 @@ import pytest
 
 from planning.errors import InfeasibleStepError
 from planning.kinematics.kinematics import frame_pose
-from planning.lego.bricks.assembly import Cell, LegoStep, Press, StockBrick
+from planning.lego.bricks.assembly import BRICKS, Cell, LegoStep, Press, StockBrick
 from planning.lego.bricks.brick_world import grasp_number, press_of
 from planning.lego.bricks.grips import grip_pose, presses
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
@@ -81,7 +81,7 @@ def test_costs_are_joint_distances_from_home(found: LegoCandidates) -> None:
         assert isinstance(pick, SkillOption)
         attach = pick.path.waypoints[2]
         top = found.world.start_top(item.object)
-        kind = found.world.kind(found.world.stock[item.object].brick)
+        kind = found.world.stock[item.object].brick
         tool = frame_pose(found.world.cell.robot(item.robot), attach, "tool")
         assert tool == pytest.approx(
             grip_pose(top, kind, press_of(item.grasp)), abs=1e-6
@@ -119,7 +119,7 @@ def test_all_grips_are_tried_where_none_is_prescribed() -> None:
     some = find_candidates(*overhang(steps=steps), alternatives=2)
     kept = {c.grasp for c in some.problem.primaries if c.step == 1}
     assert kept < tried
-    assert tried <= {grasp_number(p) for p in presses(found.world.kind(STEPS[0].brick))}
+    assert tried <= {grasp_number(p) for p in presses(STEPS[0].brick)}
     assert {press_of(grasp_number(p)) for p in (Press(1, 0), Press(4, 6))} == {
         Press(1, 0),
         Press(4, 6),
@@ -127,8 +127,8 @@ def test_all_grips_are_tried_where_none_is_prescribed() -> None:
 
 
 def test_a_brick_out_of_reach_is_explained() -> None:
-    far = (StockBrick("far", "1x8", Cell(0, 0, 1)),)
-    step = LegoStep("1x8", Cell(40, 0, 1), presses=(Press(1, 3),))
+    far = (StockBrick("far", BRICKS["1x8"], Cell(0, 0, 1)),)
+    step = LegoStep(BRICKS["1x8"], Cell(40, 0, 1), presses=(Press(1, 3),))
     found = find_candidates(*overhang(stock=STOCK + far, steps=(step,)))
     with pytest.raises(InfeasibleStepError) as caught:
         assign_steps(found.problem)
@@ -140,8 +140,8 @@ def test_a_brick_out_of_reach_is_explained() -> None:
 def test_a_blocked_goal_waits_until_the_brick_in_the_way_is_used() -> None:
     """Step 2's goal is where the brick of step 1 stands at the start."""
     start = STOCK[0].cell
-    first = LegoStep("2x4", Cell(16, 24, 1), presses=(Press(1, 1),))
-    second = LegoStep("2x4", start, presses=(Press(1, 1),))
+    first = LegoStep(BRICKS["2x4"], Cell(16, 24, 1), presses=(Press(1, 1),))
+    second = LegoStep(BRICKS["2x4"], start, presses=(Press(1, 1),))
     found = find_candidates(*overhang(steps=(first, second)))
     onto = [c for c in found.problem.primaries if c.step == 2 and c.robot == "left"]
     for item in onto:

@@ -8,7 +8,7 @@ import pytest
 
 from planning.cell.workcell import start_state
 from planning.kinematics.kinematics import frame_pose
-from planning.lego.bricks.assembly import Cell, LegoStep, Press, StockBrick
+from planning.lego.bricks.assembly import BRICKS, Cell, LegoStep, Press, StockBrick
 from planning.lego.bricks.grid import box_pose
 from planning.lego.bricks.grips import grip_pose
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
@@ -101,9 +101,7 @@ def test_objects_never_jump_and_end_exactly_at_their_goals(
     assert changes == 2 + 2 + 3
     for choice in plan.choices:
         step = found.world.step(choice.step)
-        goal = box_pose(
-            found.world.assembly.plate, step.cell, found.world.kind(step.brick)
-        )
+        goal = box_pose(found.world.assembly.plate, step.cell, step.brick)
         at = state.attachments[choice.object]
         assert at.holder is None
         assert np.abs(at.pose - goal).max() < 1e-9
@@ -125,7 +123,7 @@ def test_the_tool_is_where_the_press_says(
     (change,) = place.handlings
     robot = found.world.cell.robot(place.robot)
     tool = frame_pose(robot, place.path[change.waypoint - 1], "tool")
-    kind = found.world.kind("2x4")
+    kind = BRICKS["2x4"]
     expected = grip_pose(found.world.goal_top(1), kind, Press(1, 0))
     assert tool == pytest.approx(expected, abs=1e-6)
     assert place.object == plan[1].object
@@ -185,12 +183,12 @@ def test_the_receiver_is_ready_and_takes_the_brick_away_after(
 def test_stacked_stock_goes_from_the_top() -> None:
     """One robot takes the upper brick, the other one the lower, in two plain steps."""
     stock = (
-        StockBrick("upper", "2x4", Cell(23, 38, 2)),
-        StockBrick("lower", "2x4", Cell(23, 38, 1)),
+        StockBrick("upper", BRICKS["2x4"], Cell(23, 38, 2)),
+        StockBrick("lower", BRICKS["2x4"], Cell(23, 38, 1)),
     )
     goals = (
-        LegoStep("2x4", Cell(16, 30, 1), presses=(Press(1, 1),), stock="upper"),
-        LegoStep("2x4", Cell(30, 30, 1), presses=(Press(4, 1),), stock="lower"),
+        LegoStep(BRICKS["2x4"], Cell(16, 30, 1), presses=(Press(1, 1),), stock="upper"),
+        LegoStep(BRICKS["2x4"], Cell(30, 30, 1), presses=(Press(4, 1),), stock="lower"),
     )
     found = find_candidates(*overhang(stock=stock, steps=goals))
     primaries = found.problem.primaries
