@@ -39,11 +39,6 @@ from planning.lego.stability.partial_structures import Names, PartialStructures
 from planning.lego.stability.stability import Hold, Load
 from planning.transforms import Array
 
-PLAIN, SUPPORTED, FROM_BELOW = "plain", "supported", "from below"
-WAYS = (PLAIN, SUPPORTED, FROM_BELOW)
-"""Ways to insert a brick, the preferred ones first: place-down; place-down with a
-support-bottom; handover, then place-up with a support-top."""
-
 INSERTION_FORCE = 15.0
 """Force at which the published skills stop pressing (APEX-MR App. C) [N]."""
 
@@ -59,13 +54,13 @@ class Insertion:
     """An insertion of a brick into a structure.
 
     Attributes:
-        way: one of ``WAYS``.
+        up: True for a handover and then a place-up with a support-top.
         press: the grip.
         support: the supporting tool, None without one.
         score: bound of the structure's stability score while the brick is pressed.
     """
 
-    way: str
+    up: bool
     press: Press
     support: Support | None
     score: float
@@ -115,20 +110,15 @@ class InsertionSite:
     item: PlacedBrick
     up: bool
 
-    def insertions(self, way: str) -> Iterator[Insertion]:
-        """Yield the insertions of one kind, the preferred ones first."""
-        for press in self.roomy_presses:
-            yield from self.supported(way, press)
-
-    def supported(self, way: str, press: Press) -> Iterator[Insertion]:
-        """Yield the insertions with one press, one for each support that suffices."""
+    def insertions(self, press: Press, *, held: bool) -> Iterator[Insertion]:
+        """Yield the insertions with one press: alone, or held by each support that suffices."""
         supports: Iterable[tuple[Support | None, tuple[Hold, ...]]] = [(None, ())]
-        if way != PLAIN:
+        if held:
             supports = self._roomy_supports(press)
         for support, holds in supports:
             report = self._pressed(press, holds)
             if report.stable:
-                yield Insertion(way, press, support, report.score)
+                yield Insertion(self.up, press, support, report.score)
 
     def bears(self, press: Press, support: Support | None = None) -> StabilityReport:
         """Tell whether the structure bears a press, room for the tools set aside.
@@ -138,15 +128,6 @@ class InsertionSite:
             support: the supporting tool; one that touches no brick is as good as none.
         """
         return self._pressed(press, () if support is None else self._holds(support))
-
-    def presses_with(self, insertion: Insertion) -> tuple[Press, ...]:
-        """Return the presses that do with the same support, the given one first."""
-        others = [
-            press
-            for press in self.roomy_presses
-            if press != insertion.press and self.bears(press, insertion.support).stable
-        ]
-        return (insertion.press, *others)
 
     def obstacle(self) -> str | None:
         """Return the reason why the brick cannot be inserted this way, None if it may be."""
@@ -169,16 +150,22 @@ class InsertionSite:
         found = map(self._blocked, presses(self.item.brick))
         return next((name for name in found if name is not None), "nothing")
 
-    def step(self, insertion: Insertion) -> LegoStep:
-        """Return an insertion as a step of an assembly."""
-        item, press, up = self.item, insertion.press, self.up
+    def step(self, chosen: Insertion) -> LegoStep:
+        """Return an insertion as a step of an assembly, with all its alternatives."""
+        item, press = self.item, chosen.press
+        others = (
+            other
+            for other in self.roomy_presses
+            if other != press and self.bears(other, chosen.support).stable
+        )
+        held = self.insertions(press, held=chosen.support is not None)
         return LegoStep(
             brick=item.brick,
             cell=item.cell,
-            up=up,
-            presses=(press,),
-            supports=() if insertion.support is None else (insertion.support,),
-            attack=attack_side(item, press, self._others, up=up),
+            up=self.up,
+            presses=(press, *others),
+            supports=tuple(i.support for i in held if i.support is not None),
+            attack=attack_side(item, press, self._others, up=self.up),
         )
 
     @property

@@ -11,17 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import compress, groupby, product
+from itertools import chain, compress, groupby, product
 
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, PlacedBrick
 from planning.lego.sequencing.disassembly import Removal, find_assembly_sequence
 from planning.lego.sequencing.insertion import (
-    FROM_BELOW,
     INSERTION_FORCE,
-    PLAIN,
-    SUPPORTED,
-    WAYS,
     Insertion,
     InsertionRules,
 )
@@ -167,7 +163,9 @@ class _Sequencer:
         self._structures = structures
         self._rules = rules
         self._insertion = InsertionRules(structures, force=rules.force)
-        self._ways = tuple(compress(WAYS, (True, rules.support, rules.place_up)))
+        # Up or down, and held by another robot or not; the preferred ones first.
+        ways = ((False, False), (False, True), (True, True))
+        self._ways = tuple(compress(ways, (True, rules.support, rules.place_up)))
 
     def check_finished(self, names: Names) -> None:
         """Raise an error when the finished structure does not stand."""
@@ -220,26 +218,26 @@ class _Sequencer:
     ) -> Iterator[Removal[str, Insertion]]:
         names = parts | self.fixed
         for bricks in groups:
-            for way, brick in product(self._ways, bricks):
-                site = self._insertion.at(names, brick, up=way == FROM_BELOW)
+            for (up, held), brick in product(self._ways, bricks):
+                site = self._insertion.at(names, brick, up=up)
                 if site.obstacle() is not None:
                     continue
                 if not self._structures.standing(names - {brick}).stable:
                     continue
-                insertion = next(site.insertions(way), None)
+                ways = (site.insertions(p, held=held) for p in site.roomy_presses)
+                insertion = next(chain.from_iterable(ways), None)
                 if insertion is not None:
                     yield Removal(brick, insertion)
 
     def describe(self, names: Names, brick: str, chosen: Insertion) -> SequencedStep:
         """Return a step of the sequence with all its alternatives."""
-        site = self._insertion.at(names, brick, up=chosen.way == FROM_BELOW)
-        with_press = site.supported(chosen.way, chosen.press)
-        step = replace(
-            site.step(chosen),
-            presses=site.presses_with(chosen),
-            supports=tuple(i.support for i in with_press if i.support is not None),
-        )
-        reason = self._reason(names, brick, chosen.way)
+        step = self._insertion.at(names, brick, up=chosen.up).step(chosen)
+        reason = "the structure bears the press from above"
+        if chosen.up:
+            above = self._place(self._structures.above(names, brick)[0])
+            reason = f"it hangs below {above}, with nothing under it"
+        elif chosen.support is not None:
+            reason = "pressed from above alone, the structure would give way"
         return SequencedStep(brick, step, reason, chosen.score)
 
     def explain(self, parts: Names, *, complete: bool) -> str:
@@ -268,14 +266,6 @@ class _Sequencer:
             return -cell.z, -cell.x, -cell.y, name
 
         return sorted(parts, key=top_first)
-
-    def _reason(self, names: Names, brick: str, way: str) -> str:
-        if way == PLAIN:
-            return "the structure bears the press from above"
-        if way == SUPPORTED:
-            return "pressed from above alone, the structure would give way"
-        above = self._structures.above(names, brick)
-        return f"it hangs below {self._place(above[0])}, with nothing under it"
 
     def _why_not(self, names: Names, brick: str) -> tuple[bool, str]:
         """Return why a brick cannot be the last one in, and whether others depend on it."""

@@ -14,8 +14,6 @@ from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, Press, Support
 from planning.lego.bricks.grips import presses
 from planning.lego.sequencing.insertion import (
-    FROM_BELOW,
-    SUPPORTED,
     InsertionRules,
     InsertionSite,
 )
@@ -151,11 +149,10 @@ class _StepChoices:
     def _better_supports(self) -> list[str]:
         if not self.step.up and not self.rules.support:
             return []
-        way = FROM_BELOW if self.step.up else SUPPORTED
         found = (
             f"{{at: [{s.x}, {s.y}, {s.z}], orientation: {s.orientation}}}"
             for press in self.grips
-            for insertion in self.site.supported(way, press)
+            for insertion in self.site.insertions(press, held=True)
             if (s := insertion.support) is not None
         )
         return list(islice(dict.fromkeys(found), _HINTS))

@@ -94,9 +94,8 @@ class PartialStructures:
             self._linked[side.second].add(side.first)
         self._middle = {
             name: (float(x), float(y))
-            for name, (x, y, _) in zip(
-                self.bricks, map(centre, self.bricks.values()), strict=True
-            )
+            for name, item in self.bricks.items()
+            for x, y, _ in [centre(item)]
         }
         self._whole_regions = resting_regions(self.bricks, self._joints)
         self._regions: dict[Names, dict[str, Region]] = {}
@@ -214,9 +213,9 @@ class PartialStructures:
                 if outer and outside_pushes:
                     if joint.upper in inside and joint.lower is not None:
                         self._add_rest(program, joint, regions[joint.lower])
-                elif joint.lower is None or joint.lower in names:
-                    if joint.upper not in names:
-                        continue
+                elif joint.upper in names and (
+                    joint.lower is None or joint.lower in names
+                ):
                     upper = self.bricks[joint.upper]
                     pressed = loose in (joint.lower, joint.upper) and loose is not None
                     pull = 0.0 if pressed else _STRENGTH.pull(upper)
