@@ -21,18 +21,10 @@ from planning.parts.assembly import Grip, PickPlaceAssembly, box_grips
 from planning.parts.contact_graph import near_to, standing
 from planning.parts.targets import pick_targets, place_targets
 from planning.skills.contacts import NOTHING, SkillContacts, gripped, touching
-from planning.skills.joint_paths import (
-    Obstruction,
-    SkillPath,
-    joint_distance,
-)
+from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
 from planning.skills.subgoals import SkillTargets
 from planning.skills.surroundings import SkillScene, resolve_skill
-from planning.tasks.assignment import (
-    AssignmentProblem,
-    PrimaryCandidate,
-    Rejection,
-)
+from planning.tasks.assignment import AssignmentProblem, PrimaryCandidate, Rejection
 from planning.transforms import Array, Transform, inverse, readonly
 
 MOST_OVERLAP = 0.002

@@ -9,14 +9,7 @@ from planning.cell.workcell import CellObject, Workcell
 from planning.transforms import Array, Transform
 
 TRANSIT = "transit"
-SKILLS = (
-    "pick",
-    "place-down",
-    "place-up",
-    "handover",
-    "support-bottom",
-    "support-top",
-)
+SKILLS = ("pick", "place-down", "place-up", "handover", "support-bottom", "support-top")
 
 
 @dataclass(frozen=True)

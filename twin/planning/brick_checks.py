@@ -106,10 +106,7 @@ def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Foun
 
 
 def _check_step(
-    step: StepSection,
-    brick: BrickType,
-    at: KeyPath,
-    taken: Mapping[Stud, str],
+    step: StepSection, brick: BrickType, at: KeyPath, taken: Mapping[Stud, str]
 ) -> Found:
     if step.press is not None:
         along = brick.studs[1] if step.press.side in (1, 4) else brick.studs[0]
@@ -200,9 +197,7 @@ def _free_stock(
 
 
 def _off_plate(
-    cells: Iterable[Stud],
-    studs: Sequence[int],
-    hint: str = ": the lowest layer is 1",
+    cells: Iterable[Stud], studs: Sequence[int], hint: str = ": the lowest layer is 1"
 ) -> str:
     for x, y, z in sorted(cells):
         if z < 1:

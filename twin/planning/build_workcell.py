@@ -29,10 +29,7 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
     assembly = assembly_kind(scenario.assembly)
     return Workcell(
         robots=tuple(_robot(r, folder) for r in scenario.cell.robots),
-        fixtures=(
-            *(_fixture(f) for f in scenario.cell.fixtures),
-            *assembly.fixtures(),
-        ),
+        fixtures=(*(_fixture(f) for f in scenario.cell.fixtures), *assembly.fixtures()),
         objects=assembly.objects(),
         clearances=Clearances(clearance.robot_robot_m, clearance.robot_object_m),
     )

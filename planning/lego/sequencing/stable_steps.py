@@ -13,10 +13,7 @@ from itertools import islice, product
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, Press, Support
 from planning.lego.bricks.grips import presses
-from planning.lego.sequencing.insertion import (
-    InsertionRules,
-    InsertionSite,
-)
+from planning.lego.sequencing.insertion import InsertionRules, InsertionSite
 from planning.lego.sequencing.sequencing import SequencingRules
 from planning.lego.stability.equilibrium import StabilityReport
 from planning.lego.stability.partial_structures import PartialStructures

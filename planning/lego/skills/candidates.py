@@ -43,10 +43,7 @@ class LegoCandidates:
 
 
 def find_candidates(
-    cell: Workcell,
-    assembly: LegoAssembly,
-    *,
-    alternatives: int | None = None,
+    cell: Workcell, assembly: LegoAssembly, *, alternatives: int | None = None
 ) -> LegoCandidates:
     """Find every feasible way to do every step, with its cost.
 

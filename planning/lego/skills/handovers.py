@@ -19,17 +19,9 @@ from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.brick_world import goal_name, press_of
 from planning.lego.bricks.grips import grip_pose, side_contact_pose
 from planning.lego.skills.options import SkillOptions
-from planning.lego.skills.targets import (
-    handover_targets,
-    held_box,
-    received_top,
-)
+from planning.lego.skills.targets import handover_targets, held_box, received_top
 from planning.skills.contacts import NOTHING, SkillContacts, gripped
-from planning.skills.joint_paths import (
-    LARGEST_TURN,
-    Obstruction,
-    SkillPath,
-)
+from planning.skills.joint_paths import LARGEST_TURN, Obstruction, SkillPath
 from planning.skills.subgoals import Subgoal
 from planning.skills.surroundings import SkillScene, find_obstruction, resolve_skill
 from planning.transforms import Array, Transform, rotation, translation

@@ -21,10 +21,7 @@ from planning.lego.bricks.brick_world import (
     press_of,
 )
 from planning.lego.bricks.grips import grip_pose, side_contact_pose
-from planning.lego.skills.allowed_contacts import (
-    contacts_at_rest,
-    supporting,
-)
+from planning.lego.skills.allowed_contacts import contacts_at_rest, supporting
 from planning.lego.skills.support import support_bottom_targets, support_top_targets
 from planning.lego.skills.targets import (
     APPROACH_HEIGHT,
@@ -263,11 +260,7 @@ class SkillOptions:
         )
 
     def _resolve(
-        self,
-        robot: str,
-        targets: SkillTargets,
-        scene: SkillScene,
-        loose: Iterable[str],
+        self, robot: str, targets: SkillTargets, scene: SkillScene, loose: Iterable[str]
     ) -> Found:
         """Return a path clear of everything, or else of everything that will be gone."""
         placed = self.world.cell.robot(robot)

@@ -169,10 +169,7 @@ def handover_targets(
 
 
 def received_top(
-    frames: Mapping[str, Transform],
-    tool: Transform,
-    top: Transform,
-    contact: Transform,
+    frames: Mapping[str, Transform], tool: Transform, top: Transform, contact: Transform
 ) -> Transform:
     """Return where the top face of a handed-over brick is while the receiver stands ready.
 
