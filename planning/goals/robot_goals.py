@@ -84,7 +84,6 @@ def prepare_goals(cell: Workcell, goals: Sequence[RobotGoal]) -> AssemblyWork:
         ),
         needs_support=(False,) * len(goals),
         primaries=tuple(primaries),
-        supports=(),
         balance=0.0,
         rejections=tuple(rejections),
     )

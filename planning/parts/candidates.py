@@ -154,7 +154,6 @@ def find_candidates(cell: Workcell, assembly: PickPlaceAssembly) -> PickPlaceCan
         steps=tuple(f"pick and place {name}" for name in assembly.steps),
         needs_support=(False,) * len(assembly.steps),
         primaries=tuple(primaries),
-        supports=(),
         rejections=tuple(rejections),
     )
     return PickPlaceCandidates(cell, assembly.grips.frame, steps, problem, paths)

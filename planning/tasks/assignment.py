@@ -95,7 +95,7 @@ class AssignmentProblem:
     steps: tuple[str, ...]
     needs_support: tuple[bool, ...]
     primaries: tuple[PrimaryCandidate, ...]
-    supports: tuple[SupportCandidate, ...]
+    supports: tuple[SupportCandidate, ...] = ()
     incompatible: frozenset[tuple[int, int]] = frozenset()
     unlimited: frozenset[str] = frozenset()
     balance: float = 1.0

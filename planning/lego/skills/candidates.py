@@ -12,7 +12,7 @@ from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld, press_of
 from planning.lego.skills.handovers import HandoverOptions
-from planning.lego.skills.options import SkillOption, SkillOptions, StandingSupport
+from planning.lego.skills.options import SkillOption, SkillOptions
 from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
 from planning.tasks.assignment import (
     AssignmentProblem,
@@ -155,9 +155,9 @@ class _Collector:
 
         return sorted(grasps, key=away)
 
-    def _add_supports(self, step: int) -> dict[int, StandingSupport]:
+    def _add_supports(self, step: int) -> dict[int, SupportCandidate]:
         """Add the support candidates of a step; return who stands where by candidate index."""
-        out: dict[int, StandingSupport] = {}
+        out: dict[int, SupportCandidate] = {}
         for robot in self._home:
             count = 0
             for choice in range(len(self.world.step(step).supports)):
@@ -171,22 +171,22 @@ class _Collector:
                     self._reject(step, f"{robot} supports", option)
                     continue
                 count += 1
-                out[len(self.supports)] = StandingSupport(robot, choice)
                 cost = self._cost(option.path)
-                self.supports.append(SupportCandidate(step, robot, choice, cost))
+                out[len(self.supports)] = SupportCandidate(step, robot, choice, cost)
+                self.supports.append(out[len(self.supports)])
         return out
 
     def _place(
-        self, robot: str, step: int, grasp: int, supports: dict[int, StandingSupport]
+        self, robot: str, step: int, grasp: int, supports: dict[int, SupportCandidate]
     ) -> SkillOption | None:
         """Return the cheapest place, alone or beside any of the supports."""
-        beside: list[StandingSupport | None] = [None]
+        beside: list[SupportCandidate | None] = [None]
         if self.world.step(step).up or self.world.step(step).supports:
             beside = [
                 item
                 for item in supports.values()
                 if item.robot != robot
-                and self.world.go_together(step, grasp, item.choice)
+                and self.world.go_together(step, grasp, item.pose)
             ]
         found = [self.skills.place(robot, step, grasp, support) for support in beside]
         places = [option for option in found if isinstance(option, SkillOption)]
@@ -214,7 +214,7 @@ class _Collector:
         step: int,
         robot: str,
         grasp: int,
-        supports: dict[int, StandingSupport],
+        supports: dict[int, SupportCandidate],
         first: int,
     ) -> None:
         """Note which of the newest primary candidates do not go with which supports."""
@@ -222,7 +222,7 @@ class _Collector:
         for index, item in supports.items():
             if item.robot == robot or not newest:
                 continue
-            if self.world.go_together(step, grasp, item.choice):
+            if self.world.go_together(step, grasp, item.pose):
                 option = self.skills.place(robot, step, grasp, item)
                 if isinstance(option, SkillOption):
                     continue

@@ -15,7 +15,7 @@ from planning.lego.bricks.objects import copy_name, next_copy, object_names, sou
 from planning.lego.skills.allowed_contacts import Bricks, contacts_at_rest, supporting
 from planning.lego.skills.candidates import LegoCandidates
 from planning.lego.skills.handovers import HandoverOption
-from planning.lego.skills.options import SkillOption, StandingSupport
+from planning.lego.skills.options import SkillOption
 from planning.skills.contacts import gripped
 from planning.skills.joint_paths import Obstruction, SkillPath
 from planning.skills.step_builder import StepBuilder
@@ -177,8 +177,7 @@ class _Expander:
         by = self.choice.support
         if by is None:
             return _path(self.skills.place(robot, step, grasp, None)), None
-        beside = StandingSupport(by.robot, by.pose)
-        place = _path(self.skills.place(robot, step, grasp, beside))
+        place = _path(self.skills.place(robot, step, grasp, by))
         return place, _path(self.skills.support(by.robot, step, by.pose))
 
     def _pick(self, robot: str) -> int:

@@ -35,6 +35,7 @@ from planning.skills.contacts import NOTHING, Pairs, SkillContacts, gripped
 from planning.skills.joint_paths import Obstruction, SkillPath
 from planning.skills.subgoals import SkillTargets, Subgoal
 from planning.skills.surroundings import SkillScene, resolve_skill
+from planning.tasks.assignment import SupportCandidate
 from planning.transforms import Array, Transform, translation
 
 _DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
@@ -61,19 +62,6 @@ Found = SkillOption | Obstruction
 """A free execution of a skill, or why there is none."""
 
 
-@dataclass(frozen=True)
-class StandingSupport:
-    """A robot at its support while another one places.
-
-    Attributes:
-        robot: who.
-        choice: which of the supports of the step.
-    """
-
-    robot: str
-    choice: int = 0
-
-
 class SkillOptions:
     """Free picks, places and supports, or why there are none; each is worked out at most once.
 
@@ -92,7 +80,7 @@ class SkillOptions:
         self.world = world
         self.home: dict[str, Array] = {r.name: r.home for r in world.cell.robots}
         self.pick: Callable[[str, str, int], Found] = cache(self._pick)
-        self.place: Callable[[str, int, int, StandingSupport | None], Found] = cache(
+        self.place: Callable[[str, int, int, SupportCandidate | None], Found] = cache(
             self._place
         )
         self.support: Callable[[str, int, int], Found] = cache(self._support)
@@ -192,7 +180,7 @@ class SkillOptions:
         return {**self.world.stock_at_rest, **self.world.goals(range(1, step))}
 
     def _place(
-        self, robot: str, step: int, grasp: int, beside: StandingSupport | None
+        self, robot: str, step: int, grasp: int, beside: SupportCandidate | None
     ) -> Found:
         world, name, work = self.world, goal_name(step), self.world.step(step)
         goal, at_goal = world.goal(step)
@@ -202,10 +190,10 @@ class SkillOptions:
         )
         standing = dict(self.home)
         if beside is not None:
-            held = self.support(beside.robot, step, beside.choice)
+            held = self.support(beside.robot, step, beside.pose)
             assert isinstance(held, SkillOption), held
             standing[beside.robot] = held.path.path[-1]
-            touching |= self.supported(beside.robot, step, beside.choice)
+            touching |= self.supported(beside.robot, step, beside.pose)
         held_goal = (goal, self.held_for_place(robot, step, grasp))
         scene = SkillScene(
             world.cell,

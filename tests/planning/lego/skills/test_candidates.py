@@ -16,8 +16,9 @@ from planning.lego.bricks.assembly import BRICKS, Cell, LegoStep, Press, StockBr
 from planning.lego.bricks.brick_world import grasp_number, press_of
 from planning.lego.bricks.grips import grip_pose, presses
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
-from planning.lego.skills.options import SkillOption, SkillOptions, StandingSupport
+from planning.lego.skills.options import SkillOption, SkillOptions
 from planning.skills.joint_paths import Obstruction, SkillPath
+from planning.tasks.assignment import SupportCandidate
 from planning.tasks.highs_solver import assign_steps
 from tests.planning.lego.skills.overhang import STEPS, STOCK, overhang
 from tests.planning.tasks.assignment_oracle import plan_violations
@@ -74,7 +75,10 @@ def test_costs_are_joint_distances_from_home(found: LegoCandidates) -> None:
         support = found.skills.support(other[item.robot], item.step, 0)
         assert isinstance(support, SkillOption)
         place = found.skills.place(
-            item.robot, item.step, item.grasp, StandingSupport(other[item.robot])
+            item.robot,
+            item.step,
+            item.grasp,
+            SupportCandidate(item.step, other[item.robot], 0, 0.0),
         )
         assert isinstance(place, SkillOption)
         pick = found.skills.pick(item.robot, item.object, item.grasp)
@@ -158,14 +162,14 @@ def test_an_arm_that_stands_in_the_way_is_an_obstruction() -> None:
     support = found.skills.support("left", 1, 0)
     assert isinstance(support, SkillOption)
     grasp = grasp_number(Press(1, 0))
-    beside = found.skills.place("right", 1, grasp, StandingSupport("left"))
+    beside = found.skills.place("right", 1, grasp, SupportCandidate(1, "left", 0, 0.0))
     assert isinstance(beside, SkillOption)
     own = found.skills.place("left", 1, grasp, None)
     assert isinstance(own, SkillOption)
     stuck = replace(support.path, path=own.path.path[1:2])
     again = SkillOptions(found.world)
     again.support = lambda robot, step, choice: replace(support, path=stuck)
-    blocked = again.place("right", 1, grasp, StandingSupport("left"))
+    blocked = again.place("right", 1, grasp, SupportCandidate(1, "left", 0, 0.0))
     assert isinstance(blocked, Obstruction)
     assert blocked.by is not None
     assert blocked.by.startswith("left/")
