@@ -152,7 +152,7 @@ def test_any_task_in_the_published_shape_is_a_valid_scenario(
     for number, step in enumerate(assembly.steps, start=1):
         given_step = work[str(number)]
         assert step.at == (44, 20, number)
-        assert step.brick.studs == SIZES[str(given_step["brick_id"])]
+        assert assembly.bricks[step.brick].studs == SIZES[str(given_step["brick_id"])]
         assert (step.press is None) == ("press_side" not in given_step)
         assert (step.support is None) == (given_step.get("support_x", -1) == -1)
         assert step.attack == given_step.get("attack_dir", 1)
