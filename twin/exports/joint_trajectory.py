@@ -55,10 +55,7 @@ def _after(found: Contraction) -> dict[tuple[int, int], list[dict[str, str]]]:
     ):
         before, source, chain, target = edge
         out[chain, target].append(
-            {
-                "segment": f"{chains[before].robot}/{source}",
-                "cause": CAUSES[cause],
-            }
+            {"segment": f"{chains[before].robot}/{source}", "cause": CAUSES[cause]}
         )
     return out
 

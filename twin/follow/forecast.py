@@ -77,11 +77,7 @@ class Forecaster:
     """
 
     def __init__(
-        self,
-        tpg: TemporalPlanGraph,
-        model: ExecutionModel,
-        *,
-        samples: int = SAMPLES,
+        self, tpg: TemporalPlanGraph, model: ExecutionModel, *, samples: int = SAMPLES
     ) -> None:
         """Draw the futures.
 
