@@ -116,15 +116,20 @@ def _pairs(
             between_robots = a.holder != b.holder and j < arms
             room = a.shape.radius
             if rests:
-                distance, moved = _outside(b, a.centre), travelled[i]
+                distance = _outside(b, a.centre)
             else:
                 distance = np.linalg.norm(a.centre - b.centre, axis=1)
                 room += b.shape.radius + (watched if between_robots else 0.0)
-                same = a.holder == b.holder
-                moved = _travelled_within(a, b) if same else travelled[i] + travelled[j]
             close = np.flatnonzero(distance <= room)
-            if len(close):
-                yield _Watched(a, b, close, moved, between_robots)
+            if not len(close):
+                continue
+            if rests:
+                moved = travelled[i]
+            elif a.holder == b.holder:
+                moved = _travelled_within(a, b)
+            else:
+                moved = travelled[i] + travelled[j]
+            yield _Watched(a, b, close, moved, between_robots)
 
 
 def _outside(box: Track, points: Array) -> Array:
