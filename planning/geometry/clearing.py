@@ -1,23 +1,123 @@
-"""Collision checks of whole motions, compiled; what they cannot prove is left to the exact decision.
+"""Collision checks of whole motions amid what stands, compiled.
 
-Capsules propose pairs of bodies; those whose hulls are proved apart are dropped.
+Capsules propose pairs of bodies on ever shorter stretches of a motion; pairs whose hulls are
+proved apart there are dropped. What cannot be proved is left to the exact decision.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from planning.geometry.distance import boxes_apart, segment_box
 from planning.geometry.exact import TOLERANCE
-from planning.geometry.proposals import BOX, SELF, Scene, propose
-from planning.geometry.separation import APART, CONFLICT, judge_hulls, pose_segments
-from planning.geometry.swept_bodies import go_along
+from planning.geometry.hull_table import HullTable
+from planning.geometry.separation import (
+    APART,
+    CONFLICT,
+    Scratch,
+    judge_hulls,
+    pose_segments,
+)
+from planning.geometry.swept_bodies import (
+    SweptBodies,
+    strays_where_they_meet,
+    sweep_bodies,
+)
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.transforms import Array, Indices
 
-_ROOM = ZERO + 64
+BOX, SOLID, SELF = 0, 1, 2
+"""Kinds of what a body may come close to."""
+
+_RESOLUTION = 0.02
+"""Stretches of a motion that move no link further than this go to the exact decision [m]."""
+
+_ROOM = ZERO + 512
 
 HIT = -1
 """In the place of a probe: somewhere the robot is too close to something."""
+
+
+class Scene(NamedTuple):
+    """A robot and what it may not come close to, for compiled code.
+
+    Attributes:
+        own: bodies of the robot on a stretch of its motion.
+        others: bodies of robots that stand.
+        boxes: corners of boxes that stand.
+        box_pose: pose of every box, shape (b, 4, 4).
+        box_half: half edge lengths, shape (b, 3).
+        box_bounds: least and greatest corner of each, shape (b, 6).
+        box_limit: least distance of each own body to each box, SKIP for none, shape (o, b).
+        solid_limit: least distance of each own body to each other one, shape (o, s).
+        self_limit: least distance between own bodies, upper triangle, shape (o, o).
+        above: own bodies on the stretch as it is seen from a joint.
+        on_standing, on_itself: room to compare own hulls with those that stand, and with each
+            other.
+    """
+
+    own: SweptBodies
+    others: SweptBodies
+    boxes: HullTable
+    box_pose: Array
+    box_half: Array
+    box_bounds: Array
+    box_limit: Array
+    solid_limit: Array
+    self_limit: Array
+    above: HullTable
+    on_standing: Scratch
+    on_itself: Scratch
+
+
+@inner_kernel
+def _close_pairs(scene: Scene, out: Indices) -> int:
+    """Write (kind, own body, other) of every close pair; -1 asks for a shorter stretch first."""
+    own, others = scene.own, scene.others
+    box, joint = own.box, own.hulls.joint
+    all_bounds = (scene.box_bounds, others.box, box)
+    all_limits = (scene.box_limit, scene.solid_limit, scene.self_limit)
+    count = 0
+    for o in range(box.shape[0]):
+        for kind in range(3):
+            theirs, limits = all_bounds[kind], all_limits[kind]
+            for p in range(o if kind == SELF else theirs.shape[0]):
+                a, b = (p, o) if kind == SELF else (o, p)
+                limit = limits[a, b]
+                if limit < 0.0 or boxes_apart(box, o, theirs, p, limit):
+                    continue
+                if kind == BOX:
+                    strayed = _strays_at_box(scene, o, p, limit)
+                elif kind == SOLID:
+                    strayed = strays_where_they_meet(
+                        own, o, others, p, ZERO, limit, _RESOLUTION
+                    )
+                else:
+                    # Seen from the joint that carries the lower body, only those above move.
+                    root = min(joint[p], joint[o]) + 1
+                    strayed = strays_where_they_meet(
+                        own, o, own, p, root, limit, _RESOLUTION
+                    )
+                if strayed > _RESOLUTION:
+                    return -1
+                if strayed >= 0.0:
+                    out[count, 0], out[count, 1], out[count, 2] = kind, a, b
+                    count += 1
+    return count
+
+
+@inner_kernel
+def _strays_at_box(scene: Scene, o: int, b: int, limit: float) -> float:
+    """Return how far a capsule of an own body strays that meets a box, -1 where none does."""
+    own, pose, half = scene.own, scene.box_pose[b], scene.box_half[b]
+    for c in range(own.first[o], own.first[o + 1]):
+        strayed = own.moved[c, 0]
+        near = own.radius[c] + strayed + limit
+        if segment_box(own.start[c], own.end[c], pose, half) <= near * near:
+            return float(strayed)
+    return -1.0
 
 
 @inner_kernel
@@ -34,31 +134,18 @@ def _pose_above(scene: Scene, root: int) -> None:
 
 
 @inner_kernel
-def _keep_unproved(
-    scene: Scene,
-    q_a: Array,
-    q_b: Array,
-    when: Array,
-    what: Indices,
-    count: int,
-    stop: bool,
-) -> int:
-    """Move the proposals that are not proved apart to the front; return how many there are.
+def _keep_unproved(scene: Scene, pairs: Indices, count: int, stop: bool) -> int:
+    """Move the pairs that are not proved apart to the front; return how many there are.
 
     With ``stop`` set, HIT as soon as one of them is proved too close.
     """
     whole, above = scene.own.hulls, scene.above
     on_standing, on_itself = scene.on_standing, scene.on_itself
-    lo = hi = -1.0
+    on_standing.posed[0] = -1
     root = -2
     kept = 0
     for k in range(count):
-        kind, i, j = what[k, 0], what[k, 1], what[k, 2]
-        if when[k, 0] != lo or when[k, 1] != hi:
-            lo, hi = when[k, 0], when[k, 1]
-            go_along(whole, q_a, q_b, lo, hi)
-            on_standing.posed[0] = -1
-            root = -2
+        kind, i, j = pairs[k, 0], pairs[k, 1], pairs[k, 2]
         if kind == SELF:
             lower = min(whole.joint[i], whole.joint[j])
             if lower != root:
@@ -77,11 +164,52 @@ def _keep_unproved(
         if stop and answer == CONFLICT and kind != SELF:
             return HIT
         if answer != APART:
-            when[kept, 0], when[kept, 1] = lo, hi
             for c in range(3):
-                what[kept, c] = what[k, c]
+                pairs[kept, c] = pairs[k, c]
             kept += 1
     return kept
+
+
+@inner_kernel
+def _search(
+    scene: Scene, q_a: Array, q_b: Array, lo: float, hi: float, stop: bool
+) -> tuple[int, Array, Indices]:
+    """Return what is undecided on a stretch of a motion, HIT as the number of a proved conflict.
+
+    It is halved until every stretch either clears all capsules or moves none of those
+    that do not by more than the resolution.
+    """
+    own = scene.own.box.shape[0]
+    most = own * (scene.box_half.shape[0] + scene.others.box.shape[0] + own)
+    pairs = np.empty((most, 3), dtype=np.int64)
+    when = np.empty((_ROOM, 2))
+    what = np.empty((_ROOM, 3), dtype=np.int64)
+    stack = np.empty((64, 2))
+    stack[0, 0], stack[0, 1] = lo, hi
+    depth = 1
+    total = 0
+    while depth > 0:
+        depth -= 1
+        lo, hi = stack[depth, 0], stack[depth, 1]
+        sweep_bodies(scene.own, q_a, q_b, lo, hi)
+        count = _close_pairs(scene, pairs)
+        if count < 0:
+            middle = 0.5 * (lo + hi)
+            stack[depth, 0], stack[depth, 1] = middle, hi
+            stack[depth + 1, 0], stack[depth + 1, 1] = lo, middle
+            depth += 2
+            continue
+        count = _keep_unproved(scene, pairs, count, stop)
+        if count == HIT:
+            return HIT, when[:0], what[:0]
+        while total + count > len(when):
+            when, what = np.concatenate((when, when)), np.concatenate((what, what))
+        for i in range(count):
+            when[total, 0], when[total, 1] = lo, hi
+            for k in range(3):
+                what[total, k] = pairs[i, k]
+            total += 1
+    return total, when[:total], what[:total]
 
 
 @kernel
@@ -102,19 +230,12 @@ def find_undecided(
         that is too close), and of what is undecided there the stretches as shares of the
         motion, shape (k, 2), and rows (kind, own body, other), shape (k, 3).
     """
+    count, when, what = 0, np.empty((0, 2)), np.empty((0, 3), dtype=np.int64)
     for k in range(begin, len(probes) + 1):
         lo, hi = 0.0, 1.0
         if k < len(probes):
             lo = hi = probes[k]
-        room = _ROOM
-        count = -1
-        while count < 0:
-            room *= 8
-            when, what, count = propose(scene, q_a, q_b, lo, hi, room)
-        if count > 0:
-            count = _keep_unproved(scene, q_a, q_b, when, what, count, stop)
-        if count == HIT:
-            return HIT, when[:0].copy(), what[:0].copy()
-        if count > 0:
-            return k, when[:count].copy(), what[:count].copy()
-    return len(probes) + 1, np.empty((0, 2)), np.empty((0, 3), dtype=np.int64)
+        count, when, what = _search(scene, q_a, q_b, lo, hi, stop)
+        if count != 0:
+            return HIT if count == HIT else k, when.copy(), what.copy()
+    return len(probes) + 1, when.copy(), what.copy()

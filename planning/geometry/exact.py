@@ -8,7 +8,7 @@ close; what is left is split in two, down to a tolerance below which closeness i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from heapq import heappop, heappush
 from typing import Any
 
@@ -16,9 +16,9 @@ import coal
 import numpy as np
 
 from planning.cell.body import ConvexBody
-from planning.cell.compiled_robot import RobotKernel
+from planning.cell.joint_table import JointTable
 from planning.kernels import kernel
-from planning.kinematics.chain import pose_joints
+from planning.kinematics.chain import joint_axis, pose_joints
 from planning.transforms import Array, Transform
 
 TOLERANCE = 2e-4
@@ -44,7 +44,7 @@ class Solid:
 
     Attributes:
         name: the entity it belongs to, as allowed contacts name it.
-        shape: coal's convex shape.
+        body: its hull and capsules, in a frame of its own.
         vertices: hull corners in the frame of the joint, or in the world, shape (v, 3).
         local: pose of the body in that frame.
         carrier: the robot, None for a body at rest in the world.
@@ -52,29 +52,34 @@ class Solid:
     """
 
     name: str
-    shape: Any
+    body: ConvexBody
     vertices: Array
     local: Transform
-    carrier: RobotKernel | None = None
+    carrier: JointTable | None = None
     joint: int = -1
+
+    @cached_property
+    def shape(self) -> Any:
+        """The hull as coal's convex shape."""
+        return hull_shape(self.body)
 
 
 def resting_solid(name: str, body: ConvexBody, pose: Transform) -> Solid:
     """Return a body at rest at ``pose`` in the world."""
-    return Solid(name, hull_shape(body), body.vertices, pose)
+    return Solid(name, body, body.vertices, pose)
 
 
 def carried_solid(
-    name: str, body: ConvexBody, carrier: RobotKernel, joint: int, local: Transform
+    name: str, body: ConvexBody, carrier: JointTable, joint: int, local: Transform
 ) -> Solid:
     """Return a body carried by ``joint`` of a robot at pose ``local`` in the joint's frame."""
     vertices = np.ascontiguousarray(body.vertices @ local[:3, :3].T + local[:3, 3])
-    return Solid(name, hull_shape(body), vertices, local, carrier, joint)
+    return Solid(name, body, vertices, local, carrier, joint)
 
 
 @kernel
 def _carry(
-    kernel: RobotKernel,
+    joints: JointTable,
     joint: int,
     vertices: Array,
     local: Array,
@@ -88,7 +93,7 @@ def _carry(
     poses, middle = np.empty((n + 1, 4, 4)), np.empty(n)
     for j in range(n):
         middle[j] = 0.5 * (q_a[j] + q_b[j])
-    pose_joints(kernel, middle, poses)
+    pose_joints(joints, middle, poses)
     pose = poses[joint + 1]
     for r in range(3):
         for c in range(4):
@@ -101,15 +106,11 @@ def _carry(
         half_travel = 0.5 * abs(q_b[j] - q_a[j])
         if half_travel == 0.0:
             continue
-        if kernel.prismatic[j]:
+        if joints.prismatic[j]:
             moved += half_travel
             continue
         frame = poses[j + 1]
-        ax = ay = az = 0.0
-        for k in range(3):
-            ax += frame[0, k] * kernel.axis[j, k]
-            ay += frame[1, k] * kernel.axis[j, k]
-            az += frame[2, k] * kernel.axis[j, k]
+        ax, ay, az = joint_axis(joints, poses, j)
         reach = 0.0
         for v in range(vertices.shape[0]):
             x, y, z = -frame[0, 3], -frame[1, 3], -frame[2, 3]

@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.cell.body import ConvexBody
-from planning.cell.compiled_robot import NO_ROBOT, RobotKernel
+from planning.cell.joint_table import NO_JOINTS, JointTable
 from planning.geometry.exact import Solid
 from planning.kept_answers import KeptAnswers
 from planning.kernels import inner_kernel
+from planning.kinematics.chain import joint_axis
 from planning.packed import packed
 from planning.transforms import Array, Indices, Transform
 
@@ -24,7 +25,7 @@ class HullTable(NamedTuple):
     """The bodies of an occupancy, for compiled code.
 
     Attributes:
-        kernel: the robot.
+        robot: joints of the robot.
         q_a, q_b: ends of the segments, shape (s, n).
         solid: index of the solid of every body of every segment, -1 for none, shape
             (s, bodies).
@@ -36,7 +37,7 @@ class HullTable(NamedTuple):
         radius: capsule radii, shape (capsules,) [m].
     """
 
-    kernel: RobotKernel
+    robot: JointTable
     q_a: Array
     q_b: Array
     solid: npt.NDArray[np.int32]
@@ -59,29 +60,28 @@ class HullTable(NamedTuple):
 
 
 def hull_table(
-    kernel: RobotKernel,
+    robot: JointTable,
     q_a: Array,
     q_b: Array,
     solid: npt.NDArray[np.int32],
     solids: Sequence[Solid],
-    bodies: Sequence[ConvexBody],
 ) -> HullTable:
     """Collect bodies for compiled code.
 
     Args:
-        kernel: the robot that carries them.
+        robot: joints of the robot that carries them.
         q_a, q_b: ends of the segments, shape (s, n).
         solid: index of the solid of every body of every segment, shape (s, bodies).
-        solids: the bodies as solids.
-        bodies: the same ones with their capsules.
+        solids: the bodies.
     """
-    placed = [_placed(item, body) for item, body in zip(solids, bodies, strict=True)]
+    placed = [_placed(solid) for solid in solids]
+    radius = [solid.body.capsules.radius for solid in solids]
     # There may be no bodies at all: a robot alone in an empty cell.
     none = np.empty((0, 3))
     starts, ends = [none, *(p[0] for p in placed)], [none, *(p[1] for p in placed)]
     corners = [p[2] for p in placed]
     table = HullTable(
-        kernel,
+        robot,
         q_a,
         q_b,
         solid,
@@ -90,19 +90,19 @@ def hull_table(
         ),
         np.cumsum([0, *(len(c) for c in corners)]).astype(np.int64),
         np.ascontiguousarray(np.concatenate([none, *corners])),
-        np.cumsum([0, *(len(b.capsules.radius) for b in bodies)]).astype(np.int64),
+        np.cumsum([0, *(len(r) for r in radius)]).astype(np.int64),
         np.ascontiguousarray(
             np.stack([np.concatenate(starts), np.concatenate(ends)], 1)
         ),
-        np.concatenate([np.empty(0), *(b.capsules.radius for b in bodies)]),
+        np.concatenate([np.empty(0), *radius]),
     )
     return packed(table)
 
 
-def standing_hulls(solids: Sequence[Solid], bodies: Sequence[ConvexBody]) -> HullTable:
+def standing_hulls(solids: Sequence[Solid]) -> HullTable:
     """Collect bodies that rest in the world."""
     q, which = np.empty((1, 0)), np.arange(len(solids), dtype=np.int32)[None]
-    return hull_table(NO_ROBOT, q, q, which, solids, bodies)
+    return hull_table(NO_JOINTS, q, q, which, solids)
 
 
 _Placed = tuple[Array, Array, Array]
@@ -110,20 +110,20 @@ _Placed = tuple[Array, Array, Array]
 _PLACED: KeptAnswers[_Placed] = KeptAnswers(50_000)
 
 
-def _placed(solid: Solid, body: ConvexBody) -> _Placed:
+def _placed(solid: Solid) -> _Placed:
     """Return starts and ends of a body's capsules, and its corners, where it is.
 
     Bodies at rest are worked out once: they stand in the same place in very many scenes.
     """
     if solid.carrier is not None:
-        start, end, _ = placed_capsules(body, solid.local)
+        start, end, _ = placed_capsules(solid.body, solid.local)
         return start, end, solid.vertices
 
     def at_rest() -> _Placed:
-        start, end, _ = placed_capsules(body, solid.local)
+        start, end, _ = placed_capsules(solid.body, solid.local)
         return start, end, solid.vertices @ solid.local[:3, :3].T + solid.local[:3, 3]
 
-    return _PLACED.get((body, solid.local.tobytes()), at_rest)
+    return _PLACED.get((solid.body, solid.local.tobytes()), at_rest)
 
 
 def placed_capsules(body: ConvexBody, pose: Transform) -> tuple[Array, Array, Array]:
@@ -185,7 +185,7 @@ def stray(
     """
     ends, radius = table.ends, table.radius
     first, last = table.capsule_first[solid], table.capsule_first[solid + 1]
-    axis, prismatic = table.kernel.axis, table.kernel.prismatic
+    prismatic = table.robot.prismatic
     joint = table.joint[solid]
     if joint == AT_REST:
         return 0.0, 0.0, 0.0
@@ -217,11 +217,7 @@ def stray(
             off += aside[j]
             continue
         frame = poses[j + 1]
-        ax = ay = az = 0.0
-        for k in range(3):
-            ax += frame[0, k] * axis[j, k]
-            ay += frame[1, k] * axis[j, k]
-            az += frame[2, k] * axis[j, k]
+        ax, ay, az = joint_axis(table.robot, poses, j)
         reach = 0.0
         for i in range(2 * count):
             x = points[i, 0] - frame[0, 3]

@@ -15,8 +15,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell, WorldState
 from planning.geometry.distance import boxes_apart
-from planning.geometry.proposals import SKIP
-from planning.geometry.robot_bodies import RobotBodies, held_by, robot_bodies
+from planning.geometry.robot_bodies import held_by, robot_bodies
 from planning.geometry.separation import (
     APART,
     Scratch,
@@ -26,6 +25,7 @@ from planning.geometry.separation import (
 )
 from planning.geometry.swept_bodies import (
     NOWHERE,
+    SKIP,
     SweptBodies,
     make_swept,
     strays_where_they_meet,
@@ -60,7 +60,11 @@ class MovingPair:
         *,
         margin: float = 0.0,
     ) -> None:
-        one, two = _bodies(cell, first, state), _bodies(cell, second, state)
+        placed = [(item, state.attachments.get(item.name)) for item in cell.objects]
+        one, two = (
+            robot_bodies(cell.robot(name), held_by(name, placed))
+            for name in (first, second)
+        )
         between = cell.clearances.robot_robot + margin
         to_objects = cell.clearances.robot_object + margin
         limits = np.full((len(one.entities), len(two.entities)), to_objects)
@@ -71,10 +75,8 @@ class MovingPair:
                 if still or frozenset((x, y)) in allowed:
                     limits[i, j] = SKIP
         a, b = make_swept(one.hulls), make_swept(two.hulls)
-        scratch, most = (
-            make_scratch(a.hulls, b.hulls),
-            max(one.hulls.q_a.shape[1], two.hulls.q_a.shape[1]),
-        )
+        most = max(cell.robot(name).model.dof for name in (first, second))
+        scratch = make_scratch(a.hulls, b.hulls)
         self._pair = packed(_Pair(a, b, limits, scratch, np.zeros((4, most))))
 
     def split(
@@ -100,11 +102,6 @@ class MovingPair:
     def clear(self, a_at: Array, b_at: Array) -> bool:
         """Tell whether both robots may stand where they are, shapes (n,)."""
         return self.split(a_at, a_at, b_at, b_at, 1) is not None
-
-
-def _bodies(cell: Workcell, name: str, state: WorldState) -> RobotBodies:
-    placed = [(item, state.attachments.get(item.name)) for item in cell.objects]
-    return robot_bodies(cell.robot(name), held_by(name, placed))
 
 
 class _Pair(NamedTuple):

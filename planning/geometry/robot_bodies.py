@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.cell.compiled_robot import RobotKernel, robot_kernel
+from planning.cell.joint_table import JointTable, placed_joints
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import Attachment, CellObject, PlacedRobot
 from planning.geometry.exact import Solid, carried_solid
 from planning.geometry.hull_table import HullTable, hull_table
-from planning.geometry.proposals import SKIP
+from planning.geometry.swept_bodies import SKIP
 from planning.kept_answers import KeptAnswers
-from planning.kinematics.kinematics import joint_poses_of
 from planning.transforms import Array
 
 Held = tuple[CellObject, Attachment]
@@ -25,15 +24,13 @@ class RobotBodies:
     """Bodies that move with a robot: its parts, then the objects it holds.
 
     Attributes:
-        kernel: kinematics and capsules.
-        solids: for exact decisions.
+        solids: for exact decisions; a part is named ``"<robot>/<group>:<body>"``.
         entities: as allowed contacts name them, in the order of the bodies.
         hulls: their corners, in one segment.
         self_limits: least distance between two of them, upper triangle, SKIP for none.
         parts: how many belong to the robot itself.
     """
 
-    kernel: RobotKernel
     solids: tuple[Solid, ...]
     entities: tuple[str, ...]
     hulls: HullTable
@@ -84,42 +81,38 @@ def robot_bodies(robot: PlacedRobot, held: Sequence[Held] = ()) -> RobotBodies:
     return _KNOWN.get(key, lambda: _collect(robot, held))
 
 
-def robot_solids(robot: PlacedRobot, kernel: RobotKernel) -> list[Solid]:
-    """Return the bodies of a robot, named ``"<robot>/<group>:<body>"``."""
-    return [
-        carried_solid(
-            f"{entity(robot.name, part.group)}:{part.body.name}",
-            part.body,
-            kernel,
-            part.joint,
-            np.eye(4),
-        )
-        for part in robot.model.parts
-    ]
-
-
 def _collect(robot: PlacedRobot, held: Sequence[Held]) -> RobotBodies:
-    model, load = robot.model, [(item.body, at.pose) for item, at in held]
-    kernel = robot_kernel(robot, load)
-    own = robot_bodies(robot).solids if held else tuple(robot_solids(robot, kernel))
+    model, joints = robot.model, placed_joints(robot)
+    own = _parts(robot, joints) if not held else robot_bodies(robot).solids
     solids = own + tuple(
         carried_solid(
-            item.name, item.body, kernel, model.dof - 1, model.flange @ at.pose
+            item.name, item.body, joints, model.dof - 1, model.flange @ at.pose
         )
         for item, at in held
     )
-    bodies = [*(part.body for part in model.parts), *(body for body, _ in load)]
     q, which = np.zeros((1, model.dof)), np.arange(len(solids), dtype=np.int32)[None]
     return RobotBodies(
-        kernel,
         solids,
         (
             *(entity(robot.name, part.group) for part in model.parts),
             *(item.name for item, _ in held),
         ),
-        hull_table(kernel, q, q, which, solids, bodies),
-        _self_limits(model, len(load)),
+        hull_table(joints, q, q, which, solids),
+        _self_limits(model, len(held)),
         len(own),
+    )
+
+
+def _parts(robot: PlacedRobot, joints: JointTable) -> tuple[Solid, ...]:
+    return tuple(
+        carried_solid(
+            f"{entity(robot.name, part.group)}:{part.body.name}",
+            part.body,
+            joints,
+            part.joint,
+            np.eye(4),
+        )
+        for part in robot.model.parts
     )
 
 
@@ -131,11 +124,6 @@ def _self_limits(model: RobotModel, load: int) -> Array:
     for i, j in model.never_collide:
         limits[i, j] = SKIP
     return limits
-
-
-def flange_pose(robot: PlacedRobot, q: Array) -> Array:
-    """Return the pose of a robot's flange in the world, shape (4, 4)."""
-    return np.asarray(joint_poses_of(robot, q)[-1] @ robot.model.flange)
 
 
 def held_by(

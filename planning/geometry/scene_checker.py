@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
@@ -12,37 +12,20 @@ from operator import is_
 import numpy as np
 
 from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell, WorldState
-from planning.geometry.clearing import HIT, find_undecided
+from planning.geometry.clearing import BOX, HIT, SELF, Scene, find_undecided
 from planning.geometry.exact import (
     Solid,
     come_close,
     come_close_together,
     distance_at,
 )
-from planning.geometry.proposals import BOX, SELF, SKIP, Scene
-from planning.geometry.robot_bodies import (
-    Held,
-    entity,
-    flange_pose,
-    held_by,
-    robot_bodies,
-    robot_solids,
-)
+from planning.geometry.robot_bodies import Held, held_by, robot_bodies
 from planning.geometry.separation import room_for
 from planning.geometry.standing import StandingBoxes, stand_boxes, stand_robots
-from planning.geometry.swept_bodies import make_swept
-from planning.kinematics.kinematics import joint_poses_of
+from planning.geometry.swept_bodies import SKIP, make_swept
+from planning.kinematics.kinematics import frame_pose
 from planning.packed import packed
-from planning.transforms import Array, Indices
-
-__all__ = [
-    "Contact",
-    "SceneChecker",
-    "entity",
-    "flange_pose",
-    "joint_poses_of",
-    "robot_solids",
-]
+from planning.transforms import Array
 
 _PROBE = 0.35
 """Joint travel (largest joint) between the configurations probed before a whole motion [rad]."""
@@ -86,6 +69,8 @@ class SceneChecker:
             robot holds moves with it, and what has no place is not there yet.
         allowed: unordered pairs of entities that may touch.
         margin: added to the cell's clearances [m].
+        amid: what the checked robot holds, and fixtures and objects at rest, where they are
+            chosen already; the cell's objects and where they are do not count then.
     """
 
     def __init__(
@@ -96,62 +81,9 @@ class SceneChecker:
         allowed: frozenset[frozenset[str]] = frozenset(),
         *,
         margin: float = 0.0,
+        amid: tuple[Sequence[Held], StandingBoxes] | None = None,
     ) -> None:
-        around = _sort_objects(cell, state)
-        boxes, held = around.boxes, around.held
-        for item, at in held:
-            if at.holder is not None and at.holder != robot:
-                holder = cell.robot(at.holder)
-                hand = flange_pose(holder, state.configurations[at.holder])
-                there = (item.name, item.body, item.size, hand @ at.pose)
-                boxes = boxes.plus([there])
-        self._begin(
-            cell,
-            robot,
-            held_by(robot, held),
-            boxes,
-            state.configurations,
-            allowed,
-            margin,
-        )
-
-    @classmethod
-    def amid(
-        cls,
-        cell: Workcell,
-        robot: str,
-        held: Sequence[Held],
-        boxes: StandingBoxes,
-        configurations: Mapping[str, Array],
-        allowed: frozenset[frozenset[str]],
-        *,
-        margin: float = 0.0,
-    ) -> SceneChecker:
-        """Return the checker of a robot amid boxes that are chosen already.
-
-        Args:
-            cell: its robots and clearances count, its objects do not.
-            robot: name of the robot that is checked.
-            held: what it holds.
-            boxes: fixtures and all objects at rest.
-            configurations: of the other robots.
-            allowed: unordered pairs of entities that may touch.
-            margin: added to the cell's clearances [m].
-        """
-        checker = cls.__new__(cls)
-        checker._begin(cell, robot, held, boxes, configurations, allowed, margin)
-        return checker
-
-    def _begin(
-        self,
-        cell: Workcell,
-        robot: str,
-        held: Sequence[Held],
-        boxes: StandingBoxes,
-        configurations: Mapping[str, Array],
-        allowed: frozenset[frozenset[str]],
-        margin: float,
-    ) -> None:
+        held, boxes = amid or _surroundings(cell, robot, state)
         self.robot = cell.robot(robot)
         self._between_robots = cell.clearances.robot_robot + margin
         self._to_objects = cell.clearances.robot_object + margin
@@ -159,8 +91,7 @@ class SceneChecker:
         self._boxes = boxes
         self._gone: tuple[int, ...] = ()
         others = [other for other in cell.robots if other.name != robot]
-        self._others = stand_robots(others, configurations)
-        self.kernel = self._own.kernel
+        self._others = stand_robots(others, state.configurations)
         own, standing = make_swept(self._own.hulls), self._others.bodies
         n, corners = self.robot.model.dof, self._own.hulls.most_corners
         most = max(boxes.places.most_corners, standing.hulls.most_corners)
@@ -252,7 +183,7 @@ class SceneChecker:
         q_a, q_b = np.array(q_a, dtype=np.float64), np.array(q_b, dtype=np.float64)
         at = 0
         while at <= len(probes):
-            at, when, what = self._undecided(q_a, q_b, probes, at, stop=True)
+            at, when, what = find_undecided(self._scene, q_a, q_b, probes, at, True)
             if at == HIT:
                 return False
             for (lo, hi), (kind, body, other) in zip(
@@ -273,7 +204,7 @@ class SceneChecker:
     def contact(self, q: Array) -> Contact | None:
         """Return the closest forbidden contact at ``q``, shape (n,), None where there is none."""
         q = np.array(q, dtype=np.float64)
-        _, _, what = self._undecided(q, q, _NO_PROBES, 0, stop=False)
+        _, _, what = find_undecided(self._scene, q, q, _NO_PROBES, 0, False)
         worst: Contact | None = None
         for kind, body, other in what.tolist():
             mine, second = self._own.solids[body], self._obstacle(kind, other)
@@ -285,18 +216,6 @@ class SceneChecker:
                 name = self._boxes.names[other] if kind == BOX else second.name
                 worst = Contact(mine.name, name, gap, limit)
         return worst
-
-    def _undecided(
-        self, q_a: Array, q_b: Array, probes: Array, begin: int, *, stop: bool
-    ) -> tuple[int, Array, Indices]:
-        return find_undecided(
-            self._scene,
-            q_a,
-            q_b,
-            probes,
-            begin,
-            stop,
-        )
 
     def _limit(self, kind: int, body: int, other: int) -> float:
         scene = self._scene
@@ -334,6 +253,20 @@ class _Sorted:
 
 
 _SORTED: deque[_Sorted] = deque(maxlen=4)
+
+
+def _surroundings(
+    cell: Workcell, robot: str, state: WorldState
+) -> tuple[Sequence[Held], StandingBoxes]:
+    """Return what a robot holds, and all boxes at rest or in the hands of the others."""
+    around = _sort_objects(cell, state)
+    boxes = around.boxes
+    for item, at in around.held:
+        if at.holder is not None and at.holder != robot:
+            hand = frame_pose(cell.robot(at.holder), state.configurations[at.holder])
+            there = (item.name, item.body, item.size, hand @ at.pose)
+            boxes = boxes.plus([there])
+    return held_by(robot, around.held), boxes
 
 
 def _sort_objects(cell: Workcell, state: WorldState) -> _Sorted:

@@ -119,7 +119,7 @@ def _stretch(table: HullTable, s: int, lo: float, hi: float, joints: Array) -> N
 @inner_kernel
 def _pose_at(table: HullTable, q: Array, poses: Array) -> None:
     """Write the joint poses at a configuration, shape (at least n,)."""
-    pose_joints(table.kernel, q[: table.q_a.shape[1]], poses)
+    pose_joints(table.robot, q[: table.q_a.shape[1]], poses)
 
 
 @inner_kernel

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.cell.body import ConvexBody
-from planning.cell.compiled_robot import NO_ROBOT
+from planning.cell.joint_table import NO_JOINTS
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.geometry.exact import Solid, resting_solid
 from planning.geometry.hull_table import AT_REST, HullTable, standing_hulls
@@ -137,7 +137,7 @@ class StandingBoxes:
         """The corners, for compiled code."""
         places = self.places
         table = HullTable(
-            NO_ROBOT,
+            NO_JOINTS,
             np.empty((1, 0)),
             np.empty((1, 0)),
             self.rows.astype(np.int32)[None],
@@ -233,6 +233,5 @@ def _collect(robots: Sequence[PlacedRobot], at: Sequence[Array]) -> StandingRobo
             resting_solid(solid.name, part.body, poses[part.joint + 1])
             for solid, part in zip(own.solids, robot.model.parts, strict=True)
         ]
-    parts = [part.body for robot in robots for part in robot.model.parts]
-    hulls = standing_hulls(solids, parts)
-    return StandingRobots(tuple(entities), tuple(solids), stand_still(hulls))
+    bodies = stand_still(standing_hulls(solids))
+    return StandingRobots(tuple(entities), tuple(solids), bodies)

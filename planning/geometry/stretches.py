@@ -104,7 +104,7 @@ def _pose_box(table: HullTable, first: int, last: int, out: Stretch) -> None:
             low, high = min(low, a, b), max(high, a, b)
         out.half[j], out.travel[j] = 0.5 * (low + high), high - low
         out.aside[j] = 0.0
-    pose_joints(table.kernel, out.half, out.middle)
+    pose_joints(table.robot, out.half, out.middle)
     for i in range(len(out.solid)):
         solid = int(table.solid[first, i])
         for s in range(first + 1, last):
@@ -121,8 +121,8 @@ def pose_stretch(table: HullTable, first: int, last: int, out: Stretch) -> None:
         return
     _pose_box(table, first, last, out)
     q_a, q_b = table.q_a[first], table.q_b[last - 1]
-    pose_joints(table.kernel, q_a, out.start)
-    pose_joints(table.kernel, q_b, out.end)
+    pose_joints(table.robot, q_a, out.start)
+    pose_joints(table.robot, q_b, out.end)
     n = len(out.half)
     length = 0.0
     for j in range(n):

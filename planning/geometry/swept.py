@@ -9,16 +9,18 @@ joint's travel. The bound is rigorous, so nothing between two samples goes unsee
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
-from planning.cell.compiled_robot import RobotKernel
+from planning.geometry.distance import segment_box
+from planning.geometry.hull_table import HullTable
 from planning.kernels import inner_kernel, kernel
-from planning.kinematics.chain import joint_poses
+from planning.kinematics.chain import joint_axis, pose_joints
 from planning.transforms import Array
 
 
 @inner_kernel
 def place_capsules(
-    kernel: RobotKernel,
+    hulls: HullTable,
     q_a: Array,
     q_b: Array,
     poses: Array,
@@ -30,7 +32,7 @@ def place_capsules(
     """Write the capsules at the middle of a joint-space segment and how far they stray.
 
     Args:
-        kernel: the robot.
+        hulls: bodies that a robot carries.
         q_a, q_b: ends of the segment, shape (n,).
         poses: scratch, shape (n + 1, 4, 4); holds the joint poses at the middle afterwards.
         q_mid: scratch, shape (n,).
@@ -41,44 +43,41 @@ def place_capsules(
     n = q_a.shape[0]
     for j in range(n):
         q_mid[j] = 0.5 * (q_a[j] + q_b[j])
-    joint_poses(
-        kernel.placement, kernel.axis, kernel.prismatic, kernel.base, q_mid, poses
-    )
-    for c in range(kernel.radius.shape[0]):
-        carrier = kernel.joint[c]
-        for r in range(3):
-            s = e = poses[carrier + 1, r, 3]
-            for k in range(3):
-                s += poses[carrier + 1, r, k] * kernel.start[c, k]
-                e += poses[carrier + 1, r, k] * kernel.end[c, k]
-            start[c, r] = s
-            end[c, r] = e
-        strayed = 0.0
-        for j in range(carrier + 1, n + 1):
-            moved[c, j] = 0.0
-        for j in range(carrier, -1, -1):
-            half_travel = 0.5 * abs(q_b[j] - q_a[j])
-            if half_travel == 0.0 or kernel.prismatic[j]:
-                strayed += half_travel
+    robot, ends, first = hulls.robot, hulls.ends, hulls.capsule_first
+    pose_joints(robot, q_mid, poses)
+    for o in range(len(hulls.joint)):
+        carrier = hulls.joint[o]
+        for c in range(first[o], first[o + 1]):
+            for r in range(3):
+                s = e = poses[carrier + 1, r, 3]
+                for k in range(3):
+                    s += poses[carrier + 1, r, k] * ends[c, 0, k]
+                    e += poses[carrier + 1, r, k] * ends[c, 1, k]
+                start[c, r] = s
+                end[c, r] = e
+            strayed = 0.0
+            for j in range(carrier + 1, n + 1):
+                moved[c, j] = 0.0
+            for j in range(carrier, -1, -1):
+                half_travel = 0.5 * abs(q_b[j] - q_a[j])
+                if half_travel == 0.0 or robot.prismatic[j]:
+                    strayed += half_travel
+                    moved[c, j] = strayed
+                    continue
+                axis = joint_axis(robot, poses, j)
+                reach = max(
+                    _off_axis(start, c, poses, j + 1, axis),
+                    _off_axis(end, c, poses, j + 1, axis),
+                )
+                strayed += half_travel * (reach + hulls.radius[c] + strayed)
                 moved[c, j] = strayed
-                continue
-            ax = ay = az = 0.0
-            for k in range(3):
-                ax += poses[j + 1, 0, k] * kernel.axis[j, k]
-                ay += poses[j + 1, 1, k] * kernel.axis[j, k]
-                az += poses[j + 1, 2, k] * kernel.axis[j, k]
-            reach = max(
-                _off_axis(start, c, poses, j + 1, ax, ay, az),
-                _off_axis(end, c, poses, j + 1, ax, ay, az),
-            )
-            strayed += half_travel * (reach + kernel.radius[c] + strayed)
-            moved[c, j] = strayed
 
 
 @inner_kernel
 def _off_axis(
-    points: Array, c: int, poses: Array, p: int, ax: float, ay: float, az: float
+    points: Array, c: int, poses: Array, p: int, axis: tuple[float, float, float]
 ) -> float:
+    ax, ay, az = axis
     x = points[c, 0] - poses[p, 0, 3]
     y = points[c, 1] - poses[p, 1, 3]
     z = points[c, 2] - poses[p, 2, 3]
@@ -87,42 +86,14 @@ def _off_axis(
 
 
 @kernel
-def sweep_segments(
-    kernel: RobotKernel, q_a: Array, q_b: Array
-) -> tuple[Array, Array, Array]:
-    """Return the swept capsules of many segments.
-
-    Args:
-        kernel: the robot, with what it holds in all of these segments.
-        q_a, q_b: ends of the segments, shape (s, n).
-
-    Returns:
-        Capsule starts and ends, shape (s, c, 3), and grown radii, shape (s, c) [m].
-    """
-    count, n = q_a.shape
-    c = kernel.radius.shape[0]
-    start = np.empty((count, c, 3))
-    end = np.empty((count, c, 3))
-    radius = np.empty((count, c))
-    poses = np.empty((n + 1, 4, 4))
-    q_mid = np.empty(n)
-    moved = np.empty((c, n + 1))
-    for i in range(count):
-        place_capsules(kernel, q_a[i], q_b[i], poses, q_mid, start[i], end[i], moved)
-        for k in range(c):
-            radius[i, k] = kernel.radius[k] + moved[k, 0]
-    return start, end, radius
-
-
-@kernel
-def bound_travel(kernel: RobotKernel, q_a: Array, q_b: Array) -> Array:
+def bound_travel(hulls: HullTable, q_a: Array, q_b: Array) -> Array:
     """Return how far any point of the robot travels in each of many segments, at most.
 
     Neighbours are bounded together: how far a capsule gets from a joint's axis while the
     joints are anywhere within the box of their values, times how far the joint goes.
 
     Args:
-        kernel: the robot, with what it holds.
+        hulls: bodies that a robot carries.
         q_a, q_b: ends of the segments, shape (s, n).
 
     Returns:
@@ -130,7 +101,7 @@ def bound_travel(kernel: RobotKernel, q_a: Array, q_b: Array) -> Array:
     """
     together = 8
     count, n = q_a.shape
-    c = kernel.radius.shape[0]
+    c = len(hulls.radius)
     start, end = np.empty((c, 3)), np.empty((c, 3))
     poses = np.empty((n + 1, 4, 4))
     q_mid, low, high = np.empty(n), np.empty(n), np.empty(n)
@@ -143,7 +114,7 @@ def bound_travel(kernel: RobotKernel, q_a: Array, q_b: Array) -> Array:
             for i in range(first, last):
                 low[j] = min(low[j], q_a[i, j], q_b[i, j])
                 high[j] = max(high[j], q_a[i, j], q_b[i, j])
-        place_capsules(kernel, low, high, poses, q_mid, start, end, moved)
+        place_capsules(hulls, low, high, poses, q_mid, start, end, moved)
         for j in range(n):
             half = 0.5 * (high[j] - low[j])
             for k in range(c):
@@ -156,4 +127,46 @@ def bound_travel(kernel: RobotKernel, q_a: Array, q_b: Array) -> Array:
                     if high[j] > low[j]:
                         travel += abs(q_b[i, j] - q_a[i, j]) * moved[k, j]
                 out[i] = max(out[i], travel)
+    return out
+
+
+@kernel
+def boxes_in_reach(
+    hulls: HullTable, path: Array, pose: Array, half: Array, room: float
+) -> npt.NDArray[np.bool_]:
+    """Return which boxes anything on a path may come near to: a coarse, safe choice.
+
+    Args:
+        hulls: the bodies of the robot, with all it ever holds on the path.
+        path: configurations joined by straight lines, shape (w, n).
+        pose: poses of the boxes, shape (b, 4, 4).
+        half: their half edge lengths, shape (b, 3) [m].
+        room: least distance that matters [m].
+
+    Returns:
+        Shape (b,). Boxes that are left out keep more than ``room`` from every swept capsule.
+    """
+    n, capsules = path.shape[1], len(hulls.radius)
+    start, end = np.empty((capsules, 3)), np.empty((capsules, 3))
+    poses, q_mid = np.empty((n + 1, 4, 4)), np.empty(n)
+    moved = np.empty((capsules, n + 1))
+    out = np.zeros(len(pose), dtype=np.bool_)
+    for s in range(len(path) - 1):
+        place_capsules(hulls, path[s], path[s + 1], poses, q_mid, start, end, moved)
+        for b in range(len(pose)):
+            for c in range(capsules):
+                if out[b]:
+                    break
+                reach = hulls.radius[c] + moved[c, 0] + room
+                # The distance to the middle of the capsule rules out most.
+                far = apart = length = 0.0
+                for r in range(3):
+                    far += half[b, r] ** 2
+                    middle = 0.5 * (start[c, r] + end[c, r])
+                    apart += (middle - pose[b, r, 3]) ** 2
+                    length += (end[c, r] - start[c, r]) ** 2
+                far = np.sqrt(far) + 0.5 * np.sqrt(length) + reach
+                if apart <= far * far:
+                    gap = segment_box(start[c], end[c], pose[b], half[b])
+                    out[b] = gap <= reach * reach
     return out

@@ -13,6 +13,9 @@ from planning.kernels import inner_kernel
 from planning.packed import packed
 from planning.transforms import Array, Indices
 
+SKIP = -1.0
+"""In a table of limits: this pair is never checked."""
+
 NOWHERE = -1.0
 """How far bodies stray that do not meet."""
 
@@ -95,7 +98,7 @@ def sweep_bodies(
     start, end, moved, box = bodies.start, bodies.end, bodies.moved, bodies.box
     go_along(hulls, q_a, q_b, lo, hi)
     place_capsules(
-        hulls.kernel,
+        hulls,
         hulls.q_a[0],
         hulls.q_b[0],
         bodies.poses,

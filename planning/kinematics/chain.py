@@ -3,36 +3,23 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from planning.cell.compiled_robot import JointTable, RobotKernel
-from planning.kernels import kernel
+from planning.cell.joint_table import JointTable
+from planning.kernels import inner_kernel, kernel
 from planning.transforms import Array
 
 
 @kernel
-def pose_joints(robot: RobotKernel | JointTable, q: Array, out: Array) -> None:
-    """Write the world pose of a robot's base and joints; see ``joint_poses``."""
-    joint_poses(robot.placement, robot.axis, robot.prismatic, robot.base, q, out)
-
-
-@kernel
-def joint_poses(
-    placement: Array,
-    axis: Array,
-    prismatic: npt.NDArray[np.bool_],
-    base: Array,
-    q: Array,
-    out: Array,
-) -> None:
+def pose_joints(joints: JointTable, q: Array, out: Array) -> None:
     """Write the world pose of the base and of every joint frame after its motion.
 
     Args:
-        placement, axis, prismatic: see KinematicChain.
-        base: pose of the base in the world, shape (4, 4).
+        joints: of the robot.
         q: joint values, shape (n,).
         out: shape (n + 1, 4, 4); ``out[0]`` becomes the base, ``out[j + 1]`` joint j.
     """
+    placement, axis = joints.placement, joints.axis
+    prismatic, base = joints.prismatic, joints.base
     n = q.shape[0]
     for r in range(4):
         for c in range(4):
@@ -82,3 +69,15 @@ def joint_poses(
             out[j + 1, r, 3] = p0 * tx + p1 * ty + p2 * tz + out[j, r, 3]
         out[j + 1, 3, 0] = out[j + 1, 3, 1] = out[j + 1, 3, 2] = 0.0
         out[j + 1, 3, 3] = 1.0
+
+
+@inner_kernel
+def joint_axis(joints: JointTable, poses: Array, j: int) -> tuple[float, float, float]:
+    """Return the axis of a joint in the world, its frame being ``poses[j + 1]``."""
+    axis, p = joints.axis, j + 1
+    x, y, z = axis[j, 0], axis[j, 1], axis[j, 2]
+    return (
+        poses[p, 0, 0] * x + poses[p, 0, 1] * y + poses[p, 0, 2] * z,
+        poses[p, 1, 0] * x + poses[p, 1, 1] * y + poses[p, 1, 2] * z,
+        poses[p, 2, 0] * x + poses[p, 2, 1] * y + poses[p, 2, 2] * z,
+    )

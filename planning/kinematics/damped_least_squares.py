@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.cell.compiled_robot import JointTable
+from planning.cell.joint_table import JointTable
 from planning.kernels import inner_kernel, kernel
-from planning.kinematics.chain import pose_joints
+from planning.kinematics.chain import joint_axis, pose_joints
 from planning.transforms import Array
 
 TOLERANCE = 1e-7
@@ -211,13 +211,10 @@ def _pose_error(
 @inner_kernel
 def _jacobian(joints: JointTable, poses: Array, tip_pose: Array, out: Array) -> None:
     """Write the geometric Jacobian of the tip in the base frame, shape (6, n)."""
-    axis, prismatic = joints.axis, joints.prismatic
-    for j in range(axis.shape[0]):
+    for j in range(len(joints.prismatic)):
         pose = poses[j + 1]
-        ax = pose[0, 0] * axis[j, 0] + pose[0, 1] * axis[j, 1] + pose[0, 2] * axis[j, 2]
-        ay = pose[1, 0] * axis[j, 0] + pose[1, 1] * axis[j, 1] + pose[1, 2] * axis[j, 2]
-        az = pose[2, 0] * axis[j, 0] + pose[2, 1] * axis[j, 1] + pose[2, 2] * axis[j, 2]
-        if prismatic[j]:
+        ax, ay, az = joint_axis(joints, poses, j)
+        if joints.prismatic[j]:
             out[0, j], out[1, j], out[2, j] = ax, ay, az
             out[3, j] = out[4, j] = out[5, j] = 0.0
             continue

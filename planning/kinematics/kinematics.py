@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from planning.cell.compiled_robot import joint_table, placed_joints
+from planning.cell.joint_table import joint_table, placed_joints
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.cell.compiled_robot import chain_table
+from planning.cell.joint_table import chain_table
 from planning.cell.robot_model import KinematicChain, LinkPart
 from planning.kinematics.chain import pose_joints
 from planning.transforms import Array

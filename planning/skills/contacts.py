@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
-from planning.geometry.scene_checker import entity
+from planning.geometry.robot_bodies import entity
 
 Pairs = frozenset[frozenset[str]]
 """Unordered pairs of entities that may touch."""

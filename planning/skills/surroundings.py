@@ -8,11 +8,18 @@ from functools import cached_property
 
 import numpy as np
 
-from planning.cell.workcell import Attachment, CellObject, PlacedRobot, Workcell
-from planning.geometry.near_boxes import boxes_in_reach
-from planning.geometry.robot_bodies import flange_pose, robot_bodies
+from planning.cell.workcell import (
+    Attachment,
+    CellObject,
+    PlacedRobot,
+    Workcell,
+    WorldState,
+)
+from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.scene_checker import SceneChecker
 from planning.geometry.standing import StandingBoxes, stand_boxes
+from planning.geometry.swept import boxes_in_reach
+from planning.kinematics.kinematics import frame_pose
 from planning.motion.sequential import MARGIN
 from planning.skills.contacts import Phase, SkillContacts
 from planning.skills.joint_paths import (
@@ -64,7 +71,7 @@ class SkillScene:
         objects = boxes.rows[boxes.fixtures :]
         return boxes.only(
             boxes_in_reach(
-                robot_bodies(self.cell.robot(path.robot), held).kernel,
+                robot_bodies(self.cell.robot(path.robot), held).hulls,
                 np.vstack([path.lead, path.path]),
                 boxes.places.pose[objects],
                 boxes.places.half[objects],
@@ -88,19 +95,18 @@ class SkillScene:
             pose = at.pose
             if at.holder is not None:
                 holder = self.cell.robot(at.holder)
-                pose = flange_pose(holder, self.configurations[at.holder]) @ pose
+                pose = frame_pose(holder, self.configurations[at.holder]) @ pose
             more.append((name, item.body, item.size, pose))
         if phase is Phase.AFTER and self.refill is not None:
             item, at = self.refill
             more.append((item.name, item.body, item.size, at.pose))
-        return SceneChecker.amid(
+        return SceneChecker(
             self.cell,
             robot,
-            self._held_by(robot, after=after),
-            boxes.plus(more),
-            self.configurations,
+            WorldState(self.configurations, {}),
             self.contacts.in_phase(phase),
             margin=MARGIN,
+            amid=(self._held_by(robot, after=after), boxes.plus(more)),
         )
 
     @cached_property

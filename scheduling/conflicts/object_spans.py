@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.errors import PlanInvariantError
-from planning.geometry.scene_checker import flange_pose
+from planning.kinematics.kinematics import frame_pose
 from planning.transforms import Indices, Transform
 from scheduling.graph.reduction import NodeOrder
 from scheduling.graph.temporal_plan_graph import (
@@ -241,7 +241,7 @@ class _Trace:
         """Return the flange pose of a robot that stands after a node (-1: at its start)."""
         chain, k = self._tpg.chains[node[0]], node[1]
         q = chain.start if k < 0 else chain.waypoints[chain.first[k + 1] - 1]
-        return flange_pose(self._tpg.cell.robot(chain.robot), q)
+        return frame_pose(self._tpg.cell.robot(chain.robot), q)
 
 
 def while_at_rest(

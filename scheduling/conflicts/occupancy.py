@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.cell.body import ConvexBody
-from planning.cell.compiled_robot import RobotKernel, robot_kernel
+from planning.cell.joint_table import placed_joints
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.geometry.exact import Solid, carried_solid, resting_solid
 from planning.geometry.hull_table import (
@@ -26,8 +26,7 @@ from planning.geometry.hull_table import (
     placed_capsules,
     standing_hulls,
 )
-from planning.geometry.scene_checker import entity as robot_entity
-from planning.geometry.scene_checker import robot_solids
+from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.swept import bound_travel
 from planning.packed import packed
 from planning.transforms import Array, Indices, Transform
@@ -86,9 +85,9 @@ def cut_nodes(
     q_a = np.vstack([chain.start[None], q_b[:-1]])
     node = np.repeat(np.arange(len(chain)), np.diff(chain.first)).astype(np.int64)
     waypoint = np.arange(len(q_b)) - chain.first[node] + 1
-    kernel = _with_ball(robot_kernel(robot), robot, held)
+    hulls = _with_ball(robot, held)
     while True:
-        travel = bound_travel(kernel, q_a, q_b)
+        travel = bound_travel(hulls, q_a, q_b)
         pieces = np.ceil(travel / MOTION).astype(np.int64)
         if np.max(pieces, initial=0) <= 1:
             return q_a, q_b, node, waypoint
@@ -106,13 +105,12 @@ def cut_nodes(
 
 
 def _with_ball(
-    kernel: RobotKernel,
-    robot: PlacedRobot,
-    held: Sequence[tuple[ConvexBody, Transform]],
-) -> RobotKernel:
-    """Add a ball that contains what is ever held to a robot's capsules."""
+    robot: PlacedRobot, held: Sequence[tuple[ConvexBody, Transform]]
+) -> HullTable:
+    """Return a robot's bodies, and a ball that contains what is ever held."""
+    hulls = robot_bodies(robot).hulls
     if not held:
-        return kernel
+        return hulls
     poses = [robot.model.flange @ pose for _, pose in held]
     placed = [
         placed_capsules(body, pose) for (body, _), pose in zip(held, poses, strict=True)
@@ -120,13 +118,13 @@ def _with_ball(
     ends = np.concatenate([end for p in placed for end in p[:2]])
     radius = np.concatenate([np.tile(p[2], 2) for p in placed])[:, None]
     low, high = (ends - radius).min(axis=0), (ends + radius).max(axis=0)
-    centre = 0.5 * (low + high)[None]
-    with_ball = kernel._replace(
-        joint=np.append(kernel.joint, robot.model.dof - 1),
-        start=np.concatenate([kernel.start, centre]),
-        end=np.concatenate([kernel.end, centre]),
-        radius=np.append(kernel.radius, 0.5 * np.linalg.norm(high - low)),
-        body=np.append(kernel.body, kernel.body[-1] + 1),
+    centre = 0.5 * (low + high)
+    with_ball = hulls._replace(
+        joint=np.append(hulls.joint, robot.model.dof - 1),
+        corner_first=np.append(hulls.corner_first, hulls.corner_first[-1]),
+        capsule_first=np.append(hulls.capsule_first, hulls.capsule_first[-1] + 1),
+        ends=np.concatenate([hulls.ends, np.tile(centre, (1, 2, 1))]),
+        radius=np.append(hulls.radius, 0.5 * np.linalg.norm(high - low)),
     )
     return packed(with_ball)
 
@@ -234,7 +232,7 @@ def rest_occupancy(
     """Return the occupancy of an object at rest, or in the hand of a robot that stands."""
     body = cell.object(rest.object).body
     solids = (resting_solid(rest.object, body, rest.pose),)
-    hulls = standing_hulls(solids, (body,))
+    hulls = standing_hulls(solids)
     entity = np.full((1, 1), entities[rest.object], dtype=np.int32)
     node = np.zeros(1, dtype=np.int64)
     return Occupancy(swept_sequence(node, _NO_TASK, _NO_TASK, entity, hulls), solids)
@@ -268,31 +266,26 @@ def _assemble(
     leaf: int = LEAF,
 ) -> Occupancy:
     """Collect the bodies of the robot and, in slots, the objects of each run of segments."""
-    kernel = robot_kernel(robot)
-    solids = robot_solids(robot, kernel)
-    parts = robot.model.parts
-    bodies = [part.body for part in parts]
+    joints, own = placed_joints(robot), robot_bodies(robot)
+    solids = list(own.solids)
     slots = _assign_slots(runs)
-    shape = (len(segments.q_a), len(parts) + max(slots, default=-1) + 1)
+    shape = (len(segments.q_a), own.parts + max(slots, default=-1) + 1)
     entity = np.full(shape, -1, dtype=np.int32)
-    entity[:, : len(parts)] = [
-        entities[robot_entity(robot.name, part.group)] for part in parts
-    ]
+    entity[:, : own.parts] = [entities[name] for name in own.entities]
     solid = np.full(shape, -1, dtype=np.int32)
-    solid[:, : len(parts)] = np.arange(len(parts))
+    solid[:, : own.parts] = np.arange(own.parts)
     for (span, first, stop), slot in zip(runs, slots, strict=True):
         body = cell.object(span.object).body
         if span.carried:
             local = robot.model.flange @ span.pose
             joint = robot.model.dof - 1
-            item = carried_solid(span.object, body, kernel, joint, local)
+            item = carried_solid(span.object, body, joints, joint, local)
         else:
             item = resting_solid(span.object, body, span.pose)
-        entity[first:stop, len(parts) + slot] = entities[span.object]
-        solid[first:stop, len(parts) + slot] = len(solids)
+        entity[first:stop, own.parts + slot] = entities[span.object]
+        solid[first:stop, own.parts + slot] = len(solids)
         solids.append(item)
-        bodies.append(body)
-    hulls = hull_table(kernel, segments.q_a, segments.q_b, solid, solids, bodies)
+    hulls = hull_table(joints, segments.q_a, segments.q_b, solid, solids)
     tasks = segments.task, segments.other_task
     sequence = swept_sequence(segments.node, *tasks, entity, hulls, leaf=leaf)
     return Occupancy(sequence, tuple(solids))

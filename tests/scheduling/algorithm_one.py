@@ -14,7 +14,7 @@ import networkx as nx
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from planning.cell.compiled_robot import robot_kernel
+from planning.cell.joint_table import placed_joints
 from planning.cell.workcell import Attachment
 from planning.geometry.exact import (
     TOLERANCE,
@@ -25,7 +25,7 @@ from planning.geometry.exact import (
     place,
     resting_solid,
 )
-from planning.geometry.scene_checker import flange_pose
+from planning.kinematics.kinematics import frame_pose
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
@@ -74,7 +74,7 @@ class PlainGraph:
         )
         self.place = {node: k for k, node in enumerate(self.nodes)}
         self.allowed = [(frozenset((a.first, a.second)), a.tasks) for a in tpg.allowed]
-        self.kernels = [robot_kernel(tpg.cell.robot(c.robot)) for c in tpg.chains]
+        self.joints = [placed_joints(tpg.cell.robot(c.robot)) for c in tpg.chains]
         self._walk()
 
     def path(self, node: Node) -> Array:
@@ -141,7 +141,7 @@ class PlainGraph:
         if at.holder is not None:
             other = names.index(at.holder)
             stands = self.stands(other, last[other])
-            pose = flange_pose(self.tpg.cell.robot(at.holder), stands) @ at.pose
+            pose = frame_pose(self.tpg.cell.robot(at.holder), stands) @ at.pose
         solid = resting_solid(name, self.tpg.cell.object(name).body, pose)
         return [Piece(name, solid, q, q)]
 
@@ -151,7 +151,7 @@ class PlainGraph:
         return [
             Piece(
                 f"{name}/{p.group}",
-                carried_solid("", p.body, self.kernels[r], p.joint, np.eye(4)),
+                carried_solid("", p.body, self.joints[r], p.joint, np.eye(4)),
                 q_a,
                 q_b,
             )
@@ -162,7 +162,7 @@ class PlainGraph:
         model = self.tpg.cell.robot(self.tpg.chains[r].robot).model
         local = model.flange @ pose
         body = self.tpg.cell.object(name).body
-        solid = carried_solid(name, body, self.kernels[r], model.dof - 1, local)
+        solid = carried_solid(name, body, self.joints[r], model.dof - 1, local)
         return Piece(name, solid, q_a, q_b)
 
     def task(self, node: Node) -> int:

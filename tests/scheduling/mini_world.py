@@ -20,7 +20,8 @@ from planning.cell.workcell import (
     WorldState,
 )
 from planning.geometry.exact import TOLERANCE
-from planning.geometry.scene_checker import SceneChecker, flange_pose
+from planning.geometry.scene_checker import SceneChecker
+from planning.kinematics.kinematics import frame_pose
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.tasks.task import AllowedContact, Handling, Task
 from planning.transforms import Array, inverse, rotation, translation
@@ -171,7 +172,7 @@ class PlanWriter:
         return True
 
     def flange(self, robot: str) -> Array:
-        return flange_pose(self.cell.robot(robot), self.configurations[robot])
+        return frame_pose(self.cell.robot(robot), self.configurations[robot])
 
     def plan(self) -> MotionPlan:
         return MotionPlan(
@@ -248,7 +249,7 @@ def _pick_up(
     writer: PlanWriter, robot: str, box: str, wiggle: Array, last_use: dict[str, int]
 ) -> None:
     # The box is put where the tool is going to be: its start is a free parameter of the world.
-    pose = flange_pose(writer.cell.robot(robot), wiggle[1]) @ translation(0.04, 0, 0)
+    pose = frame_pose(writer.cell.robot(robot), wiggle[1]) @ translation(0.04, 0, 0)
     cell = writer.cell
     objects = tuple(
         CellObject(o.name, o.kind, o.size, pose if o.name == box else o.start, o.body)
@@ -314,7 +315,7 @@ def _put_down(
     writer: PlanWriter, robot: str, box: str, wiggle: Array, last_use: dict[str, int]
 ) -> None:
     pose = (
-        flange_pose(writer.cell.robot(robot), wiggle[1]) @ writer.attachments[box].pose
+        frame_pose(writer.cell.robot(robot), wiggle[1]) @ writer.attachments[box].pose
     )
     if not writer.free(robot, wiggle):
         return

@@ -19,7 +19,8 @@ from planning.cell.workcell import Attachment, PlacedRobot, WorldState
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.problem.reach_sampler import ReachSampler
 from planning.errors import ConstructionError, listed
-from planning.geometry.scene_checker import SceneChecker, entity
+from planning.geometry.robot_bodies import entity
+from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import frame_pose
 from planning.transforms import Array, Transform, rotation
 

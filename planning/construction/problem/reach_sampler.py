@@ -14,8 +14,8 @@ from itertools import islice
 import numpy as np
 from scipy.spatial import KDTree
 
-from planning.cell.compiled_robot import joint_table
 from planning.cell.cover import box_body
+from planning.cell.joint_table import joint_table
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import (
     Attachment,
@@ -25,7 +25,8 @@ from planning.cell.workcell import (
     WorldState,
 )
 from planning.errors import RobotModelError
-from planning.geometry.scene_checker import SceneChecker, entity
+from planning.geometry.robot_bodies import entity
+from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.damped_least_squares import solve_from
 from planning.kinematics.kinematics import (
     frame_in_flange,

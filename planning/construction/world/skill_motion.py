@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.cell.compiled_robot import joint_table
+from planning.cell.joint_table import joint_table
 from planning.cell.workcell import PlacedRobot
 from planning.kinematics.damped_least_squares import follow_targets
 from planning.kinematics.kinematics import frame_in_last_joint, frame_pose

@@ -183,7 +183,7 @@ def sweep_carrier(
     capsules, count = hulls.capsule_first, len(hulls.radius)
     a, b, radius = out.capsule_a, out.capsule_b, out.radius
     place_capsules(
-        hulls.kernel,
+        hulls,
         q_a,
         q_b,
         room.poses,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from planning.cell.workcell import Fixture
-from planning.geometry.scene_checker import entity
+from planning.geometry.robot_bodies import entity
 from planning.lego.bricks.assembly import LAYER_HEIGHT, BrickType, Cell, Support
 from planning.lego.bricks.grid import occupied_studs
 from planning.lego.skills.support import supported_cell

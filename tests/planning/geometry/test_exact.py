@@ -8,10 +8,9 @@ import coal
 import numpy as np
 import pytest
 
-from planning.cell.compiled_robot import robot_kernel
 from planning.cell.workcell import PlacedRobot
 from planning.geometry.exact import TOLERANCE, Solid, come_close, distance, place
-from planning.geometry.scene_checker import robot_solids
+from planning.geometry.robot_bodies import robot_bodies
 from planning.transforms import from_rpy
 
 
@@ -42,8 +41,8 @@ def test_bisection_agrees_with_sampling(
     rng = np.random.default_rng(seed)
     one = make_arm("one")
     two = make_arm("two", from_rpy((0.7, 0.1, 0.0), (0.0, 0.0, 3.0)))
-    a = robot_solids(one, robot_kernel(one))[int(rng.integers(1, 4))]
-    b = robot_solids(two, robot_kernel(two))[int(rng.integers(1, 4))]
+    a = robot_bodies(one).solids[int(rng.integers(1, 4))]
+    b = robot_bodies(two).solids[int(rng.integers(1, 4))]
     ends_a = rng.uniform(-0.6, 0.6, 4) + rng.uniform(-0.2, 0.2, (2, 4))
     ends_b = rng.uniform(-0.6, 0.6, 4) + rng.uniform(-0.2, 0.2, (2, 4))
     least, reach = _sampled(a, ends_a, b, ends_b, 24)

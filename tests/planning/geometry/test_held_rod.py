@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planning.cell.compiled_robot import robot_kernel
 from planning.cell.cover import box_body
 from planning.cell.workcell import (
     Attachment,
@@ -20,7 +19,9 @@ from planning.cell.workcell import (
     WorldState,
 )
 from planning.geometry.exact import Solid, distance_at, resting_solid
-from planning.geometry.scene_checker import SceneChecker, flange_pose, robot_solids
+from planning.geometry.robot_bodies import robot_bodies
+from planning.geometry.scene_checker import SceneChecker
+from planning.kinematics.kinematics import frame_pose
 from planning.robots.registry import robot_model
 from planning.transforms import Array, from_rpy, identity, translation
 
@@ -49,7 +50,7 @@ def checker(*fixtures: Fixture) -> tuple[SceneChecker, CellObject]:
 
 def rod_end(q: Array, side: int) -> Array:
     """Return where an end of the rod is, shape (3,)."""
-    pose = flange_pose(PANDA, q) @ GRIP
+    pose = frame_pose(PANDA, q) @ GRIP
     return np.asarray((pose @ translation(0, side * LENGTH / 2, 0))[:3, 3])
 
 
@@ -61,12 +62,12 @@ def least_gap(
     Links of the arm that may come near each other without the rod are left out: the rod against
     everything, the arm against the fixtures. The base stands on what it stands on.
     """
-    arm = robot_solids(PANDA, robot_kernel(PANDA))
+    arm = robot_bodies(PANDA).solids
     boxes = [resting_solid(f.name, f.body, f.pose) for f in fixtures]
     gaps, ends = [], []
     for t in np.linspace(0.0, 1.0, SAMPLES + 1):
         q = q_a + t * (q_b - q_a)
-        pose = flange_pose(PANDA, q) @ GRIP
+        pose = frame_pose(PANDA, q) @ GRIP
         held: Solid = resting_solid("rod", rod.body, pose)
         pairs = [(held, other) for other in boxes]
         for part, solid in zip(MODEL.parts, arm, strict=True):
@@ -90,7 +91,7 @@ TURN_RIGHT[6] += 1.2
 def test_a_thin_post_at_the_tip_of_a_turning_rod(at: float, beyond: float) -> None:
     """The tip passes the post for a few milliradians only, between any coarse samples."""
     q = TURN_LEFT + at * (TURN_RIGHT - TURN_LEFT)
-    pose = flange_pose(PANDA, q) @ GRIP
+    pose = frame_pose(PANDA, q) @ GRIP
     # The corners of the rod's end describe a circle; stand the post beyond it.
     radius = np.hypot(LENGTH / 2, 0.01)
     post = box(

@@ -6,7 +6,6 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.cell.compiled_robot import robot_kernel
 from planning.cell.cover import box_body
 from planning.cell.workcell import (
     Attachment,
@@ -16,8 +15,9 @@ from planning.cell.workcell import (
     Workcell,
     WorldState,
 )
-from planning.geometry.near_boxes import boxes_in_reach
+from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.scene_checker import SceneChecker
+from planning.geometry.swept import boxes_in_reach
 from planning.robots.registry import robot_model
 from planning.transforms import readonly, translation
 
@@ -56,7 +56,7 @@ def test_whoever_touches_is_in_reach(first, last, where):
     path = np.array([MODEL.home + first, MODEL.home + last])
     items = [brick(f"b{k}", *p) for k, p in enumerate(where)]
     near = boxes_in_reach(
-        robot_kernel(ROBOT),
+        robot_bodies(ROBOT).hulls,
         path,
         np.array([item.start for item in items]),
         np.array([item.size for item in items]) / 2,
@@ -73,8 +73,6 @@ def test_whoever_touches_is_in_reach(first, last, where):
 @given(turns, st.booleans())
 def test_other_allowed_contacts_make_the_same_checker_as_a_new_one(turn, held):
     """A brick right at the tool's tip: in the way, unless the two may touch."""
-    kernel = robot_kernel(ROBOT)
-    assert robot_kernel(ROBOT).start is kernel.start
     q = MODEL.home + np.array(turn)
     tip = robot_tip(MODEL.home)
     items = [brick("near", *tip), brick("far", 0.0, 0.4, 0.1)]

@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from planning.cell.compiled_robot import robot_kernel
 from planning.cell.cover import box_body
 from planning.cell.workcell import (
     Attachment,
@@ -18,7 +17,9 @@ from planning.cell.workcell import (
     WorldState,
 )
 from planning.geometry.exact import distance_at, resting_solid
-from planning.geometry.scene_checker import SceneChecker, flange_pose, robot_solids
+from planning.geometry.robot_bodies import robot_bodies
+from planning.geometry.scene_checker import SceneChecker
+from planning.kinematics.kinematics import frame_pose
 from planning.transforms import from_rpy, translation
 
 
@@ -59,8 +60,8 @@ def _state(cell: Workcell, held: str | None) -> WorldState:
 def _least_gap(cell: Workcell, state: WorldState, q: np.ndarray) -> float:
     """Return the least distance over every pair that counts, less its clearance."""
     one, two = cell.robots
-    mine = robot_solids(one, robot_kernel(one))
-    other = robot_solids(two, robot_kernel(two))
+    mine = robot_bodies(one).solids
+    other = robot_bodies(two).solids
     q_two = state.configurations["two"]
     gaps = []
     for a in mine:
@@ -75,9 +76,9 @@ def _least_gap(cell: Workcell, state: WorldState, q: np.ndarray) -> float:
     for item in cell.objects:
         at = state.attachments[item.name]
         if at.holder == "one":
-            hand = resting_solid(item.name, item.body, flange_pose(one, q) @ at.pose)
+            hand = resting_solid(item.name, item.body, frame_pose(one, q) @ at.pose)
         elif at.holder == "two":
-            boxes.append((item.body, flange_pose(two, q_two) @ at.pose))
+            boxes.append((item.body, frame_pose(two, q_two) @ at.pose))
         else:
             boxes.append((item.body, at.pose))
     solids = [resting_solid("box", body, pose) for body, pose in boxes]
@@ -140,7 +141,7 @@ def test_a_free_motion_is_free_at_every_sample(
 def test_an_allowed_pair_is_not_checked(make_arm: Callable[..., PlacedRobot]) -> None:
     arm = make_arm("one")
     size = np.array([0.05, 0.05, 0.05])
-    at_tip = flange_pose(arm, np.zeros(4)) @ translation(0.0, 0.0, 0.0)
+    at_tip = frame_pose(arm, np.zeros(4)) @ translation(0.0, 0.0, 0.0)
     brick = CellObject("brick0", "brick", size, at_tip, box_body("brick", size))
     cell = Workcell((arm,), (), (brick,))
     state = WorldState({"one": np.zeros(4)}, {"brick0": Attachment(None, at_tip)})

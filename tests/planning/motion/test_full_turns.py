@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planning.cell.workcell import PlacedRobot, Workcell
-from planning.geometry.scene_checker import flange_pose
+from planning.kinematics.kinematics import frame_pose
 from planning.motion.full_turns import take_near_turns
 from planning.robots.registry import robot_model
 from planning.tasks.task import TRANSIT, StepTasks, Task
@@ -48,7 +48,7 @@ def test_poses_stay_what_they_were(cell: Workcell) -> None:
     for before, after in zip(step.tasks, turned.tasks, strict=True):
         for q, p in zip(before.path, after.path, strict=True):
             assert np.allclose(
-                flange_pose(cell.robots[0], q), flange_pose(cell.robots[0], p)
+                frame_pose(cell.robots[0], q), frame_pose(cell.robots[0], p)
             )
             assert np.all(p >= model.lower)
             assert np.all(p <= model.upper)

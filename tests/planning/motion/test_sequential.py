@@ -11,7 +11,8 @@ import pytest
 from planning.cell.cover import box_body
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell, start_state
 from planning.errors import TransitError
-from planning.geometry.scene_checker import SceneChecker, flange_pose
+from planning.geometry.scene_checker import SceneChecker
+from planning.kinematics.kinematics import frame_pose
 from planning.motion.sequential import MotionSettings, plan_sequential
 from planning.motion.speed import L1Speed
 from planning.motion.transit import RrtConnect
@@ -30,7 +31,7 @@ def cell() -> Workcell:
     right = PlacedRobot(
         "right", model, from_rpy((0.88, 0, 0), (0, 0, np.pi)), model.home
     )
-    at = flange_pose(left, model.home + REACH) @ translation(0, 0, 0.12)
+    at = frame_pose(left, model.home + REACH) @ translation(0, 0, 0.12)
     box = CellObject("box", "box", SIZE, at, box_body("box", SIZE))
     return Workcell((left, right), (), (box,))
 
@@ -60,7 +61,7 @@ def _fetch(cell: Workcell, first: int, reach: Array = REACH) -> StepTasks:
     robot = cell.robots[0]
     here = robot.home + reach
     lifted = here + np.array([0, -0.05, 0, 0, 0, 0])
-    grip = inverse(flange_pose(robot, here)) @ cell.objects[0].start
+    grip = inverse(frame_pose(robot, here)) @ cell.objects[0].start
     take = Handling("box", 1, "left", grip)
     ahead = robot.home + reach * 0.9
     tasks = (

@@ -20,12 +20,12 @@ from planning.geometry.separation import (
     make_scratch,
     pose_segments,
 )
-from planning.geometry.swept import sweep_segments
 from planning.transforms import Array
 from scheduling.build_nodes import build_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.occupancy import MOTION, Occupancy
 from tests.kernels import outer
+from tests.planning.geometry.swept_segments import sweep_segments
 from tests.scheduling.mini_world import random_plan
 
 _gap_class = outer(gap_class)
@@ -170,7 +170,6 @@ def test_segments_are_short_and_join(occupancies: list[Occupancy]) -> None:
         assert np.array_equal(hulls.q_a[1:], hulls.q_b[:-1])
         node = occupancy.sequence.node
         assert np.all(np.diff(node) >= 0)
-        kernel = hulls.kernel
-        grown = sweep_segments(kernel, hulls.q_a, hulls.q_b)[2] - kernel.radius
+        grown = sweep_segments(hulls, hulls.q_a, hulls.q_b)[2]
         assert grown.min() >= 0.0
         assert 2.0 * grown.max() <= 1.05 * MOTION
