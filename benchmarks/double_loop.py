@@ -18,16 +18,18 @@ from planning.kernels import kernel
 from planning.packed import packed
 from planning.transforms import Indices
 from scheduling.conflicts.allowed_contacts import ContactTable
-from scheduling.conflicts.block_pairs import close_blocks
 from scheduling.conflicts.close_bodies import (
     PROVED,
     Descent,
     keep_close_bodies,
     start_descent,
 )
-from scheduling.conflicts.conflict_search import hulls_conflict
+from scheduling.conflicts.conflict_search import (
+    close_blocks,
+    hulls_conflict,
+    raise_floor,
+)
 from scheduling.conflicts.occupancy import Occupancy
-from scheduling.conflicts.staircase import raise_floor
 from scheduling.conflicts.swept_sequence import (
     SweptSequence,
     bound_leaf,

@@ -82,3 +82,14 @@ class RobotModel:
     def dof(self) -> int:
         """Number of moved joints."""
         return len(self.joint_names)
+
+    @property
+    def is_mobile(self) -> bool:
+        """Whether it drives: its first joints slide along x and y and turn about z."""
+        axis, prismatic = self.chain.axis[:3], self.chain.prismatic[:3]
+        return (
+            self.dof > 3
+            and tuple(prismatic) == (True, True, False)
+            and bool(np.allclose(axis, np.eye(3)))
+            and bool(np.allclose(self.chain.placement[:3], np.eye(4)))
+        )

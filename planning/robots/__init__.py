@@ -1,4 +1,4 @@
 """Robot models: the registry of names, URDF reading, meshes and URDFs of our own.
 
-Imports cell and kinematics.
+Imports cell, kinematics and geometry.
 """

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import heapq
+from collections.abc import Callable
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
 from planning.cell.joint_table import chain_table
 from planning.cell.robot_model import KinematicChain, LinkPart
-from planning.kinematics.chain import pose_joints
+from planning.geometry.exact import carried_solid, distance_at
 from planning.transforms import Array
 
 _SAMPLES = 60
@@ -48,18 +48,21 @@ def never_colliding_pairs(
             out.add(pair)
         else:
             left.append(pair)
-    distances = _PairDistances(chain, parts)
-    distances.move_to(home)
-    for pair in left:
-        if distances(pair) <= 0.0:
-            out.add(pair)
+    joints = chain_table(chain, lower, upper)
+    hulls = [carried_solid("", p.body, joints, p.joint, np.eye(4)) for p in parts]
+
+    def distance(pair: tuple[int, int], q: Array) -> float:
+        return distance_at(hulls[pair[0]], q, hulls[pair[1]], q)
+
+    rest = np.array(home, dtype=np.float64)
+    out.update(pair for pair in left if distance(pair, rest) <= 0.0)
     left = [pair for pair in left if pair not in out]
     rng = np.random.default_rng(20)
     for _ in range(_SAMPLES):  # most pairs that can touch are dropped here, cheaply
-        distances.move_to(rng.uniform(lower, upper))
-        left = [pair for pair in left if distances(pair) > 0.0]
+        q = rng.uniform(lower, upper)
+        left = [pair for pair in left if distance(pair, q) > 0.0]
     for pair in left:
-        if _proved_apart(pair, chain, parts, lower, upper, home, distances):
+        if _proved_apart(pair, chain, parts, lower, upper, home, distance):
             out.add(pair)
     return frozenset(out)
 
@@ -71,22 +74,21 @@ def _proved_apart(
     lower: Array,
     upper: Array,
     home: Array,
-    distances: _PairDistances,
+    distance_of: Callable[[tuple[int, int], Array], float],
 ) -> bool:
     """Bisect the joints between two parts; True when no values of theirs make them touch."""
     first, last = sorted(parts[k].joint for k in pair)
     between = np.arange(first + 1, last + 1)
     far_part = max(pair, key=lambda k: parts[k].joint)
     speed = _link_speeds(chain, parts[far_part], lower, upper)[between]
-    q = np.array(home)
+    q = np.array(home, dtype=np.float64)
     low, high = lower[between].copy(), upper[between].copy()
     full_turn = np.where(chain.prismatic[between], np.inf, 2.0 * np.pi)
     high = np.minimum(high, low + full_turn)
 
     def margin(box_low: Array, box_high: Array) -> tuple[float, float]:
         q[between] = (box_low + box_high) / 2.0
-        distances.move_to(q)
-        distance = distances(pair)
+        distance = distance_of(pair, q)
         return distance - float(speed @ (box_high - box_low)) / 2.0, distance
 
     order = 0
@@ -123,53 +125,3 @@ def _link_speeds(
         speeds[k] = 1.0 if chain.prismatic[k] else reach
         reach += float(np.linalg.norm(chain.placement[k, :3, 3])) + slide
     return speeds
-
-
-class _PairDistances:
-    """Distances of pairs of hulls at a configuration, by coal."""
-
-    def __init__(self, chain: KinematicChain, parts: tuple[LinkPart, ...]) -> None:
-        import coal
-
-        self._coal: Any = coal
-        no_limits = np.empty(0)
-        self._chain = chain_table(chain, no_limits, no_limits)
-        self._joints = [part.joint + 1 for part in parts]
-        self._hulls: list[Any] = []
-        for part in parts:
-            points = coal.StdVec_Vec3s()
-            for vertex in part.body.vertices:
-                points.append(np.array(vertex))
-            self._hulls.append(coal.Convex.convexHull(points, False, ""))
-        self._poses = np.empty((len(chain.axis) + 1, 4, 4))
-        self._placed: dict[int, Any] = {}
-        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
-
-    def move_to(self, q: Array) -> None:
-        """Place the hulls."""
-        pose_joints(self._chain, np.array(q, dtype=np.float64), self._poses)
-        self._placed.clear()
-
-    def __call__(self, pair: tuple[int, int]) -> float:
-        """Return the distance of two parts [m], not above zero where they overlap."""
-        a, b = pair
-        self._result.clear()
-        return float(
-            self._coal.distance(
-                self._hulls[a],
-                self._pose(a),
-                self._hulls[b],
-                self._pose(b),
-                self._request,
-                self._result,
-            )
-        )
-
-    def _pose(self, part: int) -> Any:
-        joint = self._joints[part]
-        if joint not in self._placed:
-            pose = self._poses[joint]
-            self._placed[joint] = self._coal.Transform3s(
-                np.array(pose[:3, :3]), np.array(pose[:3, 3])
-            )
-        return self._placed[joint]

@@ -1,4 +1,12 @@
-"""Search for conflicts of two occupancies: capsules propose, convex hulls decide."""
+"""Search for conflicts of two occupancies: a dual-tree descent over two swept sequences.
+
+With two robots the conflicts that matter form a staircase: for each node the last node of the
+other robot before it that comes too close, unless an earlier node waits for as much already.
+Blocks are pruned when their volumes are apart, when nothing in them is at stake (outside the
+window from ``floor`` to ``limit``), and, as edges are found, when these imply the rest. Below
+the leaves separating planes dismiss pairs of bodies, for ever shorter stretches of both motions;
+convex hulls decide on single segments.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +14,20 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from planning.geometry.distance import boxes_apart, segment_distance
 from planning.geometry.exact import come_close, distance_at
+from planning.kernels import ZERO, inner_kernel, kernel
 from planning.transforms import Indices
 from scheduling.conflicts.allowed_contacts import ContactTable
-from scheduling.conflicts.close_bodies import Descent, start_descent
+from scheduling.conflicts.close_bodies import (
+    BLOCKS,
+    PROVED,
+    Descent,
+    keep_close_bodies,
+    start_descent,
+)
 from scheduling.conflicts.occupancy import Occupancy
-from scheduling.conflicts.staircase import next_proposal, raise_floor
+from scheduling.conflicts.swept_sequence import SweptSequence
 
 _MOST_HITS = 32768
 
@@ -81,3 +97,162 @@ def search_conflicts(
             v, u = int(a.sequence.node[s]), int(b.sequence.node[t])
             raise_floor(floor, v, u)
             yield v, u
+
+
+@kernel
+def next_proposal(
+    descent: Descent, depth: int, hits: Indices
+) -> tuple[int, int, int, int, int, int]:
+    """Go on with a descent until it has to be decided whether two segments conflict.
+
+    What is proved to conflict is noted in ``hits``.
+
+    Args:
+        descent: how far it has come.
+        depth: filled rows of its stack.
+        hits: receives nodes (v, u) in conflict, shape (room, 2), room for one at least.
+
+    Returns:
+        The new depth, the two segments, where in ``descent.pairs`` the close pairs of bodies
+        begin and how many they are, 0 when there is nothing to decide, and the number of
+        hits. The descent is over when the new depth is 0 and nothing is to be decided; it
+        stops early when ``hits`` is full.
+    """
+    a, b, floor, limit = descent.a, descent.b, descent.floor, descent.limit
+    found = ZERO
+    leaf_a, leaf_b = len(a.block_first) // 2, len(b.block_first) // 2
+    stack = descent.stack
+    while depth > 0:
+        depth -= 1
+        row = stack[depth]
+        if row[1] == BLOCKS:
+            i, j = row[0], row[2]
+            s, s_last = a.block_first[i], a.block_last[i]
+            t, t_last = b.block_first[j], b.block_last[j]
+            begin = ZERO
+            leaves = i >= leaf_a and j >= leaf_b
+        else:
+            i = j = ZERO - 1
+            s, s_last, t, t_last = row[0], row[1], row[2], row[3]
+            begin, count = row[4], row[5]
+            leaves = True
+        if s >= s_last or t >= t_last:
+            continue
+        if b.node[t_last - 1] <= floor[a.node[s]]:
+            continue
+        if b.node[t] >= limit[a.node[s_last - 1]]:
+            continue
+        if i >= 0:
+            count = close_blocks(a, i, b, j, descent.gap, leaves, descent.pairs)
+            if count == 0:
+                continue
+        if leaves:
+            kept = keep_close_bodies(descent, s, s_last, t, t_last, begin, count)
+            begin += count
+            if kept == 0:
+                continue
+            if kept == PROVED:
+                hits[found, 0], hits[found, 1] = a.node[s], b.node[t]
+                raise_floor(floor, a.node[s], b.node[t])
+                found += 1
+                if found == len(hits):
+                    return depth, 0, 0, 0, 0, found
+                continue
+            if s_last - s == 1 and t_last - t == 1:
+                return depth, s, t, begin, kept, found
+            # The top of the stack comes next: earliest v first, latest u first.
+            for k in range(2):
+                row = stack[depth + k]
+                row[0], row[1], row[2], row[3] = s, s_last, t, t_last
+                row[4], row[5] = begin, kept
+            if s_last - s >= t_last - t:
+                stack[depth, 0] = stack[depth + 1, 1] = (s + s_last) // 2
+            else:
+                stack[depth, 3] = stack[depth + 1, 2] = (t + t_last) // 2
+        else:
+            for k in range(2):
+                stack[depth + k, 0], stack[depth + k, 2] = i, j
+                stack[depth + k, 1] = stack[depth + k, 3] = BLOCKS
+            if j >= leaf_b or (i < leaf_a and s_last - s >= t_last - t):
+                stack[depth, 0], stack[depth + 1, 0] = 2 * i + 2, 2 * i + 1
+            else:
+                stack[depth, 2], stack[depth + 1, 2] = 2 * j + 1, 2 * j + 2
+        depth += 2
+    return 0, 0, 0, 0, 0, found
+
+
+@kernel
+def raise_floor(floor: Indices, v: int, u: int) -> None:
+    """Note that v, and so every later node of its robot, waits for u."""
+    while v < len(floor) and floor[v] < u:
+        floor[v] = u
+        v += 1
+
+
+@inner_kernel
+def close_blocks(
+    a: SweptSequence,
+    i: int,
+    b: SweptSequence,
+    j: int,
+    gap: float,
+    every: bool,
+    out: Indices,
+) -> int:
+    """Write the pairs of bodies of two blocks whose capsules come too close.
+
+    Returns:
+        Their number; with ``every`` unset, 1 as soon as there is one.
+    """
+    if boxes_apart(a.block_box, i, b.block_box, j, gap):
+        return 0
+    count = 0
+    theirs, box = b.capsules[j], b.block_box[j]
+    for x in range(len(a.column) - 1):
+        begin = count
+        for c in range(a.column[x], a.column[x + 1]):
+            mine = a.capsules[i, c]
+            r = float(mine[6]) + gap
+            if mine[6] < 0.0:
+                continue
+            p0, p1, p2 = float(mine[0]), float(mine[1]), float(mine[2])
+            q0, q1, q2 = float(mine[3]), float(mine[4]), float(mine[5])
+            x0, x1, x2 = min(p0, q0) - r, min(p1, q1) - r, min(p2, q2) - r
+            y0, y1, y2 = max(p0, q0) + r, max(p1, q1) + r, max(p2, q2) + r
+            if x0 > box[3] or x1 > box[4] or x2 > box[5]:
+                continue
+            if y0 < box[0] or y1 < box[1] or y2 < box[2]:
+                continue
+            for y in range(len(b.column) - 1):
+                seen = False
+                for e in range(begin, count):
+                    if out[e, 1] == y:
+                        seen = True
+                        break
+                if seen:
+                    continue
+                for d in range(b.column[y], b.column[y + 1]):
+                    s = float(theirs[d, 6])
+                    if s < 0.0:
+                        continue
+                    u0, v0 = float(theirs[d, 0]), float(theirs[d, 3])
+                    if min(u0, v0) - s > y0 or max(u0, v0) + s < x0:
+                        continue
+                    u1, v1 = float(theirs[d, 1]), float(theirs[d, 4])
+                    if min(u1, v1) - s > y1 or max(u1, v1) + s < x1:
+                        continue
+                    u2, v2 = float(theirs[d, 2]), float(theirs[d, 5])
+                    if min(u2, v2) - s > y2 or max(u2, v2) + s < x2:
+                        continue
+                    apart = segment_distance(
+                        (q0 - p0, q1 - p1, q2 - p2),
+                        (v0 - u0, v1 - u1, v2 - u2),
+                        (p0 - u0, p1 - u1, p2 - u2),
+                    )
+                    if apart < (r + s) * (r + s):
+                        out[count, 0], out[count, 1] = x, y
+                        count += 1
+                        if not every:
+                            return count
+                        break
+    return count

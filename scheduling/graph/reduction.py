@@ -15,7 +15,7 @@ import numpy.typing as npt
 from planning.errors import PlanInvariantError
 from planning.kernels import kernel
 from planning.transforms import Indices
-from scheduling.graph.flat_graph import FlatGraph, flatten
+from scheduling.graph.total_order import FlatGraph, flatten
 
 
 @dataclass(frozen=True)

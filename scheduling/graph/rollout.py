@@ -12,9 +12,8 @@ import numpy.typing as npt
 
 from planning.kernels import kernel
 from planning.transforms import Array, Indices
-from scheduling.graph.flat_graph import FlatGraph, flatten
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.total_order import planned_ranks
+from scheduling.graph.total_order import FlatGraph, flatten, planned_ranks
 
 
 @dataclass(frozen=True)

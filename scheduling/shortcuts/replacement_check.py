@@ -8,13 +8,19 @@ total order goes before each new node that it conflicts with, a later one after 
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
 import numpy as np
 
-from planning.transforms import Indices
+from planning.cell.workcell import Attachment, Workcell, WorldState
+from planning.geometry.scene_checker import SceneChecker
+from planning.motion.sequential import MARGIN
+from planning.transforms import Array, Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.conflicts.object_spans import while_at_rest
+from scheduling.conflicts.object_spans import Rest, while_at_rest
 from scheduling.conflicts.occupancy import Occupancy
-from scheduling.shortcuts.pieces import Pieces
+from scheduling.graph.reduction import NodeOrder
 from scheduling.shortcuts.rewiring import Edge, Swap
 
 
@@ -151,3 +157,138 @@ def _gifts_stay_clear(graph: DerivedTpg, swap: Swap, new: Occupancy) -> bool:
         if graph.first_conflict(graph.rest(rest), new, *window) is not None:
             return False
     return True
+
+
+_LONGEST = 128
+"""Nodes in a piece."""
+
+
+class Pieces:
+    """All chains of a graph, cut so that every run that may be shortened is pieces of its own.
+
+    Args:
+        lengths: number of nodes of each chain.
+        cuts: per chain, nodes at which a piece has to start.
+    """
+
+    def __init__(self, lengths: Sequence[int], cuts: Sequence[Sequence[int]]) -> None:
+        self._sizes: list[list[int]] = []
+        self._built: list[list[Occupancy | None]] = []
+        for length, wanted in zip(lengths, cuts, strict=True):
+            sizes = []
+            for lo, hi in pairwise(sorted({0, *wanted, length})):
+                parts = -(-(hi - lo) // _LONGEST)
+                marks = np.linspace(lo, hi, parts + 1).astype(int)
+                sizes += np.diff(marks).tolist()
+            self._sizes.append(sizes)
+            self._built.append([None] * len(sizes))
+
+    def between(
+        self, graph: DerivedTpg, chain: int, first: int, stop: int
+    ) -> Iterator[tuple[int, Occupancy]]:
+        """Yield the first node and the occupancy of every piece with nodes in a range.
+
+        Args:
+            graph: as it is now.
+            chain: the chain.
+            first, stop: its nodes ``range(first, stop)``.
+        """
+        starts = self._starts(chain)
+        lo = int(np.searchsorted(starts, first, side="right")) - 1
+        for piece, (at, end) in enumerate(pairwise(starts[lo:].tolist()), lo):
+            if at >= stop:
+                return
+            built = self._built[chain][piece]
+            if built is None:
+                built = graph.occupancy(chain, at, end)
+                self._built[chain][piece] = built
+            yield at, built
+
+    def splice(self, swap: Swap) -> None:
+        """Forget the pieces around nodes that were replaced."""
+        starts = self._starts(swap.chain)
+        lo = int(np.searchsorted(starts, swap.first, side="right")) - 1
+        hi = int(np.searchsorted(starts, swap.last, side="right"))
+        size = int(starts[hi] - starts[lo]) + swap.shift
+        self._sizes[swap.chain][lo:hi] = [size]
+        self._built[swap.chain][lo:hi] = [None]
+
+    def _starts(self, chain: int) -> Indices:
+        return np.cumsum([0, *self._sizes[chain]])
+
+
+class Scenery:
+    """Checks paths that are to take the place of nodes; remembers the scenes."""
+
+    def __init__(self) -> None:
+        self._checkers: dict[object, SceneChecker] = {}
+
+    def free(
+        self, graph: DerivedTpg, index: int, first: int, last: int, path: Array
+    ) -> bool:
+        """Tell whether a path is free in place of some nodes.
+
+        Args:
+            graph: as it is.
+            index: chain of the nodes.
+            first, last: the nodes.
+            path: polyline, shape (w, n).
+        """
+        chain = graph.tpg.chains[index]
+        present = tuple(
+            rest
+            for rest in graph.history.rests
+            if rest.holder is None
+            and _may_lie_there(graph.order, rest, index, first, last)
+        )
+        tasks = frozenset(chain.task[first : last + 1].tolist())
+        # Within the tasks of a run, a robot carries the same.
+        key = (index, tasks, frozenset((r.object, r.pose.tobytes()) for r in present))
+        checker = self._checkers.get(key)
+        if checker is None:
+            checker = _checker(graph, index, first, tasks, present)
+            self._checkers[key] = checker
+        return all(checker.motion_free(a, b) for a, b in pairwise(path))
+
+
+def _may_lie_there(
+    order: NodeOrder, rest: Rest, index: int, first: int, last: int
+) -> bool:
+    """Tell whether an object may be at rest while nodes are under way."""
+    too_late = rest.after is not None and order.precedes(index, last, *rest.after)
+    gone = rest.before is not None and (
+        rest.before == (index, first - 1)
+        or order.precedes(*rest.before, index, first - 1)
+    )
+    return not (too_late or gone)
+
+
+def _checker(
+    graph: DerivedTpg,
+    index: int,
+    first: int,
+    tasks: frozenset[int],
+    present: tuple[Rest, ...],
+) -> SceneChecker:
+    """Return a checker against all that does not move: no robot that has nodes."""
+    tpg = graph.tpg
+    robot = tpg.chains[index].robot
+    busy = tpg.chain_index
+    handled = {handling.object for handling in tpg.handlings}
+    attachments = {
+        item.name: Attachment(None, item.start)
+        for item in tpg.cell.objects
+        if item.name not in handled and item.start is not None
+    }
+    for rest in present:
+        attachments[rest.object] = Attachment(None, rest.pose)
+    for span in graph.spans[index]:
+        if span.carried and span.start <= (first, 0) < span.end:
+            attachments[span.object] = Attachment(robot, span.pose)
+    robots = tuple(r for r in tpg.cell.robots if r.name == robot or r.name not in busy)
+    cell = Workcell(robots, tpg.cell.fixtures, tpg.cell.objects, tpg.cell.clearances)
+    state = WorldState({r.name: r.home for r in robots}, attachments)
+    allowed = frozenset(
+        frozenset((c.first, c.second)) for c in tpg.allowed if tasks <= c.tasks
+    )
+    return SceneChecker(cell, robot, state, allowed, margin=MARGIN)

@@ -21,18 +21,21 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.rollout import latest_ends
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
-from scheduling.shortcuts.candidate_paths import (
+from scheduling.shortcuts.candidates import (
     CORNER,
     LINE,
     SHAPES,
     candidate_path,
+    find_spans,
     new_nodes,
 )
-from scheduling.shortcuts.pieces import Pieces
-from scheduling.shortcuts.replacement_check import order_against, stands_stay_clear
+from scheduling.shortcuts.replacement_check import (
+    Pieces,
+    Scenery,
+    order_against,
+    stands_stay_clear,
+)
 from scheduling.shortcuts.rewiring import Swap, rewire
-from scheduling.shortcuts.scenery import Scenery
-from scheduling.shortcuts.spans import find_spans
 
 _LATER = 1e-9
 """Makespans that differ by less are the same [s]."""

@@ -1,13 +1,20 @@
-"""The structure of a saved plan: no cycle, the planned order, and objects passed on in order."""
+"""The structure of a saved plan: no cycle, the planned order, and objects passed on in order.
+
+Precedence of nodes comes from ancestor sets, as bits of integers.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 
+import numpy as np
+
+from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
-from scheduling.verification.ancestors import Precedence, find_precedence
-from scheduling.verification.findings import Moment, Problem
 from scheduling.verification.object_places import (
     handled_objects,
     planned_key,
@@ -15,6 +22,52 @@ from scheduling.verification.object_places import (
 )
 
 _Node = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One side of a problem.
+
+    Attributes:
+        robot: name of the robot, None for what rests in the world.
+        node: the node, or the node before which the robot stands, -1 where there is none.
+        task: its task, -1 where there is none.
+        standing: True when the robot stands before the node.
+        body: what comes close: ``"<robot>/arm"``, ``"<robot>/tool"``, object or fixture.
+    """
+
+    robot: str | None
+    node: int
+    task: int
+    standing: bool
+    body: str
+
+    def __str__(self) -> str:
+        """Describe it in one phrase."""
+        if self.robot is None:
+            return f"{self.body} at rest"
+        if self.standing:
+            return f"{self.body} of {self.robot!r} standing before node {self.node}"
+        return f"{self.body} of {self.robot!r} in node {self.node} (task {self.task})"
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A violation of the guarantee.
+
+    Attributes:
+        kind: ``"cycle"``, ``"order"`` (an edge or a chain against the planned order),
+            ``"dependency"``, ``"handling"``, ``"nodes"``, ``"hold"`` or ``"rest"``.
+        message: one sentence.
+        first, second: the two sides, None for a cycle.
+        distance_m: distance measured where it was first seen, NaN where none was [m].
+    """
+
+    kind: str
+    message: str
+    first: Moment | None = None
+    second: Moment | None = None
+    distance_m: float = math.nan
 
 
 def check_structure(
@@ -114,3 +167,62 @@ def _problem(
     names = [f"node {m.node} of {m.robot!r} (task {m.task})" for m in (first, second)]
     message = f"{names[0]} and {names[1]}: {text}"
     return Problem(kind, message, first, second)
+
+
+_BLOCK = 4096
+
+
+@dataclass(frozen=True)
+class Precedence:
+    """Precedence between nodes.
+
+    Attributes:
+        complete: ``complete[a][b][v]`` is how many of the first nodes of chain ``a`` must be
+            complete before node ``v`` of chain ``b`` may start.
+    """
+
+    complete: tuple[tuple[Indices, ...], ...]
+
+    def precedes(self, a: int, u: int, b: int, v: int) -> bool:
+        """Tell whether node u of chain a must be complete before node v of chain b starts."""
+        return bool(self.complete[a][b][v] > u)
+
+
+def find_precedence(tpg: TemporalPlanGraph) -> Precedence | None:
+    """Return the order that type-1 and type-2 edges impose, None if they form a cycle."""
+    lengths = [len(chain) for chain in tpg.chains]
+    first = np.cumsum([0, *lengths]).tolist()
+    total = first[-1]
+    sources: list[list[int]] = [[] for _ in range(total)]
+    for a, length in enumerate(lengths):
+        for v in range(1, length):
+            sources[first[a] + v].append(first[a] + v - 1)
+    for a, u, b, v in tpg.edges.tolist():
+        sources[first[b] + v].append(first[a] + u)
+    try:
+        order = list(TopologicalSorter(dict(enumerate(sources))).static_order())
+    except CycleError:
+        return None
+    complete = [[np.zeros(n, dtype=np.int64) for n in lengths] for _ in lengths]
+    for a, length in enumerate(lengths):
+        for start in range(0, length, _BLOCK):
+            stop = min(start + _BLOCK, length)
+            counts = _ancestors(sources, order, first[a] + start, first[a] + stop)
+            for b in range(len(lengths)):
+                complete[a][b] += counts[first[b] : first[b + 1]]
+    return Precedence(tuple(tuple(row) for row in complete))
+
+
+def _ancestors(
+    sources: list[list[int]], order: list[int], start: int, stop: int
+) -> Indices:
+    """Return, for every node, how many of the nodes ``range(start, stop)`` precede it."""
+    bits = [0] * len(sources)
+    for v in order:
+        mine = 0
+        for u in sources[v]:
+            mine |= bits[u]
+            if start <= u < stop:
+                mine |= 1 << (u - start)
+        bits[v] = mine
+    return np.array([b.bit_count() for b in bits], dtype=np.int64)

@@ -9,12 +9,39 @@ ordered, (b) so are a node and a robot that stands, (c) and a node and an object
 
 from __future__ import annotations
 
+import heapq
+import math
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import combinations, product
+from typing import NamedTuple
 
+import numpy as np
+
+from planning.transforms import Array, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.verification.clearance import ClearanceCheck, Progress
-from scheduling.verification.findings import Moment, Problem
-from scheduling.verification.graph_structure import check_structure
+from scheduling.verification.bodies import (
+    Pieces,
+    RobotBodies,
+    close_pairs,
+    over_before,
+    unsettled,
+    while_there,
+)
+from scheduling.verification.graph_structure import (
+    Moment,
+    Precedence,
+    Problem,
+    check_structure,
+)
+from scheduling.verification.object_places import Resting, object_histories
+from scheduling.verification.reference import (
+    TOLERANCE,
+    Part,
+    ReferenceRobot,
+    measure,
+    resting_part,
+)
 
 __all__ = ["Moment", "Problem", "VerificationReport", "verify_plan"]
 
@@ -66,3 +93,262 @@ def verify_plan(
         check.least[False],
         tuple([*problems, *check.problems][:limit]),
     )
+
+
+_FINEST = 1e-5
+
+_Key = tuple[int, int, bool, bool]
+"""Nodes of both sides, and whether each robot stands before its node."""
+
+Progress = Callable[[int, int], None]
+"""Called with the pairs of robots (or robots and resting things) done so far, and their number."""
+
+
+class ClearanceCheck:
+    """Measures all pairs of pieces that may happen at once.
+
+    Args:
+        tpg: the plan.
+        limit: stop after so many problems.
+        progress: told how far it has come.
+
+    Attributes:
+        problems: found so far.
+        pairs: pairs of pieces looked at.
+        least: least distances measured, by whether they are between two robots [m].
+    """
+
+    def __init__(
+        self, tpg: TemporalPlanGraph, limit: int, progress: Progress | None
+    ) -> None:
+        self.tpg, self.limit, self.progress = tpg, limit, progress
+        self.problems: list[Problem] = []
+        self.pairs = 0
+        self.least = {True: math.inf, False: math.inf}
+        self.allowed: dict[frozenset[str], list[frozenset[int]]] = {}
+        for contact in tpg.allowed:
+            pair = frozenset((contact.first, contact.second))
+            self.allowed.setdefault(pair, []).append(contact.tasks)
+
+    def run(self, precedence: Precedence) -> None:
+        """Check that whatever may happen at once keeps apart."""
+        tpg, cell = self.tpg, self.tpg.cell
+        geometry = {placed.name: ReferenceRobot(placed) for placed in cell.robots}
+
+        def flange(chain: int, node: int) -> Transform:
+            c = tpg.chains[chain]
+            q = c.start if node == 0 else c.waypoints[c.first[node] - 1]
+            return geometry[c.robot].flange_pose(q)
+
+        carried, resting = object_histories(tpg, flange)
+        robots = [
+            RobotBodies(tpg, placed, geometry[placed.name], carried)
+            for placed in cell.robots
+        ]
+        pairs = list(combinations(robots, 2))
+        total = len(pairs) + len(robots)
+        for done, (a, b) in enumerate(pairs, 1):
+            self._robots(a, b, precedence)
+            self._tell(done, total)
+        for done, robot in enumerate(robots, len(pairs) + 1):
+            for rest in resting:
+                self._rest(robot, rest, precedence)
+            self._tell(done, total)
+
+    def _tell(self, done: int, total: int) -> None:
+        if self.progress is not None:
+            self.progress(done, total)
+
+    def _robots(self, a: RobotBodies, b: RobotBodies, precedence: Precedence) -> None:
+        # Per piece of one robot: nodes of the other that are over before it.
+        past_a = over_before(a, b, precedence)
+        past_b = over_before(b, a, precedence)
+        low = np.searchsorted(b.pieces.end, past_b)
+        high = np.searchsorted(past_a, a.pieces.end, side="right")
+        self.pairs += int(np.maximum(high - low, 0).sum())
+        seen: dict[_Key, Problem] = {}
+        clearances = self.tpg.cell.clearances
+        for x, y in product(a.bodies, b.bodies):
+            both = x.robot and y.robot
+            limit = clearances.robot_robot if both else clearances.robot_object
+            for close in close_pairs(a.pieces, x, b.pieces, y, past_a, past_b, limit):
+                if len(self.problems) + len(seen) >= self.limit:
+                    break
+                for i, j in unsettled(a, x, b, y, close, limit):
+                    key = _key_of(a.pieces, i, b.pieces, j)
+                    if key in seen or self._may_touch(
+                        x.part.entity,
+                        y.part.entity,
+                        a.pieces.tasks[i].tolist(),
+                        b.pieces.tasks[j].tolist(),
+                    ):
+                        continue
+                    sides = _side(a, x.part, i), _side(b, y.part, j)
+                    found = self._closer(sides, limit, between_robots=both)
+                    if found is not None:
+                        first, second = (
+                            _moment_of(a, x.part, i),
+                            _moment_of(b, y.part, j),
+                        )
+                        seen[key] = _conflict(first, second, found)
+        self.problems += _without_repeats(seen)
+
+    def _rest(self, robot: RobotBodies, rest: Resting, precedence: Precedence) -> None:
+        part = resting_part(rest.object, rest.size, rest.pose)
+        still = _Side(None, part, np.zeros(0), np.zeros(0), np.eye(4))
+        fixture = any(f.name == rest.object for f in self.tpg.cell.fixtures)
+        there = while_there(robot, rest, precedence)
+        self.pairs += int(there.sum())
+        limit = self.tpg.cell.clearances.robot_object
+        inverse = rest.pose[:3, :3]
+        seen: dict[_Key, Problem] = {}
+        for x in robot.bodies:
+            if x.part.entity == rest.object or (fixture and x.part.joint < 0):
+                continue
+            local = (x.centre - rest.pose[:3, 3]) @ inverse
+            out = np.linalg.norm(
+                np.maximum(np.abs(local) - 0.5 * rest.size, 0.0), axis=1
+            )
+            close = (out < x.radius + limit) & there[x.pieces]
+            for i in x.pieces[close].tolist():
+                tasks = robot.pieces.tasks[i].tolist()
+                key = (
+                    int(robot.pieces.node[i]),
+                    -1,
+                    bool(robot.pieces.standing[i]),
+                    True,
+                )
+                if key in seen or self._may_touch(
+                    x.part.entity, rest.object, tasks, rest.tasks
+                ):
+                    continue
+                found = self._closer((_side(robot, x.part, i), still), limit)
+                if found is not None:
+                    first = _moment_of(robot, x.part, i)
+                    second = Moment(None, -1, -1, True, rest.object)
+                    seen[key] = _conflict(first, second, found, kind="rest")
+        self.problems += _without_repeats(seen)
+
+    def _may_touch(
+        self, x: str, y: str, x_tasks: Iterable[int], y_tasks: Iterable[int] | None
+    ) -> bool:
+        if x == y:
+            return True
+        for tasks in self.allowed.get(frozenset((x, y)), ()):
+            if tasks.isdisjoint(x_tasks):
+                continue
+            if y_tasks is None or not tasks.isdisjoint(y_tasks):
+                return True
+        return False
+
+    def _closer(
+        self, sides: tuple[_Side, _Side], limit: float, *, between_robots: bool = False
+    ) -> float | None:
+        """Return a distance below the limit, None if there is none.
+
+        Both motions are halved until the sample in the middle decides: either it is too close,
+        or it is further away than both can move from there.
+        """
+        count = 0
+        todo = [(0.0, count, sides)]
+        while todo:  # what may be closest first
+            _, _, sides = heapq.heappop(todo)
+            a, b = sides
+            gap = measure(a.part, a.frame, b.part, b.frame)
+            self.least[between_robots] = min(self.least[between_robots], gap)
+            if gap < limit - TOLERANCE:
+                return gap
+            moved = a.moved(), b.moved()
+            if gap - sum(moved) >= limit - TOLERANCE or max(moved) < _FINEST:
+                continue
+            if moved[0] >= moved[1]:
+                halves = [(half, b) for half in a.halves()]
+            else:
+                halves = [(a, half) for half in b.halves()]
+            for half in halves:
+                count += 1
+                heapq.heappush(todo, (gap - sum(moved), count, half))
+        return None
+
+
+class _Side(NamedTuple):
+    """A part in a straight motion of its robot.
+
+    Attributes:
+        robot: the robot, None for what rests in the world.
+        part: the part.
+        q_a, q_b: where the motion begins and ends, shape (n,).
+        frame: pose of the part's joint in the middle of the motion, shape (4, 4).
+    """
+
+    robot: ReferenceRobot | None
+    part: Part
+    q_a: Array
+    q_b: Array
+    frame: Transform
+
+    def moved(self) -> float:
+        """Return how far the part gets at most from where it is in the middle [m]."""
+        return 0.5 * float(np.abs(self.q_b - self.q_a) @ self.part.weight)
+
+    def halves(self) -> Iterator[_Side]:
+        """Yield both halves of the motion."""
+        assert self.robot is not None
+        middle = 0.5 * (self.q_a + self.q_b)
+        for q_a, q_b in ((self.q_a, middle), (middle, self.q_b)):
+            frame = self.robot.joint_frame(0.5 * (q_a + q_b), self.part.joint)
+            yield self._replace(q_a=q_a, q_b=q_b, frame=frame)
+
+
+def _side(robot: RobotBodies, part: Part, piece: int) -> _Side:
+    pieces = robot.pieces
+    frame = robot.frames[piece, part.joint + 1]
+    return _Side(robot.robot, part, pieces.q_a[piece], pieces.q_b[piece], frame)
+
+
+def _moment_of(robot: RobotBodies, part: Part, piece: int) -> Moment:
+    """Return the side of a problem that a piece of a robot is."""
+    pieces = robot.pieces
+    standing = bool(pieces.standing[piece])
+    return Moment(
+        robot.name,
+        int(pieces.node[piece]),
+        int(pieces.tasks[piece, 1]),
+        standing,
+        part.entity,
+    )
+
+
+def _conflict(
+    first: Moment, second: Moment, distance: float, kind: str = ""
+) -> Problem:
+    """Return the problem of two sides that come too close."""
+    standing = first.standing or second.standing
+    how = (
+        f"overlap by {-distance * 1e3:.2f} mm"
+        if distance < 0
+        else f"come within {distance * 1e3:.2f} mm"
+    )
+    return Problem(
+        kind or ("hold" if standing else "nodes"),
+        f"{first} and {second} {how}, and nothing keeps them apart",
+        first,
+        second,
+        distance,
+    )
+
+
+def _key_of(a: Pieces, i: int, b: Pieces, j: int) -> _Key:
+    """Return the key under which a pair of pieces is reported once."""
+    return int(a.node[i]), int(b.node[j]), bool(a.standing[i]), bool(b.standing[j])
+
+
+def _without_repeats(seen: dict[_Key, Problem]) -> list[Problem]:
+    """Leave out stands next to a motion that is named already: it starts or ends with them."""
+    out = []
+    for (u, v, u_stands, v_stands), problem in sorted(seen.items(), key=lambda p: p[0]):
+        moving = [(n, v, False, v_stands) for n in (u - 1, u) if u_stands]
+        moving += [(u, n, u_stands, False) for n in (v - 1, v) if v_stands]
+        if not any(key in seen for key in moving):
+            out.append(problem)
+    return out

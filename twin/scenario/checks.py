@@ -69,7 +69,6 @@ def _place(cell: CellSection, robot: int, key: str) -> KeyPath:
 
 
 def _check_robots(cell: CellSection, folder: Path) -> Found:
-    from planning.robots.mobile import is_mobile
     from planning.robots.registry import robot_model
 
     # The robots of a team are alike: what is wrong with one is said once.
@@ -83,7 +82,7 @@ def _check_robots(cell: CellSection, folder: Path) -> Found:
             else:
                 yield at, str(error)
             continue
-        if robot.parked is not None and not is_mobile(model):
+        if robot.parked is not None and not model.is_mobile:
             in_team = i >= len(cell.listed)
             place = _place(cell, i, "ring" if in_team else "parked")
             yield place, f"{robot.model} cannot park: its first joints do not drive it"

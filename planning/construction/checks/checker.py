@@ -21,7 +21,6 @@ from planning.construction.world.swept_track import SweptTrack, sweep_track
 from planning.construction.world.timeline import hand_changes
 from planning.construction.world.tracks import build_tracks
 from planning.geometry.standing import stand_boxes
-from planning.robots.mobile import is_mobile
 from planning.skills.contacts import Pairs
 from planning.transforms import Array
 
@@ -68,7 +67,7 @@ class SpaceTimeChecker:
         self.velocity = np.concatenate([m.velocity for m in self.models])
         self.rest = np.concatenate([cell.robot(name).home for name in self.robots])
         self.leans = np.concatenate(
-            [np.arange(m.dof) >= (3 if is_mobile(m) else 0) for m in self.models]
+            [np.arange(m.dof) >= (3 if m.is_mobile else 0) for m in self.models]
         )
         self.begin_of_joint = np.repeat(self.begin, [m.dof for m in self.models])
         self._held = self._held_by_movers() if held is None else held

@@ -24,7 +24,6 @@ from planning.construction.paths.query import (
     next_arrival,
 )
 from planning.construction.problem.settings import RrtSettings
-from planning.robots.mobile import is_mobile
 from planning.transforms import Array
 
 _DETOUR = 4.0
@@ -178,7 +177,7 @@ class _Search:
     def _base_paths(self) -> list[Array]:
         """Return paths for the base of a robot that moves alone to drive to each goal."""
         checker, most = self.checker, self.settings.drives
-        if most == 0 or len(checker.robots) > 1 or not is_mobile(checker.models[0]):
+        if most == 0 or len(checker.robots) > 1 or not checker.models[0].is_mobile:
             return []
         goals = range(len(self.query.goals))
         return [base_path(checker.scene, self.query, k, most) for k in goals]

@@ -33,7 +33,6 @@ from planning.kinematics.kinematics import (
     frame_in_last_joint,
     joint_poses_of,
 )
-from planning.robots.mobile import is_mobile
 from planning.transforms import (
     Array,
     Transform,
@@ -92,7 +91,7 @@ class ReachSampler:
         """
         self.robot = robot
         self.frame = frame
-        self.mobile = is_mobile(robot.model)
+        self.mobile = robot.model.is_mobile
         self._tip = np.ascontiguousarray(frame_in_last_joint(robot.model, frame))
         self._table = _arm_table(robot.model, frame)
         self._to_base = inverse(robot.base)
@@ -201,7 +200,7 @@ def _features(tool: Array, mobile: bool) -> Array:
 def _arm_table(model: RobotModel, frame: str) -> _ArmTable:
     alone = PlacedRobot("alone", model, identity(), model.home)
     checker = _with_probe(alone, frame)
-    mobile = is_mobile(model)
+    mobile = model.is_mobile
     rng = np.random.default_rng(11)
     drawn = rng.uniform(model.lower, model.upper, (_DRAWS, model.dof))
     if mobile:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planning.motion.path_smoothing import smooth_path
 from planning.motion.speed import JointSpeed, L1Speed, path_duration, sample_path
-from planning.motion.transit import RrtConnect
+from planning.motion.transit import RrtConnect, smooth_path
 from planning.transforms import Array
 
 _T = np.linspace(0.0, 1.0, 200)[:, None]

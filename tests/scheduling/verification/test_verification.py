@@ -14,7 +14,7 @@ from planning.transforms import Array, inverse, rotation, translation
 from scheduling.build_nodes import build_nodes
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.verification.ancestors import find_precedence
+from scheduling.verification.graph_structure import find_precedence
 from scheduling.verification.reference import ReferenceRobot, measure
 from scheduling.verification.verify import Problem, verify_plan
 from tests.scheduling.two_arms import Writer, block, random_turns, two_arms

@@ -27,7 +27,6 @@ from planning.construction.problem.site import (
 from planning.construction.problem.supply import Rows, Spiral, SupplyLayout
 from planning.errors import ConstructionError
 from planning.kinematics.kinematics import frame_pose, inverse_kinematics
-from planning.robots.mobile import is_mobile
 from planning.robots.registry import robot_model
 from planning.transforms import from_rpy, readonly, translation
 
@@ -59,10 +58,10 @@ def problem(
 
 
 def test_which_robots_drive() -> None:
-    assert is_mobile(robot_model("mobile-manipulator"))
-    assert is_mobile(robot_model("mobile-iiwa14"))
+    assert robot_model("mobile-manipulator").is_mobile
+    assert robot_model("mobile-iiwa14").is_mobile
     for name in ("tower-crane", "gp4"):
-        assert not is_mobile(robot_model(name))
+        assert not robot_model(name).is_mobile
 
 
 def test_a_mobile_base_is_drawn_between_two_places() -> None:
