@@ -16,8 +16,7 @@ from planning.cell.body import ConvexBody
 from planning.cell.cover import box_body
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import PlacedRobot
-from planning.kinematics.chain import joint_poses
-from planning.kinematics.kinematics import frame_pose
+from planning.kinematics.kinematics import frame_pose, joint_poses_of
 from planning.robots.registry import robot_model
 from planning.transforms import Array, Transform, from_quat_wxyz, translation
 
@@ -63,16 +62,7 @@ class Placed:
 
 
 def part_poses(model: RobotModel, base: Transform, q: Array) -> list[Transform]:
-    out = np.empty((model.dof + 1, 4, 4))
-    chain = model.chain
-    joint_poses(
-        chain.placement,
-        chain.axis,
-        chain.prismatic,
-        np.ascontiguousarray(base),
-        np.ascontiguousarray(q),
-        out,
-    )
+    out = joint_poses_of(PlacedRobot("", model, base, q), q)
     return [out[part.joint + 1] for part in model.parts]
 
 

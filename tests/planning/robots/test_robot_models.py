@@ -13,9 +13,10 @@ import numpy as np
 import pinocchio
 import pytest
 
+from planning.cell.joint_table import joint_table
 from planning.cell.robot_model import RobotModel
 from planning.errors import RobotModelError
-from planning.kinematics.chain import joint_poses
+from planning.kinematics.chain import pose_joints
 from planning.robots.convex_parts import shape_vertices
 from planning.robots.load_urdf import load_urdf
 from planning.robots.registry import ROBOTS, robot_model
@@ -35,8 +36,7 @@ def convex(vertices: Array) -> Any:
 
 def part_distance(model: RobotModel, q: Array, a: int, b: int) -> float:
     poses = np.empty((model.dof + 1, 4, 4))
-    chain = model.chain
-    joint_poses(chain.placement, chain.axis, chain.prismatic, np.eye(4), q, poses)
+    pose_joints(joint_table(model), q, poses)
     placed = []
     for k in (a, b):
         pose = poses[model.parts[k].joint + 1]

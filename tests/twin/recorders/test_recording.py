@@ -11,7 +11,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from planning.cell.workcell import PlacedRobot
-from planning.kinematics.chain import joint_poses
+from planning.kinematics.kinematics import joint_poses_of
 from planning.robots.registry import robot_model
 from planning.transforms import from_quat_wxyz, from_rpy
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -131,12 +131,7 @@ def test_joints_move_as_the_kinematics_says(recorded: tuple) -> None:
                 xyz = [cell[0] for time, cell in moves if time <= t][-1]
                 x, y, z, w = [cell[0] for time, cell in turns if time <= t][-1]
                 pose = pose @ from_quat_wxyz(xyz, (w, x, y, z))
-            chain = robot.model.chain
-            out = np.empty((robot.model.dof + 1, 4, 4))
-            q = motion.at(np.array([t]))[0]
-            joint_poses(
-                chain.placement, chain.axis, chain.prismatic, robot.base, q, out
-            )
+            out = joint_poses_of(robot, motion.at(np.array([t]))[0])
             assert pose == pytest.approx(out[-1], abs=2e-5)
 
 
