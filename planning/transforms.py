@@ -66,34 +66,20 @@ def from_quat_wxyz(xyz: Sequence[float], quat: Sequence[float]) -> Transform:
 def quat_wxyz(pose: Transform) -> Array:
     """Return the unit quaternion (w, x, y, z) of a transform's rotation, with w >= 0."""
     m = pose[:3, :3]
-    # The largest of the four squared components is at least 1/4: divide by that one.
-    squares = np.array(
+    x, y, z = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    xy, xz, yz = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
+    # Four times each product of two components, such as w * x.
+    products = np.array(
         [
-            1 + m[0, 0] + m[1, 1] + m[2, 2],
-            1 + m[0, 0] - m[1, 1] - m[2, 2],
-            1 - m[0, 0] + m[1, 1] - m[2, 2],
-            1 - m[0, 0] - m[1, 1] + m[2, 2],
+            [1 + m[0, 0] + m[1, 1] + m[2, 2], x, y, z],
+            [x, 1 + m[0, 0] - m[1, 1] - m[2, 2], xy, xz],
+            [y, xy, 1 - m[0, 0] + m[1, 1] - m[2, 2], yz],
+            [z, xz, yz, 1 - m[0, 0] - m[1, 1] + m[2, 2]],
         ]
     )
-    k = int(np.argmax(squares))
-    d = 0.5 / np.sqrt(squares[k])
-    if k == 0:
-        quat = np.array(
-            [squares[0], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]]
-        )
-    elif k == 1:
-        quat = np.array(
-            [m[2, 1] - m[1, 2], squares[1], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]]
-        )
-    elif k == 2:
-        quat = np.array(
-            [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], squares[2], m[1, 2] + m[2, 1]]
-        )
-    else:
-        quat = np.array(
-            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], squares[3]]
-        )
-    quat = quat * d
+    # The largest of the four squared components is at least 1/4: divide by that one.
+    k = int(np.argmax(np.diagonal(products)))
+    quat = products[k] * (0.5 / np.sqrt(products[k, k]))
     return np.asarray(quat if quat[0] >= 0 else -quat)
 
 

@@ -27,7 +27,7 @@ class PlacedRobot:
     home: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fixture:
     """An immovable box: table, plate, shelf.
 
@@ -44,7 +44,7 @@ class Fixture:
     body: ConvexBody
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CellObject:
     """A box that can be handled, or that is part of the scenery until the end.
 
@@ -104,7 +104,7 @@ class Workcell:
         raise KeyError(f"no object {name!r}")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Attachment:
     """Location of an object: held by a robot, or at rest.
 

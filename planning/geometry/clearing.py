@@ -112,9 +112,10 @@ def _close_pairs(scene: Scene, out: Indices) -> int:
 def _strays_at_box(scene: Scene, o: int, b: int, limit: float) -> float:
     """Return how far a capsule of an own body strays that meets a box, -1 where none does."""
     own, pose, half = scene.own, scene.box_pose[b], scene.box_half[b]
-    for c in range(own.first[o], own.first[o + 1]):
+    first, radius = own.hulls.capsule_first, own.hulls.radius
+    for c in range(first[o], first[o + 1]):
         strayed = own.moved[c, 0]
-        near = own.radius[c] + strayed + limit
+        near = radius[c] + strayed + limit
         if segment_box(own.start[c], own.end[c], pose, half) <= near * near:
             return float(strayed)
     return -1.0

@@ -17,6 +17,7 @@ import numpy as np
 
 from planning.cell.body import ConvexBody
 from planning.cell.joint_table import JointTable
+from planning.kept_answers import KeptAnswers
 from planning.kernels import kernel
 from planning.kinematics.chain import joint_axis, pose_joints
 from planning.transforms import Array, Transform
@@ -45,15 +46,13 @@ class Solid:
     Attributes:
         name: the entity it belongs to, as allowed contacts name it.
         body: its hull and capsules, in a frame of its own.
-        vertices: hull corners in the frame of the joint, or in the world, shape (v, 3).
-        local: pose of the body in that frame.
-        carrier: the robot, None for a body at rest in the world.
+        local: pose of the body in the frame of the joint, or in the world.
+        carrier: joints of the robot, None for a body at rest in the world.
         joint: the carrying joint, -1 for the base.
     """
 
     name: str
     body: ConvexBody
-    vertices: Array
     local: Transform
     carrier: JointTable | None = None
     joint: int = -1
@@ -63,18 +62,27 @@ class Solid:
         """The hull as coal's convex shape."""
         return hull_shape(self.body)
 
+    @cached_property
+    def vertices(self) -> Array:
+        """Hull corners in the frame of the joint, or in the world, shape (v, 3) [m]."""
+        return np.ascontiguousarray(self._placed(self.body.vertices))
+
+    @cached_property
+    def ends(self) -> Array:
+        """Starts and ends of its capsules in the same frame, shape (c, 2, 3) [m]."""
+        capsules = self.body.capsules
+        return np.stack([self._placed(capsules.start), self._placed(capsules.end)], 1)
+
+    def _placed(self, points: Array) -> Array:
+        return np.asarray(points @ self.local[:3, :3].T + self.local[:3, 3])
+
+
+_RESTING: KeptAnswers[Solid] = KeptAnswers(50_000)
+
 
 def resting_solid(name: str, body: ConvexBody, pose: Transform) -> Solid:
-    """Return a body at rest at ``pose`` in the world."""
-    return Solid(name, body, body.vertices, pose)
-
-
-def carried_solid(
-    name: str, body: ConvexBody, carrier: JointTable, joint: int, local: Transform
-) -> Solid:
-    """Return a body carried by ``joint`` of a robot at pose ``local`` in the joint's frame."""
-    vertices = np.ascontiguousarray(body.vertices @ local[:3, :3].T + local[:3, 3])
-    return Solid(name, body, vertices, local, carrier, joint)
+    """Return a body at rest at ``pose`` in the world: it stands there in very many scenes."""
+    return _RESTING.get((name, body, pose.tobytes()), lambda: Solid(name, body, pose))
 
 
 @kernel

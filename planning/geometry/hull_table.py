@@ -8,14 +8,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from planning.cell.body import ConvexBody
 from planning.cell.joint_table import NO_JOINTS, JointTable
 from planning.geometry.exact import Solid
-from planning.kept_answers import KeptAnswers
 from planning.kernels import inner_kernel
 from planning.kinematics.chain import joint_axis
 from planning.packed import packed
-from planning.transforms import Array, Indices, Transform
+from planning.transforms import Array, Indices
 
 AT_REST = -2
 """Stands for the joint of a body that rests in the world."""
@@ -74,27 +72,22 @@ def hull_table(
         solid: index of the solid of every body of every segment, shape (s, bodies).
         solids: the bodies.
     """
-    placed = [_placed(solid) for solid in solids]
-    radius = [solid.body.capsules.radius for solid in solids]
     # There may be no bodies at all: a robot alone in an empty cell.
-    none = np.empty((0, 3))
-    starts, ends = [none, *(p[0] for p in placed)], [none, *(p[1] for p in placed)]
-    corners = [p[2] for p in placed]
+    corners = [np.empty((0, 3)), *(s.vertices for s in solids)]
+    ends = [np.empty((0, 2, 3)), *(s.ends for s in solids)]
+    radius = [np.empty(0), *(s.body.capsules.radius for s in solids)]
+    joint = [AT_REST if s.carrier is None else s.joint for s in solids]
     table = HullTable(
         robot,
         q_a,
         q_b,
         solid,
-        np.array(
-            [AT_REST if s.carrier is None else s.joint for s in solids], dtype=np.int64
-        ),
-        np.cumsum([0, *(len(c) for c in corners)]).astype(np.int64),
-        np.ascontiguousarray(np.concatenate([none, *corners])),
-        np.cumsum([0, *(len(r) for r in radius)]).astype(np.int64),
-        np.ascontiguousarray(
-            np.stack([np.concatenate(starts), np.concatenate(ends)], 1)
-        ),
-        np.concatenate([np.empty(0), *radius]),
+        np.array(joint, dtype=np.int64),
+        np.cumsum([len(c) for c in corners]).astype(np.int64),
+        np.concatenate(corners),
+        np.cumsum([len(e) for e in ends]).astype(np.int64),
+        np.concatenate(ends),
+        np.concatenate(radius),
     )
     return packed(table)
 
@@ -103,38 +96,6 @@ def standing_hulls(solids: Sequence[Solid]) -> HullTable:
     """Collect bodies that rest in the world."""
     q, which = np.empty((1, 0)), np.arange(len(solids), dtype=np.int32)[None]
     return hull_table(NO_JOINTS, q, q, which, solids)
-
-
-_Placed = tuple[Array, Array, Array]
-
-_PLACED: KeptAnswers[_Placed] = KeptAnswers(50_000)
-
-
-def _placed(solid: Solid) -> _Placed:
-    """Return starts and ends of a body's capsules, and its corners, where it is.
-
-    Bodies at rest are worked out once: they stand in the same place in very many scenes.
-    """
-    if solid.carrier is not None:
-        start, end, _ = placed_capsules(solid.body, solid.local)
-        return start, end, solid.vertices
-
-    def at_rest() -> _Placed:
-        start, end, _ = placed_capsules(solid.body, solid.local)
-        return start, end, solid.vertices @ solid.local[:3, :3].T + solid.local[:3, 3]
-
-    return _PLACED.get((solid.body, solid.local.tobytes()), at_rest)
-
-
-def placed_capsules(body: ConvexBody, pose: Transform) -> tuple[Array, Array, Array]:
-    """Return starts, ends and radii of a body's capsules at a pose, in writable arrays."""
-    turn, shift = pose[:3, :3].T, pose[:3, 3]
-    capsules = body.capsules
-    return (
-        capsules.start @ turn + shift,
-        capsules.end @ turn + shift,
-        np.array(capsules.radius),
-    )
 
 
 @inner_kernel

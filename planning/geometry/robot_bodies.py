@@ -10,7 +10,7 @@ import numpy as np
 from planning.cell.joint_table import JointTable, placed_joints
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import Attachment, CellObject, PlacedRobot
-from planning.geometry.exact import Solid, carried_solid
+from planning.geometry.exact import Solid
 from planning.geometry.hull_table import HullTable, hull_table
 from planning.geometry.swept_bodies import SKIP
 from planning.kept_answers import KeptAnswers
@@ -85,9 +85,7 @@ def _collect(robot: PlacedRobot, held: Sequence[Held]) -> RobotBodies:
     model, joints = robot.model, placed_joints(robot)
     own = _parts(robot, joints) if not held else robot_bodies(robot).solids
     solids = own + tuple(
-        carried_solid(
-            item.name, item.body, joints, model.dof - 1, model.flange @ at.pose
-        )
+        Solid(item.name, item.body, model.flange @ at.pose, joints, model.dof - 1)
         for item, at in held
     )
     q, which = np.zeros((1, model.dof)), np.arange(len(solids), dtype=np.int32)[None]
@@ -105,12 +103,12 @@ def _collect(robot: PlacedRobot, held: Sequence[Held]) -> RobotBodies:
 
 def _parts(robot: PlacedRobot, joints: JointTable) -> tuple[Solid, ...]:
     return tuple(
-        carried_solid(
+        Solid(
             f"{entity(robot.name, part.group)}:{part.body.name}",
             part.body,
+            np.eye(4),
             joints,
             part.joint,
-            np.eye(4),
         )
         for part in robot.model.parts
     )

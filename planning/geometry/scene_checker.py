@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
-from operator import is_
 
 import numpy as np
 
 from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell, WorldState
 from planning.geometry.clearing import BOX, HIT, SELF, Scene, find_undecided
-from planning.geometry.exact import (
-    Solid,
-    come_close,
-    come_close_together,
-    distance_at,
-)
+from planning.geometry.exact import Solid, come_close, come_close_together, distance_at
 from planning.geometry.robot_bodies import Held, held_by, robot_bodies
 from planning.geometry.separation import room_for
 from planning.geometry.standing import StandingBoxes, stand_boxes, stand_robots
@@ -231,71 +224,39 @@ class SceneChecker:
 _NO_PROBES = np.empty(0)
 
 
-@dataclass(frozen=True)
-class _Sorted:
-    """Objects of a cell by who holds them, and what that was worked out from."""
-
-    fixtures: tuple[Fixture, ...]
-    objects: tuple[CellObject, ...]
-    names: list[str]
-    places: list[Attachment]
-    boxes: StandingBoxes
-    held: list[Held]
-
-    def holds_for(self, cell: Workcell, state: WorldState) -> bool:
-        return (
-            self.fixtures is cell.fixtures
-            and self.objects is cell.objects
-            and len(self.places) == len(state.attachments)
-            and all(map(is_, self.places, state.attachments.values()))
-            and self.names == list(state.attachments)
-        )
-
-
-_SORTED: deque[_Sorted] = deque(maxlen=4)
-
-
 def _surroundings(
     cell: Workcell, robot: str, state: WorldState
 ) -> tuple[Sequence[Held], StandingBoxes]:
     """Return what a robot holds, and all boxes at rest or in the hands of the others."""
-    around = _sort_objects(cell, state)
-    boxes = around.boxes
-    for item, at in around.held:
+    places = tuple(state.attachments.items())
+    held, boxes = _sort_objects(cell.fixtures, cell.objects, places)
+    for item, at in held:
         if at.holder is not None and at.holder != robot:
             hand = frame_pose(cell.robot(at.holder), state.configurations[at.holder])
             there = (item.name, item.body, item.size, hand @ at.pose)
             boxes = boxes.plus([there])
-    return held_by(robot, around.held), boxes
+    return held_by(robot, held), boxes
 
 
-def _sort_objects(cell: Workcell, state: WorldState) -> _Sorted:
-    """Return the fixtures of a cell and its objects at rest, and those that robots hold.
+@lru_cache(maxsize=4)
+def _sort_objects(
+    fixtures: tuple[Fixture, ...],
+    objects: tuple[CellObject, ...],
+    places: tuple[tuple[str, Attachment], ...],
+) -> tuple[list[Held], StandingBoxes]:
+    """Return the objects that robots hold; fixtures and objects at rest.
 
     Robots move far more often than objects: the last few answers are remembered.
     """
-    for known in tuple(_SORTED):
-        if known.holds_for(cell, state):
-            return known
-    boxes, held = [], []
-    for item in cell.objects:
-        at = state.attachments.get(item.name)
-        if at is None:
-            continue
-        if at.holder is None:
-            boxes.append((item.name, item.body, item.size, at.pose))
-        else:
-            held.append((item, at))
-    found = _Sorted(
-        cell.fixtures,
-        cell.objects,
-        list(state.attachments),
-        list(state.attachments.values()),
-        stand_boxes(cell, boxes),
-        held,
-    )
-    _SORTED.appendleft(found)
-    return found
+    where = dict(places)
+    there = [(item, where[item.name]) for item in objects if item.name in where]
+    boxes = [
+        (item.name, item.body, item.size, at.pose)
+        for item, at in there
+        if at.holder is None
+    ]
+    held = [(item, at) for item, at in there if at.holder is not None]
+    return held, stand_boxes(fixtures, boxes)
 
 
 @lru_cache

@@ -8,12 +8,7 @@ import numpy as np
 
 from planning.geometry.exact import TOLERANCE
 from planning.geometry.gjk import BETWEEN, CLOSE, FAR, TOO_CLOSE, gap_class
-from planning.geometry.hull_table import (
-    AT_REST,
-    HullTable,
-    place_corners,
-    stray,
-)
+from planning.geometry.hull_table import AT_REST, HullTable, place_corners, stray
 from planning.kernels import ZERO, inner_kernel
 from planning.kinematics.chain import pose_joints
 from planning.packed import packed

@@ -16,7 +16,7 @@ import numpy as np
 
 from planning.cell.body import ConvexBody
 from planning.cell.joint_table import NO_JOINTS
-from planning.cell.workcell import PlacedRobot, Workcell
+from planning.cell.workcell import Fixture, PlacedRobot
 from planning.geometry.exact import Solid, resting_solid
 from planning.geometry.hull_table import AT_REST, HullTable, standing_hulls
 from planning.geometry.robot_bodies import robot_bodies
@@ -58,7 +58,8 @@ class _Places:
 
     def _add(self, body: ConvexBody, size: Array, pose: Transform) -> int:
         row, used = self.count, self.corners_used
-        corners = body.vertices @ pose[:3, :3].T + pose[:3, 3]
+        solid = resting_solid(body.name, body, pose)
+        corners = solid.vertices
         if row == len(self.pose):
             self.pose, self.half, self.bounds = (
                 _grown(self.pose),
@@ -80,7 +81,7 @@ class _Places:
         self.corners_used = used + len(corners)
         self.corner_first[row + 1] = self.corners_used
         self.most_corners = max(self.most_corners, len(corners))
-        self.solids.append(resting_solid(body.name, body, pose))
+        self.solids.append(solid)
         self.count += 1
         return row
 
@@ -182,15 +183,16 @@ class StandingBoxes:
 
 
 def stand_boxes(
-    cell: Workcell, boxes: Iterable[tuple[str, ConvexBody, Array, Transform]]
+    fixtures: Sequence[Fixture],
+    boxes: Iterable[tuple[str, ConvexBody, Array, Transform]],
 ) -> StandingBoxes:
-    """Return the fixtures of a cell and some objects, each with name, body, size and pose."""
+    """Return fixtures and some objects, each with name, body, size and pose."""
     global _places
     if _places.count >= _MOST_PLACES:
         _places = _Places()
-    empty = StandingBoxes((), np.empty(0, dtype=np.int64), len(cell.fixtures), _places)
-    fixtures = [(f.name, f.body, f.size, f.pose) for f in cell.fixtures]
-    return empty.plus([*fixtures, *boxes])
+    empty = StandingBoxes((), np.empty(0, dtype=np.int64), len(fixtures), _places)
+    still = [(f.name, f.body, f.size, f.pose) for f in fixtures]
+    return empty.plus([*still, *boxes])
 
 
 class StandingRobots(NamedTuple):

@@ -11,7 +11,7 @@ from planning.geometry.hull_table import HullTable
 from planning.geometry.swept import place_capsules
 from planning.kernels import inner_kernel
 from planning.packed import packed
-from planning.transforms import Array, Indices
+from planning.transforms import Array
 
 SKIP = -1.0
 """In a table of limits: this pair is never checked."""
@@ -25,8 +25,6 @@ class SweptBodies(NamedTuple):
 
     Attributes:
         hulls: the bodies, on that stretch.
-        radius: of the capsules, shape (c,) [m].
-        first: capsules of body o are ``first[o]:first[o + 1]``, shape (o + 1,).
         start, end: capsules in the middle of the stretch, shape (c, 3) [m].
         moved: how far they stray from there, see ``place_capsules``, shape (c, n + 1) [m].
         box: least and greatest corner of each body, shape (o, 6) [m].
@@ -34,8 +32,6 @@ class SweptBodies(NamedTuple):
     """
 
     hulls: HullTable
-    radius: Array
-    first: Indices
     start: Array
     end: Array
     moved: Array
@@ -49,8 +45,6 @@ def make_swept(hulls: HullTable) -> SweptBodies:
     n, capsules = hulls.q_a.shape[1], len(hulls.radius)
     swept = SweptBodies(
         hulls.on_a_motion(),
-        hulls.radius,
-        hulls.capsule_first,
         np.empty((capsules, 3)),
         np.empty((capsules, 3)),
         np.zeros((capsules, n + 1)),
@@ -70,9 +64,7 @@ def stand_still(hulls: HullTable) -> SweptBodies:
         [np.minimum.reduceat(low, first[:-1]), np.maximum.reduceat(high, first[:-1])]
     )
     moved, poses, middle = np.zeros((len(start), 1)), np.empty((1, 4, 4)), np.empty(0)
-    return packed(
-        SweptBodies(hulls, hulls.radius, first, start, end, moved, box, poses, middle)
-    )
+    return packed(SweptBodies(hulls, start, end, moved, box, poses, middle))
 
 
 @inner_kernel
@@ -94,7 +86,8 @@ def sweep_bodies(
     bodies: SweptBodies, q_a: Array, q_b: Array, lo: float, hi: float
 ) -> None:
     """Sweep a robot's bodies along a stretch of a straight motion; see ``go_along``."""
-    hulls, first, radius = bodies.hulls, bodies.first, bodies.radius
+    hulls = bodies.hulls
+    first, radius = hulls.capsule_first, hulls.radius
     start, end, moved, box = bodies.start, bodies.end, bodies.moved, bodies.box
     go_along(hulls, q_a, q_b, lo, hi)
     place_capsules(
@@ -140,10 +133,12 @@ def strays_where_they_meet(
         The largest sum of what two such capsules stray [m], NOWHERE where there are none.
     """
     strayed = NOWHERE
-    for c in range(a.first[i], a.first[i + 1]):
-        for d in range(b.first[j], b.first[j + 1]):
+    a_first, b_first = a.hulls.capsule_first, b.hulls.capsule_first
+    a_radius, b_radius = a.hulls.radius, b.hulls.radius
+    for c in range(a_first[i], a_first[i + 1]):
+        for d in range(b_first[j], b_first[j + 1]):
             both = a.moved[c, root] + b.moved[d, root]
-            near = a.radius[c] + b.radius[d] + both + limit
+            near = a_radius[c] + b_radius[d] + both + limit
             gap = segment_segment(a.start[c], a.end[c], b.start[d], b.end[d])
             if gap <= near * near:
                 strayed = max(strayed, both)

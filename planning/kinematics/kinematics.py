@@ -15,21 +15,8 @@ from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
 from planning.kept_answers import KeptAnswers
 from planning.kinematics.chain import pose_joints
-from planning.kinematics.damped_least_squares import (
-    TOLERANCE,
-    follow_targets,
-    solve_from,
-)
+from planning.kinematics.damped_least_squares import follow_targets, solve_from
 from planning.transforms import Array, Transform, identity, inverse
-
-__all__ = [
-    "TOLERANCE",
-    "follow_poses",
-    "forget_solutions",
-    "frame_in_last_joint",
-    "frame_pose",
-    "inverse_kinematics",
-]
 
 _SOLVED: KeptAnswers[list[Array]] = KeptAnswers(20_000)
 """Answers given: the same poses are asked for again and again while candidates are sought."""
@@ -168,13 +155,7 @@ def follow_poses(
     done = 1
     while done < len(targets):
         first = done
-        done = follow_targets(
-            joints,
-            tips,
-            wanted,
-            chain,
-            done,
-        )
+        done = follow_targets(joints, tips, wanted, chain, done)
         yield from chain[first:done]
         if done < len(targets):
             others = inverse_kinematics(
@@ -208,12 +189,7 @@ def _solve(
         )
     found = np.empty_like(starts)
     count = solve_from(
-        joint_table(model),
-        tip,
-        wanted,
-        np.array(seed, dtype=np.float64),
-        starts,
-        found,
+        joint_table(model), tip, wanted, np.array(seed, dtype=np.float64), starts, found
     )
     solutions = found[:count]
     order = np.argsort(np.abs(solutions - seed).sum(axis=1), kind="stable")

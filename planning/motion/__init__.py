@@ -1,4 +1,4 @@
-"""Motion between skills: transits, speeds, sequential and synchronous plans.
+"""Motion between skills: transits, speeds, sequential plans, robots that move as one.
 
 Imports cell, geometry and tasks.
 """

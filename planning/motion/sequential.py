@@ -177,10 +177,7 @@ def _plan_transit(
 
 
 def _check_skill(
-    cell: Workcell,
-    task: Task,
-    allowed: Sequence[AllowedContact],
-    now: _Progress,
+    cell: Workcell, task: Task, allowed: Sequence[AllowedContact], now: _Progress
 ) -> Array:
     """Return the reference path with its start, after checking every stretch of it."""
     path = np.vstack([now.state.configurations[task.robot], task.path])

@@ -10,7 +10,7 @@ import numpy as np
 
 from planning.cell.joint_table import chain_table
 from planning.cell.robot_model import KinematicChain, LinkPart
-from planning.geometry.exact import carried_solid, distance_at
+from planning.geometry.exact import Solid, distance_at
 from planning.transforms import Array
 
 _SAMPLES = 60
@@ -49,7 +49,7 @@ def never_colliding_pairs(
         else:
             left.append(pair)
     joints = chain_table(chain, lower, upper)
-    hulls = [carried_solid("", p.body, joints, p.joint, np.eye(4)) for p in parts]
+    hulls = [Solid("", p.body, np.eye(4), joints, p.joint) for p in parts]
 
     def distance(pair: tuple[int, int], q: Array) -> float:
         return distance_at(hulls[pair[0]], q, hulls[pair[1]], q)

@@ -113,7 +113,7 @@ class SkillScene:
     def _at_rest(self) -> StandingBoxes:
         handed = None if self.handed is None else self.handed[0]
         return stand_boxes(
-            self.cell,
+            self.cell.fixtures,
             [
                 (name, item.body, item.size, at.pose)
                 for name, (item, at) in self.objects.items()

@@ -19,13 +19,8 @@ import numpy as np
 from planning.cell.body import ConvexBody
 from planning.cell.joint_table import placed_joints
 from planning.cell.workcell import PlacedRobot, Workcell
-from planning.geometry.exact import Solid, carried_solid, resting_solid
-from planning.geometry.hull_table import (
-    HullTable,
-    hull_table,
-    placed_capsules,
-    standing_hulls,
-)
+from planning.geometry.exact import Solid, resting_solid
+from planning.geometry.hull_table import HullTable, hull_table, standing_hulls
 from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.swept import bound_travel
 from planning.packed import packed
@@ -111,13 +106,11 @@ def _with_ball(
     hulls = robot_bodies(robot).hulls
     if not held:
         return hulls
-    poses = [robot.model.flange @ pose for _, pose in held]
-    placed = [
-        placed_capsules(body, pose) for (body, _), pose in zip(held, poses, strict=True)
-    ]
-    ends = np.concatenate([end for p in placed for end in p[:2]])
-    radius = np.concatenate([np.tile(p[2], 2) for p in placed])[:, None]
-    low, high = (ends - radius).min(axis=0), (ends + radius).max(axis=0)
+    loads = [Solid("", body, robot.model.flange @ pose) for body, pose in held]
+    ends = np.concatenate([load.ends for load in loads])
+    radius = np.concatenate([load.body.capsules.radius for load in loads])
+    low = (ends - radius[:, None, None]).min(axis=(0, 1))
+    high = (ends + radius[:, None, None]).max(axis=(0, 1))
     centre = 0.5 * (low + high)
     with_ball = hulls._replace(
         joint=np.append(hulls.joint, robot.model.dof - 1),
@@ -279,7 +272,7 @@ def _assemble(
         if span.carried:
             local = robot.model.flange @ span.pose
             joint = robot.model.dof - 1
-            item = carried_solid(span.object, body, joints, joint, local)
+            item = Solid(span.object, body, local, joints, joint)
         else:
             item = resting_solid(span.object, body, span.pose)
         entity[first:stop, own.parts + slot] = entities[span.object]

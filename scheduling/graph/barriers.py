@@ -7,11 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from planning.errors import PlanInvariantError
-from planning.transforms import Indices
-from scheduling.graph.temporal_plan_graph import (
-    TASK_DEPENDENCY,
-    TemporalPlanGraph,
-)
+from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
 
 
 def with_barriers(
@@ -52,14 +48,8 @@ def with_barriers(
             rows[:, 0], rows[:, 1] = i, last[new]
             rows[:, 2], rows[:, 3] = k, entries[new]
             edges.append(rows)
-    return _with_edges(tpg, np.concatenate(edges), cause)
-
-
-def _with_edges(
-    tpg: TemporalPlanGraph, edges: Indices, added: int
-) -> TemporalPlanGraph:
-    """Return the graph with these edges, its own ones first, each once."""
-    cause = np.full(len(edges), added, dtype=np.uint8)
-    cause[: len(tpg.edges)] = tpg.cause
-    unique, first = np.unique(edges, axis=0, return_index=True)
-    return replace(tpg, edges=unique, cause=cause[first])
+    # Each once, its own ones first.
+    unique, first = np.unique(np.concatenate(edges), axis=0, return_index=True)
+    causes = np.full(sum(map(len, edges)), cause, dtype=np.uint8)
+    causes[: len(tpg.edges)] = tpg.cause
+    return replace(tpg, edges=unique, cause=causes[first])

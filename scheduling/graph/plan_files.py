@@ -197,10 +197,7 @@ def graph_document(tpg: TemporalPlanGraph) -> tuple[Document, Arrays]:
 
 
 def graph_of(
-    document: Document,
-    arrays: Arrays,
-    models: Mapping[str, RobotModel],
-    folder: Path,
+    document: Document, arrays: Arrays, models: Mapping[str, RobotModel], folder: Path
 ) -> TemporalPlanGraph:
     """Return the graph that a document and arrays describe.
 

@@ -79,10 +79,7 @@ def earliest_times(
 
 
 def latest_ends(
-    tpg: TemporalPlanGraph,
-    rollout: Rollout,
-    *,
-    ranks: Sequence[Indices] | None = None,
+    tpg: TemporalPlanGraph, rollout: Rollout, *, ranks: Sequence[Indices] | None = None
 ) -> list[Array]:
     """Return the latest end of every node that keeps the makespan [s].
 

@@ -119,8 +119,7 @@ def put_in_order(
             chain, which = chains[u.chain], slice(u.first, u.stop)
             planned[u.chain][which] = clock + (chain.planned_start[which] - begin)
             latest = max(
-                latest,
-                float(planned[u.chain][u.stop - 1] + chain.duration[u.stop - 1]),
+                latest, float(planned[u.chain][u.stop - 1] + chain.duration[u.stop - 1])
             )
         clock = latest + _APART
     return tuple(

@@ -113,12 +113,7 @@ def _straighten(path: Array, joint: int) -> Array:
 
 
 def new_nodes(
-    chain: NodeChain,
-    first: int,
-    last: int,
-    path: Array,
-    speed: SpeedModel,
-    step: float,
+    chain: NodeChain, first: int, last: int, path: Array, speed: SpeedModel, step: float
 ) -> NodeChain:
     """Return the nodes of a path, as a chain of their own.
 

@@ -276,10 +276,7 @@ def unsettled(
         row, column = int(rows[k]), int(columns[k])
         i, j = int(x.pieces[row]), int(y.pieces[column])
         gap = measure(
-            x.part,
-            a.frames[i, x.part.joint + 1],
-            y.part,
-            b.frames[j, y.part.joint + 1],
+            x.part, a.frames[i, x.part.joint + 1], y.part, b.frames[j, y.part.joint + 1]
         )
         left = gap - _displaced(x, row, rows) - _displaced(y, column, columns)
         unsettled = left < limit - TOLERANCE

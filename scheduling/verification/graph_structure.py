@@ -70,9 +70,7 @@ class Problem:
     distance_m: float = math.nan
 
 
-def check_structure(
-    tpg: TemporalPlanGraph,
-) -> tuple[Precedence | None, list[Problem]]:
+def check_structure(tpg: TemporalPlanGraph) -> tuple[Precedence | None, list[Problem]]:
     """Check order, handlings and dependencies.
 
     Args:

@@ -71,10 +71,7 @@ class VerificationReport:
 
 
 def verify_plan(
-    tpg: TemporalPlanGraph,
-    *,
-    limit: int = 100,
-    progress: Progress | None = None,
+    tpg: TemporalPlanGraph, *, limit: int = 100, progress: Progress | None = None
 ) -> VerificationReport:
     """Check a plan from scratch.
 

@@ -19,7 +19,6 @@ from planning.cell.workcell import Attachment
 from planning.geometry.exact import (
     TOLERANCE,
     Solid,
-    carried_solid,
     come_close,
     distance_at,
     place,
@@ -151,7 +150,7 @@ class PlainGraph:
         return [
             Piece(
                 f"{name}/{p.group}",
-                carried_solid("", p.body, self.joints[r], p.joint, np.eye(4)),
+                Solid("", p.body, np.eye(4), self.joints[r], p.joint),
                 q_a,
                 q_b,
             )
@@ -162,7 +161,7 @@ class PlainGraph:
         model = self.tpg.cell.robot(self.tpg.chains[r].robot).model
         local = model.flange @ pose
         body = self.tpg.cell.object(name).body
-        solid = carried_solid(name, body, self.joints[r], model.dof - 1, local)
+        solid = Solid(name, body, local, self.joints[r], model.dof - 1)
         return Piece(name, solid, q_a, q_b)
 
     def task(self, node: Node) -> int:

@@ -18,14 +18,17 @@ from planning.motion.composite import CompositeChecker
 from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import L1Speed
-from planning.motion.synchronous import SynchronousPlan, plan_synchronous
 from planning.motion.transit import RrtConnect
 from planning.transforms import Array
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.ordering.task_conflicts import SweptTaskConflicts
+from scheduling.ordering.synchronous import (
+    SynchronousPlan,
+    TaskConflicts,
+    plan_synchronous,
+)
 from tests.scheduling.algorithm_one import PlainGraph
 from tests.scheduling.mini_world import planar_cell, random_plan
 from tests.scheduling.random_dispatch import run_at_random
@@ -43,9 +46,7 @@ def motion_settings(cell: Workcell, seed: int = 0) -> MotionSettings:
 
 
 def in_slots(plan: MotionPlan, seed: int = 0) -> SynchronousPlan:
-    return plan_synchronous(
-        plan, motion_settings(plan.cell, seed), SweptTaskConflicts(plan)
-    )
+    return plan_synchronous(plan, motion_settings(plan.cell, seed), TaskConflicts(plan))
 
 
 def graph_of(plan: SynchronousPlan) -> TemporalPlanGraph:

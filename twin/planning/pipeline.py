@@ -13,14 +13,17 @@ from planning.errors import ScenarioError
 from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import JointSpeed, L1Speed, SpeedModel
-from planning.motion.synchronous import SynchronousPlan, plan_synchronous
 from planning.motion.transit import RrtConnect
 from planning.transforms import Indices
 from scheduling.build_nodes import build_nodes
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.ordering.reordering import reorder_tasks
-from scheduling.ordering.task_conflicts import SweptTaskConflicts
+from scheduling.ordering.synchronous import (
+    SynchronousPlan,
+    TaskConflicts,
+    plan_synchronous,
+)
 from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.host.progress import Report, StageWatch, report_nothing
 from twin.planning.build_workcell import build_workcell
@@ -139,7 +142,7 @@ def plan_in_slots(turns: PlannedMotions, watch: StageWatch) -> SynchronousPlan:
         return plan_synchronous(
             turns.motion_plan,
             turns.settings,
-            SweptTaskConflicts(turns.motion_plan),
+            TaskConflicts(turns.motion_plan),
             watch.reporter(SLOTS),
         )
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from planning.cell.robot_model import KinematicChain, RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
+from planning.kinematics.damped_least_squares import TOLERANCE
 from planning.kinematics.kinematics import (
-    TOLERANCE,
     follow_poses,
     frame_pose,
     inverse_kinematics,

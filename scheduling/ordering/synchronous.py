@@ -8,9 +8,9 @@ transits that would collide are planned as one robot, in lock step.
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -24,21 +24,43 @@ from planning.motion.transit import RrtConnect
 from planning.tasks.task import TRANSIT
 from planning.tasks.world_progress import apply_handlings, move_robot
 from planning.transforms import Indices
+from scheduling.build_nodes import build_nodes
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.ordering.relations import TaskRelations
 
 _SHORTEST = 1e-3
 """A slot in which nobody moves takes this long, so that slots do not start at once [s]."""
 
 
-class TaskConflicts(Protocol):
-    """Tells which parts of a sequential plan get into each other's way.
+class TaskConflicts:
+    """Tells which parts of a sequential plan get into each other's way, by what nodes occupy.
 
     Tasks are given by index. Motions are those of the sequential plan, with what is carried,
     picked up and put down; contacts that the plan allows are no conflicts.
+
+    Args:
+        plan: the sequential plan.
     """
+
+    def __init__(self, plan: MotionPlan) -> None:
+        tpg = build_nodes(plan)
+        self._chain = tpg.chain_index
+        self._relations = TaskRelations(DerivedTpg(tpg))
+        units = self._relations.units
+        self._unit = {unit.task: k for k, unit in enumerate(units)}
+        self._of_chain = [
+            [units[k].task for k in own] for own in self._relations.of_chain
+        ]
+        self._robot_tasks = {
+            robot.name: [t.index for t in plan.tasks if t.robot == robot.name]
+            for robot in plan.cell.robots
+        }
 
     def sweeps(self, first: int, second: int) -> bool:
         """Tell whether two tasks of different robots conflict if done at any times."""
-        ...
+        if first not in self._unit or second not in self._unit:
+            return False
+        return not self._relations.sweeps_clear(self._unit[first], self._unit[second])
 
     def hold(self, robot: str, after: int | None, task: int) -> bool:
         """Tell whether a task runs into a robot that stands where one of its tasks ended.
@@ -48,15 +70,34 @@ class TaskConflicts(Protocol):
             after: its task, None for before its first.
             task: a task of another robot.
         """
-        ...
+        own = self._robot_tasks[robot]
+        before = own[: bisect_left(own, task)]
+        if task not in self._unit or after == (before[-1] if before else None):
+            # The sequential plan has it stand there during the task.
+            return False
+        if robot not in self._chain:
+            return not self._relations.idle_clear(robot, self._unit[task])
+        chain = self._chain[robot]
+        done = 0 if after is None else bisect_right(self._of_chain[chain], after)
+        return not self._relations.stands_clear(chain, done, self._unit[task])
 
     def left_behind(self, first: int, task: int) -> bool:
         """Tell whether a task runs into an object where the task ``first`` leaves it."""
-        ...
+        return self._rests_in_the_way(self._relations.left_by, first, task)
 
     def not_yet_taken(self, task: int, later: int) -> bool:
         """Tell whether a task runs into an object that the task ``later`` picks up."""
-        ...
+        return self._rests_in_the_way(self._relations.taken_by, later, task)
+
+    def _rests_in_the_way(
+        self, rests: dict[int, list[int]], other: int, task: int
+    ) -> bool:
+        if other not in self._unit or task not in self._unit:
+            return False
+        return not all(
+            self._relations.rest_clear(number, self._unit[task])
+            for number in rests.get(self._unit[other], ())
+        )
 
 
 @dataclass(frozen=True)

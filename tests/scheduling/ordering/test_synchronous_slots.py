@@ -12,8 +12,8 @@ from planning.errors import TransitError
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import L1Speed
-from planning.motion.synchronous import SynchronousPlan, plan_synchronous
 from planning.tasks.task import Task
+from scheduling.ordering.synchronous import SynchronousPlan, plan_synchronous
 from tests.scheduling.mini_world import planar_cell
 
 
