@@ -67,16 +67,18 @@ class Body:
     """A part in the pieces in which it is there.
 
     Attributes:
+        robot: the robot.
         part: the part.
-        robot: True for a part of the robot, False for a load.
+        load: whether it is carried and no part of the robot.
         pieces: which ones, rising, shape (k,).
         turn: rotation of its joint in the middle of each piece, shape (k, 9).
         centre: of the sphere around it in the middle of each piece, shape (k, 3) [m].
         radius: of that sphere, grown by the motion within the piece, shape (k,) [m].
     """
 
+    robot: RobotBodies
     part: Part
-    robot: bool
+    load: bool
     pieces: Indices
     turn: Array
     centre: Array
@@ -125,7 +127,7 @@ class RobotBodies:
         middle = 0.5 * (self.pieces.q_a + self.pieces.q_b)
         self.frames = robot.joint_frames_along(middle)
         everywhere = np.arange(len(self.pieces))
-        self.bodies = [self._body(p, True, everywhere) for p in self.robot.parts]
+        self.bodies = [self._body(p, False, everywhere) for p in self.robot.parts]
         for c, part in loads:
             since = self.pieces.moment(*c.start)
             until = self.pieces.moment(*c.end)
@@ -135,15 +137,15 @@ class RobotBodies:
             if c.fetched:
                 inside &= ~(self.pieces.standing & (self.pieces.until == until))
             if np.any(inside):
-                self.bodies.append(self._body(part, False, np.flatnonzero(inside)))
+                self.bodies.append(self._body(part, True, np.flatnonzero(inside)))
 
-    def _body(self, part: Part, robot: bool, pieces: Indices) -> Body:
+    def _body(self, part: Part, load: bool, pieces: Indices) -> Body:
         frames = self.frames[pieces, part.joint + 1]
         centre = frames[:, :3, :3] @ part.centre + frames[:, :3, 3]
         step = np.abs(self.pieces.q_b[pieces] - self.pieces.q_a[pieces])
         radius = part.radius + 0.5 * step @ part.weight
         turn = frames[:, :3, :3].reshape(-1, 9)
-        return Body(part, robot, pieces, turn, centre, radius)
+        return Body(self, part, load, pieces, turn, centre, radius)
 
 
 def _standing_for_ever(home: Array) -> Pieces:
@@ -208,29 +210,25 @@ def _cut(chain: NodeChain, weights: Array) -> Pieces:
 _BLOCK = 48
 
 
-def over_before(a: RobotBodies, b: RobotBodies, precedence: Precedence) -> Indices:
-    """Return, per piece of b, how many first nodes of a are complete before it may begin."""
-    begin = b.pieces.begin
-    if a.chain is None or b.chain is None:
+def over_before(
+    chain: int | None, robot: RobotBodies, precedence: Precedence
+) -> Indices:
+    """Return, per piece of a robot, how many first nodes of a chain are complete before it."""
+    begin = robot.pieces.begin
+    if chain is None or robot.chain is None:
         return np.zeros(len(begin), dtype=np.int64)
-    known = precedence.complete[a.chain][b.chain]
+    known = precedence.complete[chain][robot.chain]
     return np.where(begin >= 0, known[np.maximum(begin, 0)], 0)
 
 
 def close_pairs(
-    pieces_a: Pieces,
-    x: Body,
-    pieces_b: Pieces,
-    y: Body,
-    past_a: Indices,
-    past_b: Indices,
-    limit: float,
+    x: Body, y: Body, past_a: Indices, past_b: Indices, limit: float
 ) -> Iterator[tuple[Indices, Indices]]:
     """Yield pairs of pieces that may happen at once and in which two spheres come close.
 
     They come in groups, as positions in ``x.pieces`` and in ``y.pieces``.
     """
-    end_a, end_b = pieces_a.end[x.pieces], pieces_b.end[y.pieces]
+    end_a, end_b = x.robot.pieces.end[x.pieces], y.robot.pieces.end[y.pieces]
     past_a, past_b = past_a[y.pieces], past_b[x.pieces]
     for k in range(0, len(x.pieces), _BLOCK):
         block = slice(k, k + _BLOCK)
@@ -258,12 +256,7 @@ def close_pairs(
 
 
 def unsettled(
-    a: RobotBodies,
-    x: Body,
-    b: RobotBodies,
-    y: Body,
-    close: tuple[Indices, Indices],
-    limit: float,
+    x: Body, y: Body, close: tuple[Indices, Indices], limit: float
 ) -> Iterator[tuple[int, int]]:
     """Yield the pairs of pieces that one measurement for many of them does not settle.
 
@@ -275,9 +268,9 @@ def unsettled(
         k = len(rows) // 2
         row, column = int(rows[k]), int(columns[k])
         i, j = int(x.pieces[row]), int(y.pieces[column])
-        gap = measure(
-            x.part, a.frames[i, x.part.joint + 1], y.part, b.frames[j, y.part.joint + 1]
-        )
+        frame_x = x.robot.frames[i, x.part.joint + 1]
+        frame_y = y.robot.frames[j, y.part.joint + 1]
+        gap = measure(x.part, frame_x, y.part, frame_y)
         left = gap - _displaced(x, row, rows) - _displaced(y, column, columns)
         unsettled = left < limit - TOLERANCE
         if unsettled[k]:
@@ -317,7 +310,5 @@ def while_there(
         if chain == robot.chain:
             out &= pieces.since < pieces.moment(node, waypoint)
         else:
-            known = precedence.complete[chain][robot.chain]
-            done = np.where(pieces.begin >= 0, known[np.maximum(pieces.begin, 0)], 0)
-            out &= done <= node
+            out &= over_before(chain, robot, precedence) <= node
     return out

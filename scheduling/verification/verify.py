@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import combinations, product
 from typing import NamedTuple
@@ -21,7 +21,7 @@ import numpy as np
 from planning.transforms import Array, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.bodies import (
-    Pieces,
+    Body,
     RobotBodies,
     close_pairs,
     over_before,
@@ -44,6 +44,15 @@ from scheduling.verification.reference import (
 )
 
 __all__ = ["Moment", "Problem", "VerificationReport", "verify_plan"]
+
+
+_FINEST = 1e-5
+
+_Key = tuple[int, int, bool, bool]
+"""Nodes of both sides, and whether each robot stands before its node."""
+
+Progress = Callable[[int, int], None]
+"""Called with the pairs of robots (or robots and resting things) done so far, and their number."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +90,7 @@ def verify_plan(
         progress: told how far it has come.
     """
     precedence, problems = check_structure(tpg)
-    check = ClearanceCheck(tpg, limit - len(problems), progress)
+    check = _ClearanceCheck(tpg, limit - len(problems), progress)
     if precedence is not None:
         check.run(precedence)
     return VerificationReport(
@@ -92,16 +101,7 @@ def verify_plan(
     )
 
 
-_FINEST = 1e-5
-
-_Key = tuple[int, int, bool, bool]
-"""Nodes of both sides, and whether each robot stands before its node."""
-
-Progress = Callable[[int, int], None]
-"""Called with the pairs of robots (or robots and resting things) done so far, and their number."""
-
-
-class ClearanceCheck:
+class _ClearanceCheck:
     """Measures all pairs of pieces that may happen at once.
 
     Args:
@@ -158,41 +158,33 @@ class ClearanceCheck:
 
     def _robots(self, a: RobotBodies, b: RobotBodies, precedence: Precedence) -> None:
         # Per piece of one robot: nodes of the other that are over before it.
-        past_a = over_before(a, b, precedence)
-        past_b = over_before(b, a, precedence)
+        past_a = over_before(a.chain, b, precedence)
+        past_b = over_before(b.chain, a, precedence)
         low = np.searchsorted(b.pieces.end, past_b)
         high = np.searchsorted(past_a, a.pieces.end, side="right")
         self.pairs += int(np.maximum(high - low, 0).sum())
         seen: dict[_Key, Problem] = {}
         clearances = self.tpg.cell.clearances
         for x, y in product(a.bodies, b.bodies):
-            both = x.robot and y.robot
-            limit = clearances.robot_robot if both else clearances.robot_object
-            for close in close_pairs(a.pieces, x, b.pieces, y, past_a, past_b, limit):
+            loaded = x.load or y.load
+            limit = clearances.robot_object if loaded else clearances.robot_robot
+            for close in close_pairs(x, y, past_a, past_b, limit):
                 if len(self.problems) + len(seen) >= self.limit:
                     break
-                for i, j in unsettled(a, x, b, y, close, limit):
-                    key = _key_of(a.pieces, i, b.pieces, j)
-                    if key in seen or self._may_touch(
-                        x.part.entity,
-                        y.part.entity,
-                        a.pieces.tasks[i].tolist(),
-                        b.pieces.tasks[j].tolist(),
-                    ):
-                        continue
-                    sides = _side(a, x.part, i), _side(b, y.part, j)
-                    found = self._closer(sides, limit, between_robots=both)
-                    if found is not None:
-                        first, second = (
-                            _moment_of(a, x.part, i),
-                            _moment_of(b, y.part, j),
-                        )
-                        seen[key] = _conflict(first, second, found)
+                for i, j in unsettled(x, y, close, limit):
+                    self._check((_side(x, i), _side(y, j)), limit, seen, not loaded)
         self.problems += _without_repeats(seen)
 
     def _rest(self, robot: RobotBodies, rest: Resting, precedence: Precedence) -> None:
-        part = resting_part(rest.object, rest.size, rest.pose)
-        still = _Side(None, part, np.zeros(0), np.zeros(0), np.eye(4))
+        still = _Side(
+            None,
+            resting_part(rest.object, rest.size, rest.pose),
+            np.zeros(0),
+            np.zeros(0),
+            np.eye(4),
+            Moment(None, -1, -1, True, rest.object),
+            rest.tasks,
+        )
         fixture = any(f.name == rest.object for f in self.tpg.cell.fixtures)
         there = while_there(robot, rest, precedence)
         self.pairs += int(there.sum())
@@ -200,7 +192,7 @@ class ClearanceCheck:
         inverse = rest.pose[:3, :3]
         seen: dict[_Key, Problem] = {}
         for x in robot.bodies:
-            if x.part.entity == rest.object or (fixture and x.part.joint < 0):
+            if fixture and x.part.joint < 0:
                 continue
             local = (x.centre - rest.pose[:3, 3]) @ inverse
             out = np.linalg.norm(
@@ -208,38 +200,34 @@ class ClearanceCheck:
             )
             close = (out < x.radius + limit) & there[x.pieces]
             for i in x.pieces[close].tolist():
-                tasks = robot.pieces.tasks[i].tolist()
-                key = (
-                    int(robot.pieces.node[i]),
-                    -1,
-                    bool(robot.pieces.standing[i]),
-                    True,
-                )
-                if key in seen or self._may_touch(
-                    x.part.entity, rest.object, tasks, rest.tasks
-                ):
-                    continue
-                found = self._closer((_side(robot, x.part, i), still), limit)
-                if found is not None:
-                    first = _moment_of(robot, x.part, i)
-                    second = Moment(None, -1, -1, True, rest.object)
-                    seen[key] = _conflict(first, second, found, kind="rest")
+                self._check((_side(x, i), still), limit, seen, False)
         self.problems += _without_repeats(seen)
 
-    def _may_touch(
-        self, x: str, y: str, x_tasks: Iterable[int], y_tasks: Iterable[int] | None
-    ) -> bool:
-        if x == y:
-            return True
-        for tasks in self.allowed.get(frozenset((x, y)), ()):
-            if tasks.isdisjoint(x_tasks):
-                continue
-            if y_tasks is None or not tasks.isdisjoint(y_tasks):
-                return True
-        return False
+    def _check(
+        self,
+        sides: tuple[_Side, _Side],
+        limit: float,
+        seen: dict[_Key, Problem],
+        between_robots: bool,
+    ) -> None:
+        """Note two sides that come too close, unless they may or are noted already."""
+        first, second = sides[0].moment, sides[1].moment
+        key = (first.node, second.node, first.standing, second.standing)
+        if key not in seen and not self._may_touch(*sides):
+            found = self._closer(sides, limit, between_robots)
+            if found is not None:
+                seen[key] = _conflict(first, second, found)
+
+    def _may_touch(self, a: _Side, b: _Side) -> bool:
+        x, y = a.part.entity, b.part.entity
+        return x == y or any(
+            (a.tasks is None or not tasks.isdisjoint(a.tasks))
+            and (b.tasks is None or not tasks.isdisjoint(b.tasks))
+            for tasks in self.allowed.get(frozenset((x, y)), ())
+        )
 
     def _closer(
-        self, sides: tuple[_Side, _Side], limit: float, *, between_robots: bool = False
+        self, sides: tuple[_Side, _Side], limit: float, between_robots: bool
     ) -> float | None:
         """Return a distance below the limit, None if there is none.
 
@@ -276,6 +264,8 @@ class _Side(NamedTuple):
         part: the part.
         q_a, q_b: where the motion begins and ends, shape (n,).
         frame: pose of the part's joint in the middle of the motion, shape (4, 4).
+        moment: as it is named in a problem.
+        tasks: that may allow a contact, None where that is for the other side to say.
     """
 
     robot: ReferenceRobot | None
@@ -283,6 +273,8 @@ class _Side(NamedTuple):
     q_a: Array
     q_b: Array
     frame: Transform
+    moment: Moment
+    tasks: tuple[int, ...] | None
 
     def moved(self) -> float:
         """Return how far the part gets at most from where it is in the middle [m]."""
@@ -297,47 +289,41 @@ class _Side(NamedTuple):
             yield self._replace(q_a=q_a, q_b=q_b, frame=frame)
 
 
-def _side(robot: RobotBodies, part: Part, piece: int) -> _Side:
-    pieces = robot.pieces
-    frame = robot.frames[piece, part.joint + 1]
-    return _Side(robot.robot, part, pieces.q_a[piece], pieces.q_b[piece], frame)
-
-
-def _moment_of(robot: RobotBodies, part: Part, piece: int) -> Moment:
-    """Return the side of a problem that a piece of a robot is."""
-    pieces = robot.pieces
-    standing = bool(pieces.standing[piece])
-    return Moment(
-        robot.name,
-        int(pieces.node[piece]),
-        int(pieces.tasks[piece, 1]),
-        standing,
-        part.entity,
+def _side(body: Body, piece: int) -> _Side:
+    robot, part, pieces = body.robot, body.part, body.robot.pieces
+    tasks = tuple(pieces.tasks[piece].tolist())
+    return _Side(
+        robot.robot,
+        part,
+        pieces.q_a[piece],
+        pieces.q_b[piece],
+        robot.frames[piece, part.joint + 1],
+        Moment(
+            robot.name,
+            int(pieces.node[piece]),
+            tasks[1],
+            bool(pieces.standing[piece]),
+            part.entity,
+        ),
+        tasks,
     )
 
 
-def _conflict(
-    first: Moment, second: Moment, distance: float, kind: str = ""
-) -> Problem:
+def _conflict(first: Moment, second: Moment, distance: float) -> Problem:
     """Return the problem of two sides that come too close."""
-    standing = first.standing or second.standing
     how = (
         f"overlap by {-distance * 1e3:.2f} mm"
         if distance < 0
         else f"come within {distance * 1e3:.2f} mm"
     )
+    kind = "hold" if first.standing or second.standing else "nodes"
     return Problem(
-        kind or ("hold" if standing else "nodes"),
+        "rest" if second.robot is None else kind,
         f"{first} and {second} {how}, and nothing keeps them apart",
         first,
         second,
         distance,
     )
-
-
-def _key_of(a: Pieces, i: int, b: Pieces, j: int) -> _Key:
-    """Return the key under which a pair of pieces is reported once."""
-    return int(a.node[i]), int(b.node[j]), bool(a.standing[i]), bool(b.standing[j])
 
 
 def _without_repeats(seen: dict[_Key, Problem]) -> list[Problem]:
