@@ -20,7 +20,7 @@ from planning.geometry.separation import (
     judge_hulls,
     pose_segments,
 )
-from planning.geometry.swept_bodies import (
+from planning.geometry.swept import (
     SweptBodies,
     strays_where_they_meet,
     sweep_bodies,

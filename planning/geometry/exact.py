@@ -16,10 +16,9 @@ import coal
 import numpy as np
 
 from planning.cell.body import ConvexBody
-from planning.cell.joint_table import JointTable
 from planning.kept_answers import KeptAnswers
 from planning.kernels import kernel
-from planning.kinematics.chain import joint_axis, pose_joints
+from planning.kinematics.chain import JointTable, joint_axis, pose_joints
 from planning.transforms import Array, Transform
 
 TOLERANCE = 2e-4

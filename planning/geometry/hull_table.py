@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from planning.cell.joint_table import NO_JOINTS, JointTable
 from planning.geometry.exact import Solid
 from planning.kernels import inner_kernel
-from planning.kinematics.chain import joint_axis
+from planning.kinematics.chain import NO_JOINTS, JointTable, joint_axis
 from planning.packed import packed
 from planning.transforms import Array, Indices
 

@@ -23,7 +23,7 @@ from planning.geometry.separation import (
     make_scratch,
     pose_segments,
 )
-from planning.geometry.swept_bodies import (
+from planning.geometry.swept import (
     NOWHERE,
     SKIP,
     SweptBodies,

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.cell.joint_table import JointTable, placed_joints
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import Attachment, CellObject, PlacedRobot
 from planning.geometry.exact import Solid
 from planning.geometry.hull_table import HullTable, hull_table
-from planning.geometry.swept_bodies import SKIP
+from planning.geometry.swept import SKIP
 from planning.kept_answers import KeptAnswers
+from planning.kinematics.chain import JointTable, placed_joints
 from planning.transforms import Array
 
 Held = tuple[CellObject, Attachment]

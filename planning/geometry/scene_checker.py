@@ -15,7 +15,7 @@ from planning.geometry.exact import Solid, come_close, come_close_together, dist
 from planning.geometry.robot_bodies import Held, held_by, robot_bodies
 from planning.geometry.separation import room_for
 from planning.geometry.standing import StandingBoxes, stand_boxes, stand_robots
-from planning.geometry.swept_bodies import SKIP, make_swept
+from planning.geometry.swept import SKIP, make_swept
 from planning.kinematics.kinematics import frame_pose
 from planning.packed import packed
 from planning.transforms import Array

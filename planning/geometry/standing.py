@@ -15,13 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.cell.body import ConvexBody
-from planning.cell.joint_table import NO_JOINTS
 from planning.cell.workcell import Fixture, PlacedRobot
 from planning.geometry.exact import Solid, resting_solid
 from planning.geometry.hull_table import AT_REST, HullTable, standing_hulls
 from planning.geometry.robot_bodies import robot_bodies
-from planning.geometry.swept_bodies import SweptBodies, stand_still
+from planning.geometry.swept import SweptBodies, stand_still
 from planning.kept_answers import KeptAnswers
+from planning.kinematics.chain import NO_JOINTS
 from planning.kinematics.kinematics import joint_poses_of
 from planning.packed import packed
 from planning.transforms import Array, Indices, Transform

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.cell.joint_table import JointTable
 from planning.kernels import inner_kernel, kernel
-from planning.kinematics.chain import joint_axis, pose_joints
+from planning.kinematics.chain import JointTable, joint_axis, pose_joints
 from planning.transforms import Array
 
 TOLERANCE = 1e-7

@@ -9,12 +9,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from planning.cell.joint_table import joint_table, placed_joints
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
 from planning.kept_answers import KeptAnswers
-from planning.kinematics.chain import pose_joints
+from planning.kinematics.chain import joint_table, placed_joints, pose_joints
 from planning.kinematics.damped_least_squares import follow_targets, solve_from
 from planning.transforms import Array, Transform, identity, inverse
 

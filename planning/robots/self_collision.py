@@ -8,9 +8,9 @@ from itertools import combinations
 
 import numpy as np
 
-from planning.cell.joint_table import chain_table
 from planning.cell.robot_model import KinematicChain, LinkPart
 from planning.geometry.exact import Solid, distance_at
+from planning.kinematics.chain import chain_table
 from planning.transforms import Array
 
 _SAMPLES = 60

@@ -17,12 +17,12 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.cell.body import ConvexBody
-from planning.cell.joint_table import placed_joints
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.geometry.exact import Solid, resting_solid
 from planning.geometry.hull_table import HullTable, hull_table, standing_hulls
 from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.swept import bound_travel
+from planning.kinematics.chain import placed_joints
 from planning.packed import packed
 from planning.transforms import Array, Indices, Transform
 from scheduling.conflicts.allowed_contacts import ALWAYS

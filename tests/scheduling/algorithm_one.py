@@ -14,7 +14,6 @@ import networkx as nx
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from planning.cell.joint_table import placed_joints
 from planning.cell.workcell import Attachment
 from planning.geometry.exact import (
     TOLERANCE,
@@ -24,6 +23,7 @@ from planning.geometry.exact import (
     place,
     resting_solid,
 )
+from planning.kinematics.chain import placed_joints
 from planning.kinematics.kinematics import frame_pose
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph

@@ -11,7 +11,7 @@ import numpy as np
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.construction.checks.scene import Limits
 from planning.construction.world.fleet import Carrier
-from planning.geometry.swept_bodies import SKIP
+from planning.geometry.swept import SKIP
 from planning.kinematics.kinematics import joint_poses_of
 from planning.motion.sequential import MARGIN
 from planning.skills.contacts import Pairs

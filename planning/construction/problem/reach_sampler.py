@@ -15,7 +15,6 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from planning.cell.cover import box_body
-from planning.cell.joint_table import joint_table
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import (
     Attachment,
@@ -27,6 +26,7 @@ from planning.cell.workcell import (
 from planning.errors import RobotModelError
 from planning.geometry.robot_bodies import entity
 from planning.geometry.scene_checker import SceneChecker
+from planning.kinematics.chain import joint_table
 from planning.kinematics.damped_least_squares import solve_from
 from planning.kinematics.kinematics import (
     frame_in_flange,

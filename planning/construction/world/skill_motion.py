@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.cell.joint_table import joint_table
 from planning.cell.workcell import PlacedRobot
+from planning.kinematics.chain import joint_table
 from planning.kinematics.damped_least_squares import follow_targets
 from planning.kinematics.kinematics import frame_in_last_joint, frame_pose
 from planning.transforms import Array, Transform, inverse, readonly

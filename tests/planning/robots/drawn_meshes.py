@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from planning.robots.convex_parts import frustum
+from planning.robots.load_urdf import frustum
 from planning.transforms import Array
 
 MESHES = Path(__file__).parents[3] / "planning" / "robots" / "urdf" / "meshes"

@@ -13,12 +13,10 @@ import numpy as np
 import pinocchio
 import pytest
 
-from planning.cell.joint_table import joint_table
 from planning.cell.robot_model import RobotModel
 from planning.errors import RobotModelError
-from planning.kinematics.chain import pose_joints
-from planning.robots.convex_parts import shape_vertices
-from planning.robots.load_urdf import load_urdf
+from planning.kinematics.chain import joint_table, pose_joints
+from planning.robots.load_urdf import load_urdf, shape_vertices
 from planning.robots.registry import ROBOTS, robot_model
 from planning.robots.urdf_file import UrdfOptions
 from planning.transforms import Array
