@@ -33,7 +33,6 @@ from scheduling.conflicts.occupancy import Occupancy
 from scheduling.conflicts.swept_sequence import (
     SweptSequence,
     bound_leaf,
-    room_for_capsules,
 )
 from scheduling.graph.reduction import NodeOrder
 from scheduling.graph.total_order import nodes_before
@@ -49,7 +48,7 @@ def segment_capsules(occupancy: Occupancy) -> Occupancy:
             block_first=first,
             block_last=first + 1,
             block_box=np.empty((count, 6)),
-            capsules=room_for_capsules(count, capsules),
+            capsules=np.empty((count, capsules, 7), dtype=np.float32),
         )
     )
     _bound_segments(flat, make_stretch(flat.hulls))

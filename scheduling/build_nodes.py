@@ -142,7 +142,6 @@ def _poses(task: Task, path: Array, time: Array) -> _TaskNodes:
 
 
 def _skill(task: Task, path: Array, time: Array) -> _TaskNodes:
-    """Return the one node of a skill."""
     reference = path[1:] if len(path) > 1 else path
     span = time[-1] - time[0]
     if len(path) > 1 and span > 0.0:
@@ -173,7 +172,6 @@ def _handlings(parts: list[_TaskNodes], chain: int) -> list[tuple[float, NodeHan
 
 
 def _chain(robot: str, start: Array, parts: list[_TaskNodes]) -> NodeChain:
-    """Return the nodes of all tasks of a robot, one after another."""
 
     def joined(name: str) -> Array:
         return readonly(np.concatenate([getattr(part, name) for part in parts]))

@@ -140,7 +140,6 @@ def _check_rests(graph: DerivedTpg) -> None:
 def _conflict(
     graph: DerivedTpg, a: Occupancy, chain: int, floor: Indices, limit: Indices
 ) -> tuple[int, int] | None:
-    """Return a conflict of an occupancy with nodes of a chain, if there is one."""
     b = graph.occupancies[chain]
     return graph.first_conflict(a, b, floor, limit, slack=TOLERANCE)
 

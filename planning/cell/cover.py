@@ -217,7 +217,6 @@ def _excess(segments: list[_Segment], normals: Array, support: Array) -> float:
 def _excess_each(
     starts: Array, ends: Array, radii: Array, normals: Array, support: Array
 ) -> Array:
-    """Return how far each capsule stands out of the hull with that support function."""
     reach = np.maximum(starts @ normals.T, ends @ normals.T) + radii[:, None]
     return np.asarray((reach - support).max(axis=1))
 

@@ -20,11 +20,7 @@ from planning.geometry.separation import (
     judge_hulls,
     pose_segments,
 )
-from planning.geometry.swept import (
-    SweptBodies,
-    strays_where_they_meet,
-    sweep_bodies,
-)
+from planning.geometry.swept import SweptBodies, strays_where_they_meet, sweep_bodies
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.transforms import Array, Indices
 

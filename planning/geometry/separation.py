@@ -82,7 +82,7 @@ def room_for(n: int, m: int, a_corners: int, b_corners: int) -> Scratch:
 
 @inner_kernel
 def pose_segments(a: HullTable, s: int, b: HullTable, t: int, scratch: Scratch) -> None:
-    """Prepare two segments for ``hulls_stay_apart``."""
+    """Prepare two segments for ``judge_hulls``."""
     if scratch.posed[0] != s:
         _pose_middle(a, s, scratch.joints_a, scratch.whole_a)
         scratch.posed[0] = s
@@ -93,7 +93,6 @@ def pose_segments(a: HullTable, s: int, b: HullTable, t: int, scratch: Scratch) 
 
 @inner_kernel
 def _pose_middle(table: HullTable, s: int, joints: Array, poses: Array) -> None:
-    """Write the joint poses in the middle of a segment."""
     for j in range(table.q_a.shape[1]):
         joints[_MIDDLE, j] = 0.5 * (table.q_a[s, j] + table.q_b[s, j])
     _pose_at(table, joints[_MIDDLE], poses)
@@ -113,16 +112,7 @@ def _stretch(table: HullTable, s: int, lo: float, hi: float, joints: Array) -> N
 
 @inner_kernel
 def _pose_at(table: HullTable, q: Array, poses: Array) -> None:
-    """Write the joint poses at a configuration, shape (at least n,)."""
     pose_joints(table.robot, q[: table.q_a.shape[1]], poses)
-
-
-@inner_kernel
-def hulls_stay_apart(
-    a: HullTable, i: int, b: HullTable, j: int, clearance: float, scratch: Scratch
-) -> bool:
-    """Tell whether two bodies are proved to keep a clearance; see ``judge_hulls``."""
-    return bool(judge_hulls(a, i, b, j, clearance, scratch) == APART)
 
 
 @inner_kernel

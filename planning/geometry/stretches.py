@@ -139,7 +139,6 @@ def pose_stretch(table: HullTable, first: int, last: int, out: Stretch) -> None:
 
 @inner_kernel
 def _measure_strays(table: HullTable, stretch: Stretch) -> None:
-    """Write how far the bodies stray that are the same on all of a stretch."""
     known, posed = stretch.known, stretch.span[2]
     for solid in stretch.solid:
         if solid >= 0 and known[solid] != posed:

@@ -179,7 +179,6 @@ def _joint_slices(cell: Workcell, robots: Sequence[str]) -> tuple[slice, ...]:
 
 
 def _without(cell: Workcell, state: WorldState, robots: Sequence[str]) -> Workcell:
-    """Return the cell without some robots and what they hold."""
     return replace(
         cell,
         robots=tuple(r for r in cell.robots if r.name not in robots),

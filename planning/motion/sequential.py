@@ -195,7 +195,6 @@ def _check_skill(
 
 
 def _spread_over(path: Array, seconds: float) -> Array:
-    """Return times of waypoints, shape (w,), in proportion to the joint travel."""
     travel = np.concatenate(
         [[0.0], np.cumsum(np.abs(np.diff(path, axis=0)).sum(axis=1))]
     )

@@ -121,7 +121,6 @@ def _parts(model: Any, geometry: Any, tool: set[str]) -> tuple[LinkPart, ...]:
 
 
 def _link_pose(model: Any, link: str) -> Array:
-    """Return a link's pose in the frame of the joint that moves it."""
     frame = model.frames[model.getFrameId(link, pinocchio.FrameType.BODY)]
     return np.array(frame.placement.homogeneous)
 

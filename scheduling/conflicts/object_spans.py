@@ -150,7 +150,6 @@ class _Trace:
         self._to_the_end(place)
 
     def _until(self, place: _Place, event: NodeHandling) -> None:
-        """Note where the object is until a handling."""
         node, here = (event.robot, event.node), (event.node, event.waypoint)
         if place.holder == event.robot:
             self._span(event.robot, place.since, here, True, place.pose)
@@ -172,7 +171,6 @@ class _Trace:
             self.rests.append(Rest(self._name, place.node, node, place.pose))
 
     def _after(self, place: _Place, event: NodeHandling) -> _Place:
-        """Return where the object is after a handling."""
         chain = self._tpg.chains[event.robot]
         node, here = (event.robot, event.node), (event.node, event.waypoint)
         if event.holder is None:
@@ -202,7 +200,6 @@ class _Trace:
         return _Place(event.pose, receiver, None, (last + 1, 0))
 
     def _to_the_end(self, place: _Place) -> None:
-        """Note where the object stays."""
         if place.holder is None:
             self._rest_of_node(place)
             self.rests.append(Rest(self._name, place.node, None, place.pose))

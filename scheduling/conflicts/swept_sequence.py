@@ -102,16 +102,12 @@ def swept_sequence(
             np.zeros(blocks, dtype=np.int64),
             np.zeros(blocks, dtype=np.int64),
             np.empty((blocks, 6)),
-            room_for_capsules(blocks, int(column[-1])),
+            # Nothing is written yet: once is enough for so much memory.
+            np.empty((blocks, int(column[-1]), 7), dtype=np.float32),
         )
     )
     _build(out, leaves, make_stretch(hulls))
     return out
-
-
-def room_for_capsules(blocks: int, count: int) -> npt.NDArray[np.float32]:
-    """Return room for capsules, with nothing written yet: once is enough for so much memory."""
-    return np.empty((blocks, count, 7), dtype=np.float32)
 
 
 @kernel

@@ -142,7 +142,6 @@ def load_plan(
 
 
 def _replace_file(path: Path, content: bytes) -> None:
-    """Write a file that is there whole or not at all."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         part.write_bytes(content)

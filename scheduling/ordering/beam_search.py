@@ -155,7 +155,6 @@ class TaskOrderSearch:
         return sorted(found)
 
     def _extend(self, state: Way, block: int) -> Way:
-        """Return the way that goes on with a block."""
         counts, done, clocks = list(state.counts), list(state.done), list(state.clocks)
         waited = state.waited
         for unit, ends in self._ends(state, self._blocks[block]):
@@ -244,7 +243,6 @@ class TaskOrderSearch:
         return found
 
     def _ends(self, state: Way, inside: Sequence[int]) -> list[tuple[int, Array]]:
-        """Return when the nodes of the units of a block end."""
         if len(inside) == 1:
             return [(inside[0], self._ends_alone(state, inside[0]))]
         return self._ends_together(state, inside)

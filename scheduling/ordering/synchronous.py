@@ -235,7 +235,6 @@ class _Planner:
         return self.before[index] <= self.out.keys()
 
     def _fill(self) -> _Slot:
-        """Return the next slot, empty when everything is done."""
         slot = _Slot()
         candidates = sorted(queue[-1] for queue in self.queue.values() if queue)
         for position, index in enumerate(candidates):

@@ -115,7 +115,6 @@ class Board:
         self._critical = self._find_critical()
 
     def _find_critical(self) -> list[int]:
-        """Return the spans that the makespan hangs on."""
         graph = self.graph
         latest = latest_ends(graph.tpg, graph.rollout, ranks=graph.ranks)
         slack = [a - b for a, b in zip(latest, graph.rollout.end, strict=True)]

@@ -156,6 +156,5 @@ def _end_before(
 
 
 def _tasks(tpg: TemporalPlanGraph, chain: int, node: int) -> tuple[int, ...]:
-    """Return the tasks of a robot that stands before a node."""
     task = tpg.chains[chain].task
     return tuple(int(task[k]) for k in (node - 1, node) if 0 <= k < len(task))

@@ -310,7 +310,6 @@ def _side(body: Body, piece: int) -> _Side:
 
 
 def _conflict(first: Moment, second: Moment, distance: float) -> Problem:
-    """Return the problem of two sides that come too close."""
     how = (
         f"overlap by {-distance * 1e3:.2f} mm"
         if distance < 0

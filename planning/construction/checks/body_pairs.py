@@ -8,8 +8,9 @@ from planning.construction.world.swept_track import Sweeps
 from planning.geometry.distance import segment_segment
 from planning.geometry.hull_table import HullTable
 from planning.geometry.separation import (
+    APART,
     Scratch,
-    hulls_stay_apart,
+    judge_hulls,
     pose_segments,
 )
 from planning.kernels import ZERO, inner_kernel
@@ -30,7 +31,7 @@ def proved_apart(
     """
     scratch.posed[0] = scratch.posed[1] = -1
     pose_segments(a, ZERO, b, ZERO, scratch)
-    return hulls_stay_apart(a, i, b, j, limit, scratch)
+    return bool(judge_hulls(a, i, b, j, limit, scratch) == APART)
 
 
 @inner_kernel
@@ -60,7 +61,7 @@ def pairs_apart(
             scratch.posed[0], last = -1, m
         pose_segments(own, ZERO, other, ZERO, scratch)
         limit = limits[o, columns[j]]
-        if not hulls_stay_apart(own, o - bodies[m], other, j, limit, scratch):
+        if judge_hulls(own, o - bodies[m], other, j, limit, scratch) != APART:
             return False
     return True
 
