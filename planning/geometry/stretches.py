@@ -134,16 +134,11 @@ def pose_stretch(table: HullTable, first: int, last: int, out: Stretch) -> None:
             for j in range(n):
                 off = abs(q[j] - q_a[j] - share * (q_b[j] - q_a[j]))
                 out.aside[j] = max(out.aside[j], off)
-    _measure_strays(table, out)
-
-
-@inner_kernel
-def _measure_strays(table: HullTable, stretch: Stretch) -> None:
-    known, posed = stretch.known, stretch.span[2]
-    for solid in stretch.solid:
-        if solid >= 0 and known[solid] != posed:
-            known[solid] = posed
-            measure_stray(table, solid, stretch)
+    # How far the bodies stray that are the same on all of it.
+    for solid in out.solid:
+        if solid >= 0 and out.known[solid] != out.span[2]:
+            out.known[solid] = out.span[2]
+            measure_stray(table, solid, out)
 
 
 @inner_kernel

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -72,7 +72,8 @@ class CompositeChecker:
         margin: float = 0.0,
     ) -> None:
         self.robots = tuple(tasks)
-        self.joints = _joint_slices(cell, self.robots)
+        ends = np.cumsum([0, *(cell.robot(name).model.dof for name in tasks)]).tolist()
+        self.joints = tuple(slice(a, b) for a, b in pairwise(ends))
         self.speed = CompositeSpeed(
             tuple(speeds[name] for name in self.robots), self.joints
         )
@@ -171,11 +172,6 @@ class CompositeChecker:
             name: TaskMotion(np.ascontiguousarray(whole[:, own]), np.array(times))
             for name, own in zip(self.robots, self.joints, strict=True)
         }
-
-
-def _joint_slices(cell: Workcell, robots: Sequence[str]) -> tuple[slice, ...]:
-    ends = np.cumsum([0, *(cell.robot(name).model.dof for name in robots)]).tolist()
-    return tuple(slice(a, b) for a, b in zip(ends, ends[1:], strict=False))
 
 
 def _without(cell: Workcell, state: WorldState, robots: Sequence[str]) -> Workcell:

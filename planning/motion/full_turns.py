@@ -41,17 +41,14 @@ def take_near_turns(
     for robot in cell.robots:
         excursion: list[Task] = []
         for task in [t for t in step.tasks if t.robot == robot.name]:
-            if not _goes_home(task, robot.home):
+            transit = task.kind == TRANSIT
+            if not transit or np.max(np.abs(task.path[-1] - robot.home)) >= _SAME:
                 excursion.append(task)
                 continue
             _turn(cell, robot.name, excursion, tasks, reached)
             excursion = []
         _turn(cell, robot.name, excursion, tasks, reached)
     return replace(step, tasks=tuple(tasks[t.index] for t in step.tasks)), reached
-
-
-def _goes_home(task: Task, home: Array) -> bool:
-    return task.kind == TRANSIT and bool(np.max(np.abs(task.path[-1] - home)) < _SAME)
 
 
 def _turn(

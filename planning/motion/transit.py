@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -202,7 +203,7 @@ def smooth_path(
             share = (share - lo) / (hi - lo)
             bridge[:, joint] = entry[joint] + share * (leave[joint] - entry[joint])
         gain = (hi - lo) - path_duration(bridge, speed)
-        if gain > _GAIN and _all_free(checker, bridge):
+        if gain > _GAIN and all(checker.motion_free(a, b) for a, b in pairwise(bridge)):
             path = np.vstack([path[:i], bridge, path[j:]])
             path = _merge(path)
     return _drop_corners(checker, path, speed)
@@ -213,10 +214,6 @@ def _point(path: Array, marks: Array, at: float) -> Array:
     span = marks[k + 1] - marks[k]
     share = 0.0 if span <= 0 else (at - marks[k]) / span
     return np.asarray(path[k] + share * (path[k + 1] - path[k]))
-
-
-def _all_free(checker: MotionChecker, path: Array) -> bool:
-    return all(checker.motion_free(a, b) for a, b in zip(path, path[1:], strict=False))
 
 
 def _merge(path: Array) -> Array:

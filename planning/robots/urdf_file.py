@@ -146,7 +146,9 @@ def read_urdf(
                 f"{path}: joint {name!r} is of type {kind!r}",
                 choices=(*_MOVING, "fixed"),
             )
-    _check_names(frozen, fixed, path)
+    missing = sorted(frozen - fixed)
+    if missing:
+        raise RobotModelError(f"{path} has no joint {missing[0]!r} to freeze")
     roots = links - set(parents)
     if len(roots) != 1:
         raise RobotModelError(f"{path} needs one root link, has {sorted(roots)}")
@@ -263,9 +265,3 @@ def _attribute(element: ElementTree.Element, key: str, path: Path) -> str:
     if not value:
         raise RobotModelError(f"{path}: a <{element.tag}> has no {key}")
     return value
-
-
-def _check_names(frozen: frozenset[str], fixed: set[str], path: Path) -> None:
-    missing = sorted(frozen - fixed)
-    if missing:
-        raise RobotModelError(f"{path} has no joint {missing[0]!r} to freeze")

@@ -157,7 +157,7 @@ class TaskOrderSearch:
     def _extend(self, state: Way, block: int) -> Way:
         counts, done, clocks = list(state.counts), list(state.done), list(state.clocks)
         waited = state.waited
-        for unit, ends in self._ends(state, self._blocks[block]):
+        for unit, ends in self._ends_together(state, self._blocks[block]):
             chain, end = self._units[unit].chain, float(ends[-1])
             counts[chain] += 1
             waited += end - clocks[chain] - float(self._cum[unit][-1])
@@ -242,11 +242,6 @@ class TaskOrderSearch:
                 item = item.before
         return found
 
-    def _ends(self, state: Way, inside: Sequence[int]) -> list[tuple[int, Array]]:
-        if len(inside) == 1:
-            return [(inside[0], self._ends_alone(state, inside[0]))]
-        return self._ends_together(state, inside)
-
     def _ends_alone(self, state: Way, unit: int) -> Array:
         cum = self._cum[unit]
         now = state.clocks[self._units[unit].chain]
@@ -261,7 +256,9 @@ class TaskOrderSearch:
     def _ends_together(
         self, state: Way, inside: Sequence[int]
     ) -> list[tuple[int, Array]]:
-        """Return when the nodes of units that move at once end, as far apart as planned."""
+        """Return when the nodes of units end that move at once, as far apart as planned."""
+        if len(inside) == 1:
+            return [(inside[0], self._ends_alone(state, inside[0]))]
         start = 0.0
         for unit in inside:
             offset = self._offset[unit]
