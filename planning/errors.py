@@ -1,15 +1,4 @@
-"""Errors of the package, one subclass a cause.
-
-TwinError
-+-- ScenarioError          the scenario file cannot be used as written
-+-- RobotModelError        a robot description cannot be used
-+-- InfeasibleStepError    no robot, object and pose can do an assembly step
-+-- ConstructionError      a construction cannot be built as it is, or by this team
-+-- TransitError           no collision-free path was found
-+-- PlanInvariantError     a plan breaks a guarantee it must keep
-+-- RequestError           what was asked for does not go together, or not with what is there
-+-- OutputError            a file or folder cannot be written or read
-"""
+"""Errors of the package, one subclass a cause."""
 
 from __future__ import annotations
 

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan, TaskMotion
@@ -16,36 +12,14 @@ from scheduling.graph.temporal_plan_graph import (
     NodeChain,
     NodeHandling,
     TemporalPlanGraph,
+    join_chains,
 )
 
 _SAME = 1e-9
 """Joint values that differ by less are the same configuration [rad or m]."""
 
-
-@dataclass(frozen=True)
-class _TaskNodes:
-    """The nodes of one task.
-
-    Attributes:
-        task: the task.
-        waypoints: of all nodes, shape (p, n).
-        fraction: share of its node's duration that has passed at each waypoint, shape (p,).
-        count: waypoints of each node, shape (nodes,).
-        skill: True for the node of a skill.
-        start, end: of each node in the input plan, shape (nodes,) [s].
-        where: node, counted from 0, and waypoint of it that each waypoint of the path became.
-        time: of each waypoint of the path [s].
-    """
-
-    task: Task
-    waypoints: Array
-    fraction: Array
-    count: Indices
-    skill: bool
-    start: Array
-    end: Array
-    where: dict[int, tuple[int, int]]
-    time: Array
+_Where = dict[int, tuple[int, int]]
+"""Node, counted from 0, and waypoint of it that each waypoint of a task's path became."""
 
 
 def build_nodes(plan: MotionPlan) -> TemporalPlanGraph:
@@ -65,10 +39,14 @@ def build_nodes(plan: MotionPlan) -> TemporalPlanGraph:
             for task, motion in zip(plan.tasks, plan.motions, strict=True)
             if task.robot == robot.name
         ]
-        parts = _nodes_of_robot(own)
-        if any(len(part.count) for part in parts):
-            handlings += _handlings(parts, len(chains))
-            chains.append(_chain(robot.name, np.asarray(own[0][1].path[0]), parts))
+        parts, given = _nodes_of_robot(own, len(chains))
+        if any(len(part) for part in parts):
+            handlings += given
+            chains.append(join_chains(parts))
+    for chain in chains:
+        for values in vars(chain).values():
+            if isinstance(values, np.ndarray):
+                values.setflags(write=False)
     handlings.sort(key=lambda item: item[0])
     return TemporalPlanGraph(
         plan.cell,
@@ -82,23 +60,37 @@ def build_nodes(plan: MotionPlan) -> TemporalPlanGraph:
     )
 
 
-def _nodes_of_robot(own: list[tuple[Task, TaskMotion]]) -> list[_TaskNodes]:
-    parts: list[_TaskNodes] = []
+def _nodes_of_robot(
+    own: list[tuple[Task, TaskMotion]], chain: int
+) -> tuple[list[NodeChain], list[tuple[float, NodeHandling]]]:
+    """Return the nodes of each task of a robot, and what changes hands in them, and when [s]."""
+    parts: list[NodeChain] = []
+    handlings: list[tuple[float, NodeHandling]] = []
+    last: Task | None = None
     end: Array | None = None
+    first = 0
     for task, motion in own:
-        path = np.asarray(motion.path, dtype=np.float64)
+        path = np.array(motion.path, dtype=np.float64)
         time = np.asarray(motion.time, dtype=np.float64)
         _check_arrays(task, path, time)
         if end is not None and np.max(np.abs(path[0] - end)) > _SAME:
-            last = next((p.task.index for p in parts[::-1] if len(p.count)), None)
             raise PlanInvariantError(
                 f"{_name(task)} starts {np.max(np.abs(path[0] - end)):.3g} away from where"
-                f" task {'before it' if last is None else last} ended"
+                f" task {'before it' if last is None else last.index} ended"
             )
         as_nodes = _poses if task.kind == TRANSIT else _skill
-        parts.append(as_nodes(task, path, time))
+        nodes, where = as_nodes(task, path, time)
+        for h in task.handlings:
+            node, waypoint = where[h.waypoint]
+            handling = NodeHandling(
+                h.object, chain, first + node, waypoint, h.holder, readonly(h.pose)
+            )
+            handlings.append((float(time[h.waypoint]), handling))
+        parts.append(nodes)
+        last = task if len(nodes) else last
+        first += len(nodes)
         end = path[-1]
-    return parts
+    return parts, handlings
 
 
 def _check_arrays(task: Task, path: Array, time: Array) -> None:
@@ -120,7 +112,7 @@ def _name(task: Task) -> str:
     return f"task {task.index} ({task.label}) of robot {task.robot!r}"
 
 
-def _poses(task: Task, path: Array, time: Array) -> _TaskNodes:
+def _poses(task: Task, path: Array, time: Array) -> tuple[NodeChain, _Where]:
     """Return a node for every waypoint that the robot moves to or handles something at."""
     handled = {h.waypoint for h in task.handlings}
     keep = np.zeros(len(path), dtype=np.bool_)
@@ -133,64 +125,40 @@ def _poses(task: Task, path: Array, time: Array) -> _TaskNodes:
     where = {k: (node, 1) for node, k in enumerate(nodes.tolist())}
     if keep[:2].any():
         where[0] = (0, 0)
-    ones = np.ones(len(nodes))
     start = time[np.maximum(nodes - 1, 0)]
-    count = ones.astype(np.int64)
-    return _TaskNodes(
-        task, path[nodes], ones, count, False, start, time[nodes], where, time
-    )
+    fraction, first = np.ones(len(nodes)), np.arange(len(nodes) + 1)
+    return _nodes(task, path, nodes, fraction, first, start, time[nodes]), where
 
 
-def _skill(task: Task, path: Array, time: Array) -> _TaskNodes:
-    reference = path[1:] if len(path) > 1 else path
+def _skill(task: Task, path: Array, time: Array) -> tuple[NodeChain, _Where]:
+    waypoints = np.arange(min(1, len(path) - 1), len(path))
     span = time[-1] - time[0]
     if len(path) > 1 and span > 0.0:
         fraction = (time[1:] - time[0]) / span
     else:
-        fraction = np.arange(1, len(reference) + 1) / len(reference)
+        fraction = np.arange(1, len(waypoints) + 1) / len(waypoints)
     fraction[-1] = 1.0
-    where = {k: (0, k) for k in range(len(path))}
-    count = np.array([len(reference)])
-    return _TaskNodes(
-        task, reference, fraction, count, True, time[:1], time[-1:], where, time
-    )
+    first, where = np.array([0, len(waypoints)]), {k: (0, k) for k in range(len(path))}
+    return _nodes(task, path, waypoints, fraction, first, time[:1], time[-1:]), where
 
 
-def _handlings(parts: list[_TaskNodes], chain: int) -> list[tuple[float, NodeHandling]]:
-    """Return what changes hands in the nodes of a robot, and when it is planned to [s]."""
-    out = []
-    first = 0
-    for part in parts:
-        for h in part.task.handlings:
-            node, waypoint = part.where[h.waypoint]
-            handling = NodeHandling(
-                h.object, chain, first + node, waypoint, h.holder, readonly(h.pose)
-            )
-            out.append((float(part.time[h.waypoint]), handling))
-        first += len(part.count)
-    return out
-
-
-def _chain(robot: str, start: Array, parts: list[_TaskNodes]) -> NodeChain:
-
-    def joined(name: str) -> Array:
-        return readonly(np.concatenate([getattr(part, name) for part in parts]))
-
-    lengths = [len(part.count) for part in parts]
-    counts = np.concatenate([part.count for part in parts])
+def _nodes(
+    task: Task,
+    path: Array,
+    waypoints: Indices,
+    fraction: Array,
+    first: Indices,
+    start: Array,
+    end: Array,
+) -> NodeChain:
     return NodeChain(
-        robot,
-        readonly(start),
-        joined("waypoints"),
-        joined("fraction"),
-        _frozen(np.cumsum([0, *counts], dtype=np.int64)),
-        _frozen(np.repeat([part.task.index for part in parts], lengths)),
-        _frozen(np.repeat([part.skill for part in parts], lengths)),
-        readonly(joined("end") - joined("start")),
-        joined("start"),
+        task.robot,
+        path[0],
+        path[waypoints],
+        fraction,
+        first,
+        np.full(len(start), task.index),
+        np.full(len(start), task.kind != TRANSIT),
+        end - start,
+        start,
     )
-
-
-def _frozen(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    values.setflags(write=False)
-    return values

@@ -78,7 +78,6 @@ def inverse_kinematics(
     seed: Array,
     *,
     restarts: int = 40,
-    rng_seed: int = 0,
 ) -> list[Array]:
     """Return the distinct configurations found that bring a frame to a target.
 
@@ -91,8 +90,7 @@ def inverse_kinematics(
         frame: ``"flange"`` or a key of the model's frames.
         target: wanted pose of the frame in the world.
         seed: configuration to stay near to, shape (n,) [rad or m].
-        restarts: number of random starts after the seed itself.
-        rng_seed: seed of the random starts; the same seed gives the same result.
+        restarts: number of random starts after the seed itself, always the same ones.
 
     Returns:
         Configurations within the joint limits, each within TOLERANCE of the target, nearest
@@ -109,11 +107,8 @@ def inverse_kinematics(
         target.tobytes(),
         seed.tobytes(),
         restarts,
-        rng_seed,
     )
-    found = _SOLVED.get(
-        key, lambda: _solve(robot, frame, target, seed, restarts, rng_seed)
-    )
+    found = _SOLVED.get(key, lambda: _solve(robot, frame, target, seed, restarts))
     return [solution.copy() for solution in found]
 
 
@@ -169,12 +164,7 @@ def follow_poses(
 
 
 def _solve(
-    robot: PlacedRobot,
-    frame: str,
-    target: Transform,
-    seed: Array,
-    restarts: int,
-    rng_seed: int,
+    robot: PlacedRobot, frame: str, target: Transform, seed: Array, restarts: int
 ) -> list[Array]:
     model = robot.model
     # Writable copies: numba compiles read-only arrays anew.
@@ -183,7 +173,7 @@ def _solve(
     starts = np.empty((restarts + 1, model.dof))
     starts[0] = np.clip(seed, model.lower, model.upper)
     if restarts:
-        starts[1:] = np.random.default_rng(rng_seed).uniform(
+        starts[1:] = np.random.default_rng(0).uniform(
             model.lower, model.upper, (restarts, model.dof)
         )
     found = np.empty_like(starts)

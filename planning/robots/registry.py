@@ -16,8 +16,6 @@ from planning.errors import RobotModelError
 from planning.robots.urdf_file import UrdfOptions
 from planning.transforms import from_rpy, identity, translation
 
-_OWN = Path(__file__).parent / "urdf"
-
 
 @dataclass(frozen=True, kw_only=True)
 class RobotEntry(UrdfOptions):
@@ -49,7 +47,7 @@ def _radians(*degrees: float) -> tuple[float, ...]:
 
 
 def _own_folder() -> Path:
-    return _OWN
+    return Path(__file__).parent / "urdf"
 
 
 def _pybullet_folder(name: str) -> Callable[[], Path]:

@@ -7,6 +7,7 @@ reference path. Type-1 edges join consecutive nodes of a robot and are not store
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -68,6 +69,15 @@ class NodeChain:
             self.duration[first:stop],
             self.planned_start[first:stop],
         )
+
+
+def join_chains(parts: Sequence[NodeChain]) -> NodeChain:
+    """Return the nodes of several chains of one robot, one after another."""
+    counts = np.concatenate([np.diff(part.first) for part in parts])
+    names = ("waypoints", "fraction", "task", "skill", "duration", "planned_start")
+    joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
+    first = np.cumsum([0, *counts], dtype=np.int64)
+    return NodeChain(parts[0].robot, parts[0].start, first=first, **joined)
 
 
 @dataclass(frozen=True)

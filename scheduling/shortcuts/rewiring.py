@@ -9,13 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from planning.transforms import Array, Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, Causes, NodeChain
+from scheduling.graph.temporal_plan_graph import (
+    MOTION_CONFLICT,
+    Causes,
+    NodeChain,
+    join_chains,
+)
 
 Edge = tuple[int, int, int, int]
 """Robot and node that must be complete, robot and node that may then start."""
@@ -63,7 +67,9 @@ def rewire(
     planned = planned_after(tpg.chains, swap, new, edges)
     chains = list(tpg.chains)
     new = replace(new, planned_start=planned)
-    chains[swap.chain] = splice_chain(chains[swap.chain], swap, new)
+    old = chains[swap.chain]
+    ends = old.cut(0, swap.first), old.cut(swap.last + 1, len(old))
+    chains[swap.chain] = join_chains([ends[0], new, ends[1]])
     handlings = tuple(
         replace(h, node=swap.moved(h.node)) if h.robot == swap.chain else h
         for h in tpg.handlings
@@ -119,18 +125,3 @@ def planned_after(
     latest = float(chains[swap.chain].planned_start[swap.last])
     planned[-1] = max(planned[-1], latest)
     return np.asarray(np.minimum(np.maximum.accumulate(planned), latest))
-
-
-def splice_chain(chain: NodeChain, swap: Swap, new: NodeChain) -> NodeChain:
-    """Return a chain with nodes replaced by others."""
-    first, stop = swap.first, swap.last + 1
-    lo, hi = int(chain.first[first]), int(chain.first[stop])
-
-    shift = len(new.waypoints) - (hi - lo)
-    starts = [chain.first[:first], lo + new.first[:-1], chain.first[stop:] + shift]
-    arrays: dict[str, Any] = {"first": np.concatenate(starts)}
-    for name in ("waypoints", "fraction", "task", "skill", "duration", "planned_start"):
-        old = getattr(chain, name)
-        a, b = (lo, hi) if name in ("waypoints", "fraction") else (first, stop)
-        arrays[name] = np.concatenate([old[:a], getattr(new, name), old[b:]])
-    return replace(chain, **arrays)
