@@ -11,7 +11,7 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from planning.motion.speed import SpeedModel, path_duration
+from planning.motion.speed import SpeedModel, path_duration, path_times
 from planning.transforms import Array
 
 ou.setLogLevel(ou.LogLevel.LOG_NONE)
@@ -184,10 +184,7 @@ def smooth_path(
     for attempt in range(tries):
         if len(path) < 3:
             break
-        lengths = np.array(
-            [speed.duration(a, b) for a, b in zip(path, path[1:], strict=False)]
-        )
-        marks = np.concatenate([[0.0], np.cumsum(lengths)])
+        marks = path_times(path, speed)
         lo, hi = np.sort(rng.uniform(0.0, marks[-1], 2))
         i, j = int(np.searchsorted(marks, lo)), int(np.searchsorted(marks, hi))
         if i == j or hi - lo < 1e-3:
@@ -205,7 +202,9 @@ def smooth_path(
         gain = (hi - lo) - path_duration(bridge, speed)
         if gain > _GAIN and all(checker.motion_free(a, b) for a, b in pairwise(bridge)):
             path = np.vstack([path[:i], bridge, path[j:]])
-            path = _merge(path)
+            moves = np.any(np.abs(np.diff(path, axis=0)) > 1e-9, axis=1)
+            moves[-1] = True
+            path = path[np.append(True, moves)]
     return _drop_corners(checker, path, speed)
 
 
@@ -214,14 +213,6 @@ def _point(path: Array, marks: Array, at: float) -> Array:
     span = marks[k + 1] - marks[k]
     share = 0.0 if span <= 0 else (at - marks[k]) / span
     return np.asarray(path[k] + share * (path[k + 1] - path[k]))
-
-
-def _merge(path: Array) -> Array:
-    keep = np.concatenate(
-        [[True], np.any(np.abs(np.diff(path, axis=0)) > 1e-9, axis=1)]
-    )
-    keep[-1] = True
-    return np.asarray(path[keep])
 
 
 def _drop_corners(checker: MotionChecker, path: Array, speed: SpeedModel) -> Array:
