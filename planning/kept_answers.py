@@ -31,7 +31,3 @@ class KeptAnswers(Generic[Answer]):
                 self._answers.clear()
             known = self._answers[question] = work_out()
         return known
-
-    def forget(self) -> None:
-        """Forget all answers, such as before measuring how long one takes."""
-        self._answers.clear()

@@ -183,8 +183,7 @@ class SceneChecker:
                 when.tolist(), what.tolist(), strict=True
             ):
                 q0, q1 = q_a + lo * (q_b - q_a), q_a + hi * (q_b - q_a)
-                mine, limit = self._own.solids[body], self._limit(kind, body, other)
-                solid = self._obstacle(kind, other)
+                mine, solid, limit = self._pair(kind, body, other)
                 if kind == SELF:
                     hit = come_close_together(mine, solid, q0, q1, limit)
                 else:
@@ -200,8 +199,7 @@ class SceneChecker:
         _, _, what = find_undecided(self._scene, q, q, _NO_PROBES, 0, False)
         worst: Contact | None = None
         for kind, body, other in what.tolist():
-            mine, second = self._own.solids[body], self._obstacle(kind, other)
-            limit = self._limit(kind, body, other)
+            mine, second, limit = self._pair(kind, body, other)
             gap = distance_at(mine, q, second, q)
             if gap < limit and (
                 worst is None or gap - limit < worst.distance - worst.limit
@@ -210,15 +208,14 @@ class SceneChecker:
                 worst = Contact(mine.name, name, gap, limit)
         return worst
 
-    def _limit(self, kind: int, body: int, other: int) -> float:
-        scene = self._scene
-        table = (scene.box_limit, scene.solid_limit, scene.self_limit)[kind]
-        return float(table[body, other])
-
-    def _obstacle(self, kind: int, other: int) -> Solid:
+    def _pair(self, kind: int, body: int, other: int) -> tuple[Solid, Solid, float]:
+        """Return an own body, what it may come close to, and their least distance."""
+        scene, mine = self._scene, self._own.solids[body]
         if kind == BOX:
-            return self._boxes.solid(other)
-        return self._own.solids[other] if kind == SELF else self._others.solids[other]
+            return mine, self._boxes.solid(other), float(scene.box_limit[body, other])
+        if kind == SELF:
+            return mine, self._own.solids[other], float(scene.self_limit[body, other])
+        return mine, self._others.solids[other], float(scene.solid_limit[body, other])
 
 
 _NO_PROBES = np.empty(0)

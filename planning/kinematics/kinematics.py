@@ -112,11 +112,6 @@ def inverse_kinematics(
     return [solution.copy() for solution in found]
 
 
-def forget_solutions() -> None:
-    """Clear the cache of ``inverse_kinematics``, such as before measuring it."""
-    _SOLVED.forget()
-
-
 def follow_poses(
     robot: PlacedRobot,
     frames: Sequence[str],

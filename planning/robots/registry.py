@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.util import find_spec
@@ -27,9 +27,9 @@ class RobotEntry(UrdfOptions):
         licence: of the description.
         note: one line on what it is.
         home: HOME, joint by joint [rad or m].
-        folder: returns the folder of the description.
-        file: path of the description in that folder.
-        meshes: returns a further folder in which meshes are looked up.
+        file: path of the description in its folder.
+        folder: of the description in pybullet_data; None for our own.
+        meshes: a further folder there in which meshes are looked up.
     """
 
     name: str
@@ -37,32 +37,24 @@ class RobotEntry(UrdfOptions):
     licence: str
     note: str
     home: tuple[float, ...]
-    folder: Callable[[], Path]
     file: str
-    meshes: Callable[[], Path] | None = None
+    folder: str | None = None
+    meshes: str | None = None
 
 
 def _radians(*degrees: float) -> tuple[float, ...]:
     return tuple(float(value) for value in np.radians(degrees))
 
 
-def _own_folder() -> Path:
-    return Path(__file__).parent / "urdf"
-
-
-def _pybullet_folder(name: str) -> Callable[[], Path]:
-    """Return a lookup that finds a folder of pybullet_data without importing pybullet."""
-
-    def folder() -> Path:
-        spec = find_spec("pybullet_data")
-        if spec is None or spec.origin is None:
-            raise RobotModelError(
-                f"the description of {name} comes with the Python package pybullet, "
-                "which is not installed"
-            )
-        return Path(spec.origin).parent / name
-
-    return folder
+def _pybullet_folder(name: str) -> Path:
+    """Find a folder of pybullet_data without importing pybullet."""
+    spec = find_spec("pybullet_data")
+    if spec is None or spec.origin is None:
+        raise RobotModelError(
+            f"the description of {name} comes with the Python package pybullet, "
+            "which is not installed"
+        )
+    return Path(spec.origin).parent / name
 
 
 _GP4_FLANGE_DEPTH = 0.072
@@ -93,7 +85,6 @@ _ENTRIES = (
             key: translation(a6, 0.0, -d6 - _GP4_FLANGE_DEPTH)
             for key, (d6, a6) in _GP4_TOOL_ROWS.items()
         },
-        folder=_own_folder,
         file="gp4.urdf",
         flange_link="flange",
     ),
@@ -105,7 +96,7 @@ _ENTRIES = (
         home=_radians(0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0),
         tool_links=("panda_hand", "panda_leftfinger", "panda_rightfinger"),
         frames={"tool": from_rpy((0.0, 0.0, 0.105), (0.0, 0.0, -np.pi / 4))},
-        folder=_pybullet_folder("franka_panda"),
+        folder="franka_panda",
         file="panda.urdf",
         flange_link="panda_link8",
         frozen={"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02},
@@ -118,7 +109,7 @@ _ENTRIES = (
         home=_radians(0.0, 30.0, 0.0, -75.0, 0.0, 75.0, 0.0),
         tool_links=(),
         frames={"tool": identity()},
-        folder=_pybullet_folder("kuka_iiwa"),
+        folder="kuka_iiwa",
         file="model.urdf",
         flange_link="lbr_iiwa_link_7",
         flange_offset=translation(0.0, 0.0, 0.045),
@@ -132,7 +123,6 @@ _ENTRIES = (
         home=(0.0, 0.0, 0.0, -0.5, 2.3, 1.341593, 0.0),
         tool_links=("pad",),
         frames=_MOBILE_PAD,
-        folder=_own_folder,
         file="mobile_manipulator.urdf",
         flange_link="flange",
     ),
@@ -144,10 +134,9 @@ _ENTRIES = (
         home=(0.0, 0.0, 0.0, 0.0, -0.35, 0.0, -1.9, 0.0, 1.591593, 0.0),
         tool_links=("pad",),
         frames=_IIWA_PAD,
-        folder=_own_folder,
         file="mobile_iiwa14.urdf",
         flange_link="flange",
-        meshes=_pybullet_folder("kuka_iiwa"),
+        meshes="kuka_iiwa",
     ),
     RobotEntry(
         name="tower-crane",
@@ -157,7 +146,6 @@ _ENTRIES = (
         home=(0.0, 2.0, 0.3, 0.0),
         tool_links=("pad",),
         frames=_CRANE_PAD,
-        folder=_own_folder,
         file="tower_crane.urdf",
         flange_link="flange",
     ),
@@ -194,9 +182,10 @@ def _registered(name: str) -> RobotModel:
     from planning.robots.load_urdf import load_urdf
 
     entry = ROBOTS[name]
-    folder = entry.folder()
-    dirs = (folder,) if entry.meshes is None else (folder, entry.meshes())
-    return load_urdf(folder / entry.file, entry, package_dirs=dirs)
+    folders = [_pybullet_folder(own) for own in (entry.folder, entry.meshes) if own]
+    if entry.folder is None:
+        folders.insert(0, Path(__file__).parent / "urdf")
+    return load_urdf(folders[0] / entry.file, entry, package_dirs=tuple(folders))
 
 
 @lru_cache(maxsize=32)

@@ -215,7 +215,7 @@ class TaskOrderSearch:
     def _rest_clear(self, number: int, state: Way, unit: int) -> bool:
         """Tell whether an object is not at rest there now, or not in a unit's way."""
         relations = self._relations
-        rest = relations.rest(number)
+        rest = relations.graph.history.rests[number]
         if rest.after is not None:
             left_by = relations.unit_of(rest.after)
             if left_by == unit or not self._is_done(state, left_by):

@@ -15,7 +15,7 @@ import numpy as np
 
 from planning.transforms import Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.conflicts.object_spans import Node, Rest, handlings_in_order
+from scheduling.conflicts.object_spans import Node, handlings_in_order
 from scheduling.conflicts.occupancy import Occupancy
 from scheduling.graph.task_edges import dependency_edges, task_nodes
 
@@ -66,10 +66,6 @@ class TaskRelations:
         place = int(np.searchsorted(self._first[chain], index, side="right")) - 1
         return self.of_chain[chain][place]
 
-    def rest(self, number: int) -> Rest:
-        """Return the rest of an object between two units."""
-        return self.graph.history.rests[number]
-
     def stairs(self, earlier: int, later: int) -> Stair | None:
         """Return the nodes of a unit that wait for another robot's, and for which; None for none.
 
@@ -112,7 +108,9 @@ class TaskRelations:
     def rest_clear(self, number: int, unit: int) -> bool:
         """Tell whether a unit keeps clear of an object at rest."""
         return self._clear_of(
-            ("rest", number), lambda: self.graph.rest(self.rest(number)), unit
+            ("rest", number),
+            lambda: self.graph.rest(self.graph.history.rests[number]),
+            unit,
         )
 
     def _unit(self, unit: int) -> Occupancy:

@@ -80,7 +80,10 @@ class VerificationReport:
 
 
 def verify_plan(
-    tpg: TemporalPlanGraph, *, limit: int = 100, progress: Progress | None = None
+    tpg: TemporalPlanGraph,
+    *,
+    limit: int = 100,
+    progress: Progress = lambda done, total: None,
 ) -> VerificationReport:
     """Check a plan from scratch.
 
@@ -115,9 +118,7 @@ class _ClearanceCheck:
         least: least distances measured, by whether they are between two robots [m].
     """
 
-    def __init__(
-        self, tpg: TemporalPlanGraph, limit: int, progress: Progress | None
-    ) -> None:
+    def __init__(self, tpg: TemporalPlanGraph, limit: int, progress: Progress) -> None:
         self.tpg, self.limit, self.progress = tpg, limit, progress
         self.problems: list[Problem] = []
         self.pairs = 0
@@ -146,14 +147,10 @@ class _ClearanceCheck:
         total = len(pairs) + len(robots)
         for done, (a, b) in enumerate(pairs, 1):
             self._robots(a, b, precedence)
-            self._tell(done, total)
+            self.progress(done, total)
         for done, robot in enumerate(robots, len(pairs) + 1):
             for rest in resting:
                 self._rest(robot, rest, precedence)
-            self._tell(done, total)
-
-    def _tell(self, done: int, total: int) -> None:
-        if self.progress is not None:
             self.progress(done, total)
 
     def _robots(self, a: RobotBodies, b: RobotBodies, precedence: Precedence) -> None:
