@@ -16,10 +16,9 @@ import numpy.typing as npt
 from planning.transforms import Indices
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.dispatcher import Dispatcher
-from scheduling.graph.flat_graph import flatten
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.total_order import planned_ranks
+from scheduling.graph.total_order import flatten, planned_ranks
 from twin.durations import Nanoseconds
 from twin.run.run_record import Policy
 from twin.uncertainty.skill_durations import nominal_ns
