@@ -7,13 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import Attachment, CellObject, PlacedRobot
 from planning.geometry.exact import Solid
 from planning.geometry.hull_table import HullTable, hull_table
 from planning.geometry.swept import SKIP
 from planning.kept_answers import KeptAnswers
-from planning.kinematics.chain import JointTable, placed_joints
+from planning.kinematics.chain import placed_joints
 from planning.transforms import Array
 
 Held = tuple[CellObject, Attachment]
@@ -83,45 +82,32 @@ def robot_bodies(robot: PlacedRobot, held: Sequence[Held] = ()) -> RobotBodies:
 
 def _collect(robot: PlacedRobot, held: Sequence[Held]) -> RobotBodies:
     model, joints = robot.model, placed_joints(robot)
-    own = _parts(robot, joints) if not held else robot_bodies(robot).solids
-    solids = own + tuple(
+    groups = [entity(robot.name, part.group) for part in model.parts]
+    if held:
+        solids = list(robot_bodies(robot).solids)
+    else:
+        solids = [
+            Solid(f"{group}:{part.body.name}", part.body, np.eye(4), joints, part.joint)
+            for group, part in zip(groups, model.parts, strict=True)
+        ]
+    solids += [
         Solid(item.name, item.body, model.flange @ at.pose, joints, model.dof - 1)
         for item, at in held
-    )
-    q, which = np.zeros((1, model.dof)), np.arange(len(solids), dtype=np.int32)[None]
-    return RobotBodies(
-        solids,
-        (
-            *(entity(robot.name, part.group) for part in model.parts),
-            *(item.name for item, _ in held),
-        ),
-        hull_table(joints, q, q, which, solids),
-        _self_limits(model, len(held)),
-        len(own),
-    )
-
-
-def _parts(robot: PlacedRobot, joints: JointTable) -> tuple[Solid, ...]:
-    return tuple(
-        Solid(
-            f"{entity(robot.name, part.group)}:{part.body.name}",
-            part.body,
-            np.eye(4),
-            joints,
-            part.joint,
-        )
-        for part in robot.model.parts
-    )
-
-
-def _self_limits(model: RobotModel, load: int) -> Array:
-    """Return the least distances: parts are held apart from a load, it not from itself."""
-    parts = len(model.parts)
-    limits = np.full((parts + load, parts + load), SKIP)
-    limits[np.triu_indices(parts, 1, parts + load)] = 0.0
+    ]
+    parts, count = len(groups), len(solids)
+    # Parts are held apart from a load, it not from itself.
+    limits = np.full((count, count), SKIP)
+    limits[np.triu_indices(parts, 1, count)] = 0.0
     for i, j in model.never_collide:
         limits[i, j] = SKIP
-    return limits
+    q, which = np.zeros((1, model.dof)), np.arange(count, dtype=np.int32)[None]
+    return RobotBodies(
+        tuple(solids),
+        (*groups, *(item.name for item, _ in held)),
+        hull_table(joints, q, q, which, solids),
+        limits,
+        parts,
+    )
 
 
 def held_by(

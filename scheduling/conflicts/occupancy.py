@@ -138,12 +138,8 @@ class _Segments(NamedTuple):
     other_task: Indices
 
 
-class _Run(NamedTuple):
-    """The segments, ``range(first, stop)``, in which an object is there."""
-
-    span: ObjectSpan
-    first: int
-    stop: int
+_Run = tuple[ObjectSpan, int, int]
+"""An object, and the segments, ``range(first, stop)``, in which it is there."""
 
 
 def chain_occupancy(
@@ -171,8 +167,8 @@ def chain_occupancy(
     }
     q_a, q_b, node, waypoint = cut_nodes(robot, chain, tuple(bodies.values()))
     task = chain.task[node]
-    found = [_Run(span, *_segments_of(span, node, waypoint, chain)) for span in spans]
-    runs = sorted((r for r in found if r.first < r.stop), key=lambda run: run.first)
+    found = [(span, *_segments_of(span, node, waypoint, chain)) for span in spans]
+    runs = sorted((run for run in found if run[1] < run[2]), key=lambda run: run[1])
     segments = _Segments(q_a, q_b, node, task, task)
     return _assemble(cell, robot, segments, runs, entities, leaf=leaf)
 
@@ -196,14 +192,14 @@ def hold_occupancy(
     """
     before = chain.waypoints[chain.first[holds] - 1]
     q = np.where((holds > 0)[:, None], before, chain.start).astype(np.float64)
-    runs = []
+    runs: list[_Run] = []
     for span in spans:
         if span.carried:
             # In the hand before node k: taken within an earlier node, given away in k or later.
             first, stop = np.searchsorted(holds, [span.start[0] + 1, span.end[0] + 1])
             if first < stop:
-                runs.append(_Run(span, int(first), int(stop)))
-    runs.sort(key=lambda run: run.first)
+                runs.append((span, int(first), int(stop)))
+    runs.sort(key=lambda run: run[1])
     last = max(len(chain) - 1, 0)
     task, other = (chain.task[np.clip(k, 0, last)] for k in (holds - 1, holds))
     segments = _Segments(q, q, np.arange(len(holds)), task, other)

@@ -48,7 +48,6 @@ class SweptSequence(NamedTuple):
         node: node of each segment, never falling, shape (s,).
         task, other_task: tasks of each segment, see ``may_touch``, never falling, shape (s,).
         entity: entity of each body, -1 where there is none, shape (s, bodies).
-        still: whether a body does not move with a joint, shape (s, bodies).
         column: where the capsules of each body begin, shape (bodies + 1,).
         block_first, block_last: segments of each block, ``range(first, last)``, shape (b,).
         block_box: least and greatest corner of each block, shape (b, 6) [m].
@@ -62,7 +61,6 @@ class SweptSequence(NamedTuple):
     task: Indices
     other_task: Indices
     entity: npt.NDArray[np.int32]
-    still: npt.NDArray[np.bool_]
     column: Indices
     block_first: Indices
     block_last: Indices
@@ -97,7 +95,6 @@ def swept_sequence(
             np.ascontiguousarray(task, dtype=np.int64),
             np.ascontiguousarray(other_task, dtype=np.int64),
             np.ascontiguousarray(entity, dtype=np.int32),
-            np.append(hulls.joint, 0)[hulls.solid] < 0,  # the last one stands for none
             column,
             np.zeros(blocks, dtype=np.int64),
             np.zeros(blocks, dtype=np.int64),

@@ -107,11 +107,8 @@ class TaskRelations:
 
     def rest_clear(self, number: int, unit: int) -> bool:
         """Tell whether a unit keeps clear of an object at rest."""
-        return self._clear_of(
-            ("rest", number),
-            lambda: self.graph.rest(self.graph.history.rests[number]),
-            unit,
-        )
+        rest = self.graph.history.rests[number]
+        return self._clear_of(("rest", number), lambda: self.graph.rest(rest), unit)
 
     def _unit(self, unit: int) -> Occupancy:
         """Return what a unit occupies, its nodes counted from its first one."""
