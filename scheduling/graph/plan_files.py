@@ -173,7 +173,7 @@ _GRAPH_ARRAYS = ("edges", "cause", "dependencies", "slots")
 
 
 def graph_document(tpg: TemporalPlanGraph) -> tuple[Document, Arrays]:
-    """Return a graph as a document and arrays of numbers, see ``plan_files``.
+    """Return a graph as a document and arrays of numbers, as the head of this file says.
 
     Raises:
         OutputError: a fixture or object is no box.
