@@ -30,12 +30,7 @@ _MOST_PLACES = 50_000
 
 
 class _Places:
-    """Growing arrays, a row for every place of every body; rows never change.
-
-    Attributes:
-        pose, half: poses of boxes, shape (r, 4, 4), and half edge lengths, shape (r, 3) [m].
-        bounds: least and greatest corners, shape (r, 6) [m].
-    """
+    """Growing arrays, a row for every place of every body; rows never change."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -118,6 +113,21 @@ class StandingBoxes:
     def column(self) -> Mapping[str, int]:
         """At which place each name stands."""
         return {name: k for k, name in enumerate(self.names)}
+
+    @property
+    def pose(self) -> Array:
+        """Poses of the boxes, shape (b, 4, 4)."""
+        return self.places.pose[self.rows]
+
+    @property
+    def half(self) -> Array:
+        """Half edge lengths, shape (b, 3) [m]."""
+        return self.places.half[self.rows]
+
+    @property
+    def bounds(self) -> Array:
+        """Least and greatest corners, shape (b, 6) [m]."""
+        return self.places.bounds[self.rows]
 
     def solid(self, k: int) -> Solid:
         """Return a box for exact decisions."""

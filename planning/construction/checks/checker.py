@@ -179,7 +179,9 @@ def _still_boxes(
     """Return fixtures and objects where they lie, names first."""
     cell = world.cell
     items = [(rest, cell.object(rest.object)) for rest in rests]
-    boxes = stand_boxes(cell, [(r.object, i.body, i.size, r.pose) for r, i in items])
+    boxes = stand_boxes(
+        cell.fixtures, [(r.object, i.body, i.size, r.pose) for r, i in items]
+    )
     always = np.full(len(cell.fixtures), np.inf)
     return boxes.names, StillBoxes(
         boxes.pose,
