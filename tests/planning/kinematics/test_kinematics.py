@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 from planning.cell.robot_model import KinematicChain, RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
+from planning.kept_answers import KeptAnswers
+from planning.kinematics import kinematics
 from planning.kinematics.damped_least_squares import TOLERANCE
 from planning.kinematics.kinematics import (
     follow_poses,
@@ -232,16 +234,18 @@ def test_out_of_reach_gives_no_solution() -> None:
     assert inverse_kinematics(placed(model), "tool", target, model.home) == []
 
 
-def test_same_seed_gives_the_same_solutions() -> None:
+def test_the_same_question_has_the_same_solutions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     model = robot_model("iiwa14")
     robot = placed(model)
     target = frame_pose(robot, model.home, "tool") @ translation(0.05, 0.02, -0.1)
-    one = inverse_kinematics(robot, "tool", target, model.home, rng_seed=5)
-    two = inverse_kinematics(robot, "tool", target, model.home, rng_seed=5)
-    other = inverse_kinematics(robot, "tool", target, model.home, rng_seed=6)
+    one = inverse_kinematics(robot, "tool", target, model.home)
+    # Worked out anew, not remembered.
+    monkeypatch.setattr(kinematics, "_SOLVED", KeptAnswers(10))
+    two = inverse_kinematics(robot, "tool", target, model.home)
     assert np.array_equal(one, two)
     assert len(one) > 5
-    assert not np.array_equal(one, other)
 
 
 def test_sliding_joints_are_solved_too() -> None:
