@@ -64,7 +64,8 @@ def draw_comparison(path: Path, scenarios: Mapping[str, Figures], title: str) ->
         (panels[1], "wait_s", "wait, all robots together"),
     ):
         scale = [
-            1.0 if alone else _mean(f[SEQUENTIAL]["makespan_s"]) for f in _of(scenarios)
+            1.0 if alone else _mean(f[SEQUENTIAL]["makespan_s"])
+            for f in scenarios.values()
         ]
         _draw_bars(axis, scenarios, key, scale)
         _style(axis, scenarios, label, "s" if alone else "% of the sequential makespan")
@@ -87,7 +88,9 @@ def _draw_bars(
     axis: Axes, scenarios: Mapping[str, Figures], key: str, scale: Sequence[float]
 ) -> None:
     """Draw one figure of every policy and scenario, with its spread and its bounds."""
-    for group, (figures, unit) in enumerate(zip(_of(scenarios), scale, strict=True)):
+    for group, (figures, unit) in enumerate(
+        zip(scenarios.values(), scale, strict=True)
+    ):
         factor = 1.0 if len(scenarios) == 1 else 100.0
         for k, name in enumerate(COMPARED):
             x, own = _place(group, k), figures[name]
@@ -112,7 +115,7 @@ def _draw_stages(
 ) -> list[Artist]:
     """Draw stacked planning times; return what to show in the legend."""
     used: dict[str, Artist] = {}
-    for group, figures in enumerate(_of(scenarios)):
+    for group, figures in enumerate(scenarios.values()):
         unit = 1.0 if alone else _mean(figures[ASYNCHRONOUS]["planning_s"][TOTAL]) / 100
         for k, name in enumerate(COMPARED):
             x, bottom = _place(group, k), 0.0
@@ -182,10 +185,6 @@ def _bound_marks() -> list[Artist]:
         Line2D([], [], color=INK, linestyle=style, linewidth=1.3, label=label)
         for style, label in _BOUNDS.values()
     ]
-
-
-def _of(scenarios: Mapping[str, Figures]) -> list[Figures]:
-    return list(scenarios.values())
 
 
 def _place(group: int, k: int) -> float:

@@ -4,7 +4,13 @@ Imports planning and the base of scenario sections; scenario, uncertainty and fi
 """
 
 from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
-from twin.durations.composed import AnyDuration, Distribution, Retries, Shifted
+from twin.durations.composed import (
+    AnyDuration,
+    Distribution,
+    Retries,
+    Shifted,
+    SkillOverride,
+)
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
 from twin.durations.measured import Empirical, Measured, Packaged, packaged_timings
 from twin.durations.model import DurationModel, Skill
@@ -28,6 +34,7 @@ __all__ = [
     "Retries",
     "Shifted",
     "Skill",
+    "SkillOverride",
     "Triangular",
     "TruncatedNormal",
     "Uniform",

@@ -7,15 +7,16 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from planning.errors import ScenarioError
 from planning.transforms import Array, readonly
 from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
 from twin.durations.measured import Empirical, Packaged
-from twin.durations.model import DurationModel
+from twin.durations.model import DurationModel, Skill
 from twin.durations.normal import Lognormal, TruncatedNormal
+from twin.scenario.document.section import Name, Section
 
 _SEQUENCES_LOG2 = 14
 
@@ -143,6 +144,32 @@ Distribution = (
 
 AnyDuration = Annotated[Distribution, Field(discriminator="kind")]
 """Any distribution of durations; ``kind`` says which."""
+
+
+class SkillOverride(Section):
+    """An exception: a skill done by one robot, to one type of object, or both.
+
+    The exception that names robot and object is the strongest, then the one that names the
+    robot, then the one that names the object.
+
+    Attributes:
+        skill: which skill.
+        robot: who does it; everyone when not given.
+        object: type of what it is done to, such as ``2x4``; anything when not given.
+        duration: how long it then takes.
+    """
+
+    skill: Skill
+    robot: Name | None = None
+    object: str | None = None
+    duration: AnyDuration
+
+    @model_validator(mode="after")
+    def _names_something(self) -> SkillOverride:
+        if self.robot is None and self.object is None:
+            raise ValueError("name a robot, an object or both; else use 'skills'")
+        return self
+
 
 Shifted.model_rebuild()
 Retries.model_rebuild()

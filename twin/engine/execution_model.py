@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from planning.errors import TwinError
 from twin.durations import to_nanoseconds
@@ -12,8 +13,7 @@ from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.skill_durations import SkillDurations
 
 
-@dataclass(frozen=True)
-class Messages:
+class Messages(NamedTuple):
     """Queue depth and latencies of messages between robots and dispatcher.
 
     Attributes:

@@ -7,7 +7,7 @@ taken already. The rest is drawn as for any run. Everything then follows from th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -92,7 +92,7 @@ class Forecaster:
         if model.policy == "open-loop":
             self._messages = Messages()
         elif model.policy == "sequential":
-            self._messages = replace(model.messages, queue_depth=1)
+            self._messages = model.messages._replace(queue_depth=1)
         self._durations = model.durations
         self._disturbances = model.disturbances
         nodes = len(self._graph.order)

@@ -40,7 +40,12 @@ from twin.study.replications.experiment import PLAN_OF_POLICY, Experiment
 from twin.study.replications.runner import OpenExecutor, run_replications
 from twin.study.replications.workload import Workload
 from twin.study.summary import summarise_study
-from twin.study.tables import write_edges, write_replications, write_tasks
+from twin.study.tables import (
+    edge_columns,
+    task_columns,
+    write_cells,
+    write_replications,
+)
 from twin.trial.simulation import skill_durations
 from twin.uncertainty.disturbances import Speed
 
@@ -128,8 +133,8 @@ def _run(
     audits = _audits(experiment, folder, plans, loads, progress)
     write_replications(folder / REPLICATIONS, experiment, blocks)
     tallies = [cell_tally(blocks, cell) for cell in range(len(loads))]
-    write_tasks(folder / TASKS, experiment, loads, tallies)
-    write_edges(folder / EDGES, experiment, loads, tallies)
+    write_cells(folder / TASKS, experiment, map(task_columns, loads, tallies))
+    write_cells(folder / EDGES, experiment, map(edge_columns, loads, tallies))
     summary = summarise_study(
         experiment,
         blocks,

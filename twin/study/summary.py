@@ -22,7 +22,6 @@ from twin.study.replications.experiment import Experiment
 from twin.study.replications.statistics import (
     Interval,
     mean_interval,
-    paired_difference,
     quantile_interval,
     share_interval,
 )
@@ -35,9 +34,9 @@ def summarise_study(
     blocks: Path,
     *,
     scenario: str,
-    deadline_s: float | None = None,
-    engines: Sequence[Sequence[str]] = (),
-    audits: Mapping[int, Sequence[int]] | None = None,
+    deadline_s: float | None,
+    engines: Sequence[Sequence[str]],
+    audits: Mapping[int, Sequence[int]],
 ) -> dict[str, Any]:
     """Return the figures of a study, with the keys of its ``summary.json``.
 
@@ -55,12 +54,11 @@ def summarise_study(
     for cell, (policy, variant) in enumerate(experiment.cells):
         sample, figures = _cell(experiment, blocks, cell, deadline_s)
         samples.append(sample)
-        reasons = list(engines[cell]) if engines else []
+        reasons = list(engines[cell])
         entry = {"policy": policy, "variant": dict(variant), **figures}
         entry["engine"] = "events" if reasons else "bulk"
         entry["event_engine_because"] = reasons
-        found = (audits or {}).get(cell)
-        if found:
+        if found := audits.get(cell):
             hit = sum(count > 0 for count in found)
             entry["collided"] = _entry(
                 share_interval(hit, len(found), confidence=confidence)
@@ -74,6 +72,19 @@ def summarise_study(
         "cells": cells,
         "differences": _differences(experiment, samples),
     }
+
+
+def cell_label(cell: Mapping[str, Any]) -> str:
+    """Return policy and varied inputs of a cell in one line."""
+    varied = ", ".join(f"{key} = {value}" for key, value in cell["variant"].items())
+    return f"{cell['policy']}, {varied}" if varied else str(cell["policy"])
+
+
+def collisions(cell: Mapping[str, Any]) -> str:
+    """Return in words how many audited replications of a cell collided."""
+    count = cell["collided"]["count"]
+    hits = round(cell["collided"]["estimate"] * count)
+    return f"{hits} of {count} audited replications collided"
 
 
 def _cell(
@@ -142,9 +153,8 @@ def _differences(
         if policy == reference or not np.any(both):
             continue
         mirrored = experiment.antithetic and bool(np.all(both)) and len(both) > 1
-        absolute = paired_difference(
-            first[both],
-            second[both],
+        absolute = mean_interval(
+            first[both] - second[both],
             confidence=experiment.precision.confidence,
             antithetic=mirrored,
         )

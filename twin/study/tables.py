@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -42,18 +43,14 @@ def write_replications(path: Path, experiment: Experiment, blocks: Path) -> None
 
     Only as many rows as make a row group are in memory at once.
     """
-    with replacing(path) as temporary:
-        writer: pq.ParquetWriter | None = None
-        try:
-            for table in _groups(experiment, blocks):
-                if writer is None:
-                    writer = pq.ParquetWriter(
-                        temporary, table.schema, compression="zstd"
-                    )
-                writer.write_table(table)
-        finally:
-            if writer is not None:
-                writer.close()
+    tables = _groups(experiment, blocks)
+    first = next(tables)
+    with (
+        replacing(path) as temporary,
+        pq.ParquetWriter(temporary, first.schema, compression="zstd") as writer,
+    ):
+        for table in chain([first], tables):
+            writer.write_table(table)
 
 
 def _groups(experiment: Experiment, blocks: Path) -> Iterator[pa.Table]:
@@ -77,29 +74,10 @@ def _cell_table(policy: str, variant: Variant, columns: Mapping[str, Any]) -> pa
     return pa.table({**names, **{key: pa.array(v) for key, v in columns.items()}})
 
 
-def write_tasks(
-    path: Path,
-    experiment: Experiment,
-    workloads: Sequence[Workload],
-    tallies: Sequence[TaskTally],
-) -> None:
-    """Write one row a task: how often it was critical, its slack, when it starts and ends."""
-    _write_cells(path, experiment, map(_task_columns, workloads, tallies))
-
-
-def write_edges(
-    path: Path,
-    experiment: Experiment,
-    workloads: Sequence[Workload],
-    tallies: Sequence[TaskTally],
-) -> None:
-    """Write one row a type-2 edge: which tasks it joins, why, and how often it was critical."""
-    _write_cells(path, experiment, map(_edge_columns, workloads, tallies))
-
-
-def _write_cells(
+def write_cells(
     path: Path, experiment: Experiment, columns: Iterable[Mapping[str, Any]]
 ) -> None:
+    """Write a table of columns for each cell of an experiment."""
     tables = [
         _cell_table(policy, variant, own)
         for (policy, variant), own in zip(experiment.cells, columns, strict=True)
@@ -107,7 +85,8 @@ def _write_cells(
     write_table(path, pa.concat_tables(tables, promote_options="permissive"))
 
 
-def _task_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
+def task_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
+    """Return a row a task: how often it was critical, its slack, when it starts and ends."""
     groups = task_groups(load.tpg)
     tasks = [load.tpg.tasks[index] for index in groups.task.tolist()]
     columns: dict[str, Any] = {
@@ -129,11 +108,11 @@ def _task_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
     return columns
 
 
-def _edge_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
-    """Return the tasks that the edges of a policy's graph join, in the order of tallies."""
+def edge_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
+    """Return a row a type-2 edge: which tasks it joins, why, and how often it was critical."""
     tpg: TemporalPlanGraph = load.tpg if load.reasons else contract(load.tpg).tpg
     graph = policy_graph(tpg, load.execution.policy)
-    task = np.concatenate([chain.task for chain in tpg.chains])
+    task = np.concatenate([own.task for own in tpg.chains])
     target = np.repeat(np.arange(len(task)), np.diff(graph.edge_first))
     return {
         "first_task": task[graph.source],

@@ -81,11 +81,13 @@ class ChainDraws:
         own: the robot's tasks.
         seed: names the draws.
         numbers: of the replications, shape (r,).
+        disturbances: what may go wrong.
     """
 
     own: TaskNodes
     seed: int
     numbers: Indices
+    disturbances: Disturbances
 
     def draw(self, which: Indices, purpose: str, index: npt.ArrayLike = 0) -> Array:
         """Return one uniform for each of some tasks, by place, shape (n, r)."""
@@ -111,37 +113,33 @@ class ChainDraws:
             range(count),
         )
 
-    def motion(self, planned: Nanoseconds, disturbances: Disturbances) -> Nanoseconds:
-        """Return the durations of nodes with speed factor and jitter.
+    def motion(self, planned: Nanoseconds) -> Nanoseconds:
+        """Return the durations of nodes with speed factor and jitter, shape (nodes, r) [ns].
 
         Args:
             planned: without, shape (nodes, r) [ns].
-            disturbances: what may go wrong.
         """
         own, chain = self.own, self.own.chain
         out = planned
-        speed = disturbances.speed.model_of(chain.robot)
+        speed = self.disturbances.speed.model_of(chain.robot)
         if speed is not None:
             factor = speed.ppf(self.draw(np.arange(len(own.tasks)), "speed"))
             slowed = to_nanoseconds(chain.duration[:, None] / factor[own.of_node])
             out = np.where(chain.skill[:, None], out, slowed)
-        if disturbances.jitter is not None:
+        if self.disturbances.jitter is not None:
             index = np.arange(len(chain)) - own.first[own.of_node]
             u = self.draw(own.of_node, "jitter", index)
-            out = out + to_nanoseconds(disturbances.jitter.ppf(u))
+            out = out + to_nanoseconds(self.disturbances.jitter.ppf(u))
         return out
 
-    def standstills(
-        self, motion: Nanoseconds, disturbances: Disturbances
-    ) -> list[Standstills]:
+    def standstills(self, motion: Nanoseconds) -> list[Standstills]:
         """Return stalls and breakdowns by busy time.
 
         Args:
             motion: durations of nodes, shape (nodes, r) [ns].
-            disturbances: what may go wrong.
         """
         found = []
-        stalls, breaks = disturbances.stalls, disturbances.breakdowns
+        stalls, breaks = self.disturbances.stalls, self.disturbances.breakdowns
         if stalls.count_per_robot > 0:
             found.append(self._counted(stalls))
         if stalls.rate_per_h > 0:
@@ -153,14 +151,11 @@ class ChainDraws:
             found += self._arrivals(motion, mean_ns, repair, "breakdown")
         return found
 
-    def failures(
-        self, motion: Nanoseconds, disturbances: Disturbances
-    ) -> tuple[list[Standstills], Indices]:
+    def failures(self, motion: Nanoseconds) -> tuple[list[Standstills], Indices]:
         """Return attempts that failed, and the first node that fails for good.
 
         Args:
             motion: durations of nodes, shape (nodes, r) [ns].
-            disturbances: what may go wrong.
 
         Returns:
             The attempts, and shape (r,) with -1 where nothing fails for good.
@@ -168,7 +163,7 @@ class ChainDraws:
         found: list[Standstills] = []
         never = len(self.own.chain)
         failed = np.full(len(self.numbers), never, dtype=np.int64)
-        for skill, failure in disturbances.failures.items():
+        for skill, failure in self.disturbances.failures.items():
             places = [k for k, kind in enumerate(self.own.kinds) if kind == skill]
             if places and failure.probability > 0:
                 which = np.array(places, dtype=np.int64)
@@ -212,9 +207,7 @@ class ChainDraws:
                 u = self.draw(rows, f"{cause}-duration", index)
                 row, column = np.nonzero(active[rows])
                 task = rows[row]
-                node = np.empty(len(task), dtype=np.int64)
-                low, high = own.first[task], own.first[task + 1]
-                _locate(passed, low, high, column, clock[task, column], node)
+                node = _locate(passed, own.first, task, column, clock)
                 seconds = duration.ppf(u[row, column])
                 found.append(Standstills(cause, node, column, to_nanoseconds(seconds)))
             index += 1
@@ -272,22 +265,19 @@ def choose(n: int, u: Array) -> Indices:
 
 @kernel
 def _locate(
-    passed: Nanoseconds,
-    low: Indices,
-    high: Indices,
-    column: Indices,
-    clock: Array,
-    node: Indices,
-) -> None:
-    """Write which node of its task is under way at some time since the task began."""
-    for k in range(len(node)):
-        a, b, r = low[k], high[k], column[k]
+    passed: Nanoseconds, first: Indices, task: Indices, column: Indices, clock: Array
+) -> Indices:
+    """Return which node of its task is under way at some time since the task began."""
+    node = np.empty(len(task), np.int64)
+    for k in range(len(task)):
+        a, b, r = first[task[k]], first[task[k] + 1], column[k]
         start = passed[a, r]
         # The last node that begins no later.
         while b - a > 1:
             middle = (a + b) // 2
-            if passed[middle, r] - start <= clock[k]:
+            if passed[middle, r] - start <= clock[task[k], r]:
                 a = middle
             else:
                 b = middle
         node[k] = a
+    return node

@@ -8,9 +8,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from twin.durations import AnyDuration, DurationModel, Fixed, Lognormal, Skill, Uniform
+from twin.durations.model import Factor
 from twin.scenario.document.section import Name, Section, Two
-
-Factor = Annotated[float, Field(ge=0.001, le=1000)]
 
 
 class FixedFactor(Section):

@@ -187,8 +187,8 @@ class NodeTimeSampler:
         """Yield motion, standstills, and the nodes that fail for good, of each robot."""
         planned = self._skills.durations(seed=seed, replications=numbers)
         for tasks, own in zip(self._chains, planned, strict=True):
-            draws = ChainDraws(tasks, seed, numbers)
-            motion = draws.motion(own, self._disturbances)
-            found = draws.standstills(motion, self._disturbances)
-            attempts, failed = draws.failures(motion, self._disturbances)
+            draws = ChainDraws(tasks, seed, numbers, self._disturbances)
+            motion = draws.motion(own)
+            found = draws.standstills(motion)
+            attempts, failed = draws.failures(motion)
             yield motion, found + attempts, failed

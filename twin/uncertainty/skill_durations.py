@@ -10,13 +10,8 @@ import numpy.typing as npt
 
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import (
-    DurationModel,
-    Nanoseconds,
-    to_nanoseconds,
-)
+from twin.durations import DurationModel, Nanoseconds, SkillOverride, to_nanoseconds
 from twin.uncertainty.draws import uniforms
-from twin.uncertainty.skill_override import SkillOverride
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from twin.durations import (
     Retries,
     Shifted,
     Skill,
+    SkillOverride,
     Triangular,
     TruncatedNormal,
     Uniform,
@@ -38,7 +39,6 @@ from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.trial.simulation import skill_durations
 from twin.uncertainty.skill_durations import SkillDurations
-from twin.uncertainty.skill_override import SkillOverride
 
 SECTION: TypeAdapter[DurationModel] = TypeAdapter(AnyDuration)
 

@@ -78,50 +78,38 @@ def completions(graph: PrecedenceArrays, busy_ns: Nanoseconds) -> Completions:
     end = _end_times(graph, busy)
     makespan = _last_ends(graph, end).max(axis=0, initial=0)
     latest = np.tile(makespan, (len(busy), 1))
-    _latest_ends(graph, busy, latest)
+    _lower(graph, busy, latest)
     return explain(graph, end - busy, end, latest - end)
 
 
+@kernel
 def _end_times(graph: PrecedenceArrays, busy: Nanoseconds) -> Nanoseconds:
     end = np.empty_like(busy)
-    for first in range(0, busy.shape[1], _BLOCK):
-        _ends(graph, busy, first, min(first + _BLOCK, busy.shape[1]), end)
+    for low in range(0, busy.shape[1], _BLOCK):
+        high = min(low + _BLOCK, busy.shape[1])
+        for n in graph.order:
+            own = n - 1 if n > graph.first[graph.chain[n]] else -1
+            for r in range(low, high):
+                end[n, r] = graph.not_before[n]
+            if own >= 0:
+                for r in range(low, high):
+                    end[n, r] = max(end[n, r], end[own, r])
+            for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
+                source = graph.source[e]
+                for r in range(low, high):
+                    end[n, r] = max(end[n, r], end[source, r])
+            for r in range(low, high):
+                end[n, r] += busy[n, r]
     return end
 
 
 @kernel
-def _ends(
-    graph: PrecedenceArrays,
-    busy: Nanoseconds,
-    low: int,
-    high: int,
-    end: Nanoseconds,
-) -> None:
-    for n in graph.order:
-        own = n - 1 if n > graph.first[graph.chain[n]] else -1
-        for r in range(low, high):
-            end[n, r] = graph.not_before[n]
-        if own >= 0:
-            for r in range(low, high):
-                end[n, r] = max(end[n, r], end[own, r])
-        for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
-            source = graph.source[e]
-            for r in range(low, high):
-                end[n, r] = max(end[n, r], end[source, r])
-        for r in range(low, high):
-            end[n, r] += busy[n, r]
-
-
-@kernel
-def _latest_ends(
-    graph: PrecedenceArrays, busy: Nanoseconds, latest: Nanoseconds
-) -> None:
+def _lower(graph: PrecedenceArrays, busy: Nanoseconds, latest: Nanoseconds) -> None:
     """Lower how late nodes may end from the makespan, by a pass in reverse order."""
-    replications = busy.shape[1]
     for k in range(len(graph.order) - 1, -1, -1):
         n = graph.order[k]
         own = n - 1 if n > graph.first[graph.chain[n]] else -1
-        for r in range(replications):
+        for r in range(busy.shape[1]):
             begin = latest[n, r] - busy[n, r]
             if own >= 0:
                 latest[own, r] = min(latest[own, r], begin)
@@ -146,12 +134,8 @@ def explain(
     start = np.ascontiguousarray(start_ns, dtype=np.int64)
     end = np.ascontiguousarray(end_ns, dtype=np.int64)
     chain_end = _last_ends(graph, end)
-    replications = start.shape[1]
-    waited = np.zeros((len(chain_end), 3, replications), dtype=np.int64)
-    critical = np.zeros(start.shape, dtype=np.bool_)
-    critical_edge = np.zeros((len(graph.source), replications), dtype=np.bool_)
-    _waits(graph, start, end, waited)
-    _critical_paths(graph, start, end, chain_end, critical, critical_edge)
+    waited = _waits(graph, start, end)
+    critical, critical_edge = _critical_paths(graph, end, chain_end)
     return Completions(start, end, chain_end, waited, critical, critical_edge, slack_ns)
 
 
@@ -174,11 +158,9 @@ def _latest_source(
 
 @kernel
 def _waits(
-    graph: PrecedenceArrays,
-    start: Nanoseconds,
-    end: Nanoseconds,
-    waited: Nanoseconds,
-) -> None:
+    graph: PrecedenceArrays, start: Nanoseconds, end: Nanoseconds
+) -> Nanoseconds:
+    waited = np.zeros((len(graph.first) - 1, 3, start.shape[1]), np.int64)
     for n in range(len(graph.order)):
         chain = graph.chain[n]
         own = n - 1 if n > graph.first[chain] else -1
@@ -192,19 +174,17 @@ def _waits(
                 waited[chain, int(graph.cause[edge]), r] += until - since
                 since = until
             waited[chain, OTHER, r] += start[n, r] - since
+    return waited
 
 
 @kernel
 def _critical_paths(
-    graph: PrecedenceArrays,
-    start: Nanoseconds,
-    end: Nanoseconds,
-    last_end: Nanoseconds,
-    critical: npt.NDArray[np.bool_],
-    critical_edge: npt.NDArray[np.bool_],
-) -> None:
+    graph: PrecedenceArrays, end: Nanoseconds, last_end: Nanoseconds
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Mark one critical path a replication, from the end back to the start of the run."""
-    for r in range(start.shape[1]):
+    critical = np.zeros(end.shape, np.bool_)
+    critical_edge = np.zeros((len(graph.source), end.shape[1]), np.bool_)
+    for r in range(end.shape[1]):
         n, latest = -1, -1
         for chain in range(len(graph.first) - 1):
             last = graph.first[chain + 1] - 1
@@ -222,6 +202,7 @@ def _critical_paths(
                 n = graph.source[edge]
             else:
                 n = own
+    return critical, critical_edge
 
 
 def _last_ends(graph: PrecedenceArrays, end: Nanoseconds) -> Nanoseconds:

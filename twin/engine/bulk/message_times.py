@@ -38,6 +38,7 @@ class Past(NamedTuple):
     not_before_ns: Nanoseconds
 
 
+@kernel
 def end_times(
     graph: PrecedenceArrays, busy_ns: Nanoseconds, messages: Messages, past: Past
 ) -> Nanoseconds:
@@ -53,58 +54,35 @@ def end_times(
     Returns:
         Shape (nodes, replications) [ns].
     """
-    end = np.empty_like(busy_ns)
-    _end_times(
-        graph,
-        busy_ns,
-        messages.queue_depth,
-        messages.report_ns,
-        messages.release_ns,
-        past,
-        np.empty((len(graph.order), busy_ns.shape[1]), dtype=np.int64),
-        end,
-    )
-    return end
-
-
-@kernel
-def _end_times(
-    graph: PrecedenceArrays,
-    busy: Nanoseconds,
-    depth: int,
-    report: int,
-    release: int,
-    past: Past,
-    released: Nanoseconds,
-    end: Nanoseconds,
-) -> None:
+    end, released = np.empty_like(busy_ns), np.empty_like(busy_ns)
     now = np.int64(past.now_ns)
     for n in graph.order:
         chain = graph.chain[n]
         own = n - 1 if n > graph.first[chain] else -1
-        ahead = n - depth
+        ahead = n - messages.queue_depth
         known_start, known_end = past.start_ns[n], past.end_ns[n]
-        for r in range(busy.shape[1]):
+        for r in range(busy_ns.shape[1]):
             if known_start >= 0:
-                released[n, r] = known_start - release
+                released[n, r] = known_start - messages.release_ns
                 if known_end >= 0:
                     end[n, r] = known_end
                 else:
                     end[n, r] = max(now, past.not_before_ns[chain, r])
-                    end[n, r] += busy[n, r]
+                    end[n, r] += busy_ns[n, r]
                 continue
             t = np.int64(0)
             if own >= 0:
                 t = released[own, r]
             if ahead >= graph.first[chain]:
-                t = max(t, end[ahead, r] + report)
+                t = max(t, end[ahead, r] + messages.report_ns)
             for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
-                t = max(t, end[graph.source[e], r] + report)
+                t = max(t, end[graph.source[e], r] + messages.report_ns)
             released[n, r] = t
-            t += release
+            t += messages.release_ns
             if own >= 0:
                 t = max(t, end[own, r])
             t = max(t, now)
             t = max(t, graph.not_before[n])
             t = max(t, past.not_before_ns[chain, r])
-            end[n, r] = t + busy[n, r]
+            end[n, r] = t + busy_ns[n, r]
+    return end

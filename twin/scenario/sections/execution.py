@@ -9,11 +9,10 @@ from typing import Annotated, Literal, get_args
 from pydantic import Field, field_validator
 
 from planning.errors import ScenarioError
-from twin.durations import Distribution, DurationModel, Packaged, Skill
+from twin.durations import Distribution, DurationModel, Packaged, Skill, SkillOverride
 from twin.scenario.document.section import Section
 from twin.scenario.document.yaml_text import KeyPath
 from twin.uncertainty.disturbances import Disturbances
-from twin.uncertainty.skill_override import SkillOverride
 
 Latency = Annotated[float, Field(ge=0, le=3600)]
 

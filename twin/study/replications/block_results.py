@@ -72,12 +72,7 @@ class ReplicationRows:
     robots: tuple[str, ...]
 
     def fill(self, which: npt.NDArray[np.bool_], found: Completions) -> None:
-        """Enter replications that completed.
-
-        Args:
-            which: which rows, shape (r,).
-            found: what came of them.
-        """
+        """Enter what came of replications that completed: those rows, shape (r,)."""
         self.outcome[which] = COMPLETED
         self.makespan_ns[which] = found.makespan_ns
         self.busy_ns[:, which] = found.chain_end_ns - found.waited_ns.sum(axis=1)

@@ -28,7 +28,6 @@ from twin.study.replications.block_results import (
 from twin.study.replications.executors import parallelism
 from twin.study.replications.experiment import Block, Experiment, blocks_of
 from twin.study.replications.workload import (
-    Parcel,
     Workload,
     compute_block,
     pack,
@@ -141,7 +140,7 @@ class _Counter:
 
 def _compute(
     blocks: Iterable[Block],
-    parcels: Sequence[Parcel],
+    parcels: Sequence[bytes],
     folder: Path,
     open_executor: OpenExecutor,
     counter: _Counter,
@@ -164,7 +163,7 @@ def _compute(
 def _drain(
     executor: Executor,
     waiting: deque[Block],
-    parcels: Sequence[Parcel],
+    parcels: Sequence[bytes],
     folder: Path,
     counter: _Counter,
 ) -> None:

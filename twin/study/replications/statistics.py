@@ -113,32 +113,6 @@ def share_interval(hits: int, count: int, *, confidence: float = 0.95) -> Interv
     return Interval(hits / count, float(bounds.low), float(bounds.high), count)
 
 
-def paired_difference(
-    values: npt.ArrayLike,
-    reference: npt.ArrayLike,
-    *,
-    confidence: float = 0.95,
-    antithetic: bool = False,
-) -> Interval:
-    """Return the mean difference between two policies that saw the same draws.
-
-    Args:
-        values, reference: one a replication, in the same order of replications, shape (n,).
-        confidence: probability that the interval covers the difference.
-        antithetic: see mean_interval.
-
-    Raises:
-        TwinError: the samples are empty or of different length.
-    """
-    first, second = np.asarray(values, float), np.asarray(reference, float)
-    if first.shape != second.shape:
-        raise TwinError(
-            f"paired values must be as many on both sides, not {len(first)} and"
-            f" {len(second)}"
-        )
-    return mean_interval(first - second, confidence=confidence, antithetic=antithetic)
-
-
 @dataclass(frozen=True)
 class Precision:
     """Precision at which there are enough replications.

@@ -6,11 +6,10 @@ that can be executed, but not drawn, of a few hundred kilobytes for hundreds of 
 
 from __future__ import annotations
 
-import hashlib
 import pickle
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -57,27 +56,13 @@ class Workload:
     reasons: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Parcel:
-    """A workload packed for travel; a worker unpacks the same one once.
-
-    Attributes:
-        digest: of the data; parcels with the same digest are equal.
-        data: compressed.
-    """
-
-    digest: str
-    data: bytes = field(compare=False, repr=False)
+def pack(workload: Workload) -> bytes:
+    """Pack a workload for travel; a worker unpacks the same one once."""
+    return zlib.compress(pickle.dumps(workload, protocol=5), 1)
 
 
-def pack(workload: Workload) -> Parcel:
-    """Pack a workload for travel."""
-    data = zlib.compress(pickle.dumps(workload, protocol=5), 1)
-    return Parcel(hashlib.sha256(data).hexdigest(), data)
-
-
-def compute_block(parcel: Parcel, block: Block) -> BlockResult:
-    """Execute a block of replications; the function that workers call.
+def compute_block(parcel: bytes, block: Block) -> BlockResult:
+    """Execute a block of replications of a packed workload; the function that workers call.
 
     A replication that raises is a row with its error.
     """
@@ -85,8 +70,8 @@ def compute_block(parcel: Parcel, block: Block) -> BlockResult:
 
 
 @lru_cache(maxsize=8)
-def _engines(parcel: Parcel) -> Engines:
-    return Engines(pickle.loads(zlib.decompress(parcel.data)))
+def _engines(parcel: bytes) -> Engines:
+    return Engines(pickle.loads(zlib.decompress(parcel)))
 
 
 class Engines:

@@ -25,6 +25,7 @@ from twin.engine.bulk.policy_graph import OTHER
 from twin.host.pictures import INK, new_picture, style_axes
 from twin.study.replications.block_results import WAIT_COLUMNS, TaskTally, task_groups
 from twin.study.sensitivity import SHARE, Influence, SobolIndex
+from twin.study.summary import cell_label
 
 COLOURS = ("#1f5f9e", "#d97b29", "#2f7f66", "#9c4a8f", "#7a8592", "#b8433a")
 CAUSE_STYLE = {
@@ -35,12 +36,6 @@ CAUSE_STYLE = {
 _DASHES = ("-", "--", ":", "-.")
 _TASKS_A_ROW = 44
 _CRITICALITY = colormaps["YlOrRd"]
-
-
-def cell_label(cell: Mapping[str, Any]) -> str:
-    """Return policy and varied inputs of a cell in one line."""
-    varied = ", ".join(f"{key} = {value}" for key, value in cell["variant"].items())
-    return f"{cell['policy']}, {varied}" if varied else str(cell["policy"])
 
 
 def draw_ecdf(

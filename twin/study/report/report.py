@@ -22,7 +22,6 @@ from twin.study.plans import load_plans, workloads
 from twin.study.replications.block_results import cell_blocks, cell_tally
 from twin.study.replications.experiment import PLAN_OF_POLICY
 from twin.study.report.figures import (
-    cell_label,
     draw_bands,
     draw_ecdf,
     draw_response,
@@ -32,6 +31,7 @@ from twin.study.report.figures import (
 )
 from twin.study.sensitivity import influences, sobol_indices
 from twin.study.study import StudyResult
+from twin.study.summary import cell_label, collisions
 
 DRAWING = "report"
 """Name of the stage for progress displays."""
@@ -128,7 +128,8 @@ def _page(result: StudyResult, pictures: Mapping[str, tuple[Figure, str]]) -> st
         parts.append(f"<h2>{html.escape(heading)}</h2>")
         parts.append(f"<figure>{_svg(figure)}</figure>")
     parts.append("<h2>How it was made</h2>")
-    parts.append(f"<p>{html.escape(_made_with())}</p>")
+    made_with = ", ".join(f"{name} {number}" for name, number in versions().items())
+    parts.append(f"<p>{html.escape(f'Made with {made_with}')}</p>")
     design = json.dumps(_design(result), indent=2, ensure_ascii=False)
     parts.append(f"<pre>{html.escape(design)}</pre></body></html>")
     return "\n".join(part for part in parts if part) + "\n"
@@ -137,8 +138,7 @@ def _page(result: StudyResult, pictures: Mapping[str, tuple[Figure, str]]) -> st
 def _lead(result: StudyResult) -> str:
     experiment, summary = result.request.experiment, result.summary
     counts = sorted({cell["replications"] for cell in summary["cells"]})
-    many = " to ".join(str(count) for count in (counts[0], counts[-1]) if counts)
-    many = str(counts[0]) if len(counts) == 1 else many
+    many = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
     text = (
         f"{many} replications of {len(experiment.policies)} policies"
         f" with the same draws, seed {result.request.scenario.seed}."
@@ -204,12 +204,8 @@ def _open_loop(summary: Mapping[str, Any]) -> str:
     texts = []
     for cell in summary["cells"]:
         if "collided" in cell:
-            entry = cell["collided"]
-            hits = round(entry["estimate"] * entry["count"])
-            texts.append(
-                f"{cell_label(cell)}: {hits} of {entry['count']} audited replications"
-                f" collided, {_span(entry, '{:.0f} %', 100.0)}"
-            )
+            share = _span(cell["collided"], "{:.0f} %", 100.0)
+            texts.append(f"{cell_label(cell)}: {collisions(cell)}, {share}")
     return _list("When nobody waits for anybody", texts)
 
 
@@ -227,22 +223,14 @@ def _design(result: StudyResult) -> dict[str, Any]:
         "replications": experiment.replications,
         "antithetic": experiment.antithetic,
         "shortcut_candidates": result.request.candidates,
-        "engines": [
-            {"cell": cell_label(cell), "engine": cell["engine"]}
-            | (
-                {"because": cell["event_engine_because"]}
-                if cell["event_engine_because"]
-                else {}
-            )
-            for cell in result.summary["cells"]
-        ],
+        "engines": [_engine(cell) for cell in result.summary["cells"]],
     }
 
 
-def _made_with() -> str:
-    return "Made with " + ", ".join(
-        f"{name} {number}" for name, number in versions().items()
-    )
+def _engine(cell: Mapping[str, Any]) -> dict[str, Any]:
+    because = cell["event_engine_because"]
+    own = {"cell": cell_label(cell), "engine": cell["engine"]}
+    return own | ({"because": because} if because else {})
 
 
 def _svg(figure: Figure) -> str:

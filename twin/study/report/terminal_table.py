@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from twin.study.study import StudyResult
+from twin.study.summary import collisions
 
 
 def print_study(result: StudyResult) -> None:
@@ -50,12 +51,8 @@ def print_study(result: StudyResult) -> None:
         )
     for cell in summary["cells"]:
         if "collided" in cell:
-            share_of = cell["collided"]
-            hits = round(share_of["estimate"] * share_of["count"])
-            console.print(
-                f"{cell['policy']}: {hits} of {share_of['count']} audited replications"
-                f" collided ({_percent(share_of)})"
-            )
+            share = _percent(cell["collided"])
+            console.print(f"{cell['policy']}: {collisions(cell)} ({share})")
     console.print(f"{result.folder}")
 
 
