@@ -55,8 +55,9 @@ def compare(
     ):
         from twin.comparison.chart import draw_comparison
         from twin.comparison.comparison import (
-            compare_policies,
+            SEEDS,
             comparison_figures,
+            measure_policies,
             shortcut_budget,
         )
         from twin.scenario.sections.scenario import follow_references
@@ -64,18 +65,18 @@ def compare(
         if reference_skills:
             chosen = follow_references(chosen)
         candidates = shortcut_budget(chosen) if shortcuts is None else shortcuts
-        found = compare_policies(
-            chosen,
-            numbers,
-            candidates=candidates,
-            base=scenario.parent,
-            progress=progress,
-        )
+        base, found = scenario.parent, {}
+        for k, seed in enumerate(numbers):
+            progress(SEEDS, k, seeds)
+            found[seed] = measure_policies(
+                chosen, seed, candidates=candidates, base=base, progress=progress
+            )
+        progress(SEEDS, seeds, seeds)
         figures = comparison_figures(found)
         write_manifest(
             folder,
             chosen,
-            build_workcell(chosen, scenario.parent),
+            build_workcell(chosen, base),
             seeds=list(numbers),
             shortcut_candidates=candidates,
         )

@@ -63,16 +63,23 @@ def fit(
     and a picture of each group: histogram with densities, and quantiles.
     """
     from twin.fit.chart import draw_fit
-    from twin.fit.fitting import fit_samples, results_folder, write_snippet
+    from twin.fit.fitting import Fit, results_folder, write_snippet
     from twin.fit.samples import read_samples
+    from twin.fit.selection import fit_candidates
     from twin.host.atomic import write_json
-    from twin.host.progress import StageDisplay
+    from twin.host.progress import StageDisplay, of_stage
 
     samples = read_samples(csv, column=column, by=by or (), skill=skill)
     folder = results_folder(out, csv.stem)
     silent = quiet or as_json
     with StageDisplay(enabled=not silent) as display:
-        fits = fit_samples(samples, resamples=resamples, seed=seed, progress=display)
+        fits = []
+        for sample in samples:
+            progress = of_stage(display, sample.name)
+            found = fit_candidates(
+                sample.values_s, resamples=resamples, seed=seed, progress=progress
+            )
+            fits.append(Fit(sample, found))
         for k, one in enumerate(fits):
             display("pictures", k, len(fits))
             draw_fit(folder / f"{one.sample.name}.png", one)

@@ -99,36 +99,6 @@ def shortcut_budget(scenario: Scenario) -> int:
     return planned_shortcuts(scenario) or default_shortcuts(scenario)
 
 
-def compare_policies(
-    scenario: Scenario,
-    seeds: Sequence[int],
-    *,
-    candidates: int,
-    base: Path = Path(),
-    progress: Report = report_nothing,
-) -> Rows:
-    """Plan a scenario with every seed and execute the plan under every policy.
-
-    Args:
-        scenario: a checked scenario; its own policy, coordination and shortcuts do not matter.
-        seeds: of plans and draws.
-        candidates: shortcuts tried on each plan.
-        base: where relative paths of the scenario start.
-        progress: told how far each stage has come.
-
-    Raises:
-        TwinError: a seed cannot be planned; see ``plan_scenario``.
-    """
-    rows = {}
-    for k, seed in enumerate(seeds):
-        progress(SEEDS, k, len(seeds))
-        rows[seed] = measure_policies(
-            scenario, seed, candidates=candidates, base=base, progress=progress
-        )
-    progress(SEEDS, len(seeds), len(seeds))
-    return rows
-
-
 def measure_policies(
     scenario: Scenario,
     seed: int,
@@ -140,7 +110,7 @@ def measure_policies(
     """Plan a scenario with one seed and execute the plan under every policy.
 
     Args:
-        scenario: a checked scenario.
+        scenario: a checked scenario; its own policy, coordination and shortcuts do not matter.
         seed: of plan and draws, in place of the scenario's.
         candidates: shortcuts tried on each plan.
         base: where relative paths of the scenario start.

@@ -12,9 +12,8 @@ import numpy as np
 from planning.errors import OutputError
 from twin.durations.fittable import rounded
 from twin.fit.samples import Sample
-from twin.fit.selection import Candidate, fit_candidates
+from twin.fit.selection import Candidate
 from twin.host.atomic import write_text
-from twin.host.progress import Report, of_stage, report_nothing
 from twin.run.folder import prepare_run_folder
 from twin.scenario.document.text import scenario_text
 
@@ -56,42 +55,12 @@ class Fit:
         return self.best.section
 
 
-def fit_samples(
-    samples: Sequence[Sample],
-    *,
-    resamples: int,
-    seed: int = 0,
-    progress: Report = report_nothing,
-) -> tuple[Fit, ...]:
-    """Fit every family to every sample.
-
-    Args:
-        samples: one a group.
-        resamples: bootstrap samples of each test.
-        seed: of the bootstrap.
-        progress: told how far each group has come.
-    """
-    fits = []
-    for sample in samples:
-        found = fit_candidates(
-            sample.values_s,
-            resamples=resamples,
-            seed=seed,
-            progress=of_stage(progress, sample.name),
-        )
-        fits.append(Fit(sample, found))
-    return tuple(fits)
-
-
 def results_folder(out: Path | None, name: str) -> Path:
-    """Make the folder for the results of a fit and return it.
+    """Make the folder for the results of a fit and return it; OutputError if that fails.
 
     Args:
         out: the folder, whose other files stay; by default ``logs/fit-<name>-<UTC time>``.
         name: of what is fitted.
-
-    Raises:
-        OutputError: it cannot be made.
     """
     if out is None:
         return prepare_run_folder(None, f"fit-{name}")
