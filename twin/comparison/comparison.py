@@ -70,7 +70,7 @@ class Measurement:
         wait_s: waits of all robots, each until its own last node is complete [s].
         planning_s: wall-clock seconds of each stage that the policy needs.
         straight_line_s: time of the robot with most to do if it never waited and all its
-            transits were straight joint lines [s]; see ``comparison_bounds.straight_line_s``.
+            transits were straight joint lines [s]; see ``bounds.straight_line_s``.
         critical_path_s: longest path through the nodes and the dependencies of tasks alone [s].
         straight_line_ratio: of a baseline, its makespan over that with straight transits;
             None for the others.

@@ -1,4 +1,4 @@
 """Monte-Carlo studies: plans, replications, summary and report.
 
-Imports its rooms (replications, sensitivity), planning, trial and audit; commands import it.
+Imports its room replications, planning, engine, trial and audit; its report and commands import it.
 """
