@@ -13,6 +13,7 @@ import numpy as np
 
 from planning.cell.robot_model import RobotModel
 from planning.errors import RobotModelError
+from planning.files import is_file
 from planning.robots.urdf_file import UrdfOptions
 from planning.transforms import from_rpy, identity, translation
 
@@ -167,13 +168,16 @@ def robot_model(name_or_urdf: str, base_dir: Path | None = None) -> RobotModel:
     """
     if name_or_urdf in ROBOTS:
         return _registered(name_or_urdf)
-    path = Path(base_dir or ".", name_or_urdf).resolve()
-    if not path.is_file() and path.suffix.lower() not in (".urdf", ".xml"):
+    try:
+        path = Path(base_dir or ".", name_or_urdf).resolve()
+    except (OSError, ValueError) as error:
+        raise RobotModelError(f"no robot {name_or_urdf[:60]!r}: {error}") from None
+    if not is_file(path) and path.suffix.lower() not in (".urdf", ".xml"):
         raise RobotModelError(
             f"no robot {name_or_urdf!r} in the registry, and no such file",
             choices=(*ROBOTS, "path of a .urdf file"),
         )
-    stamp = path.stat().st_mtime_ns if path.is_file() else 0
+    stamp = path.stat().st_mtime_ns if is_file(path) else 0
     return _from_file(path, stamp)
 
 

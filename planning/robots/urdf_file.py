@@ -9,6 +9,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from planning.errors import RobotModelError
+from planning.files import is_file, read_file
 from planning.transforms import Transform, identity
 
 _MOVING = ("revolute", "continuous", "prismatic")
@@ -104,11 +105,13 @@ def read_urdf(
         RobotModelError: the file is missing, is not URDF, has no moving joint, branches, lacks
             a limit or a speed, or names a mesh that is not there.
     """
-    if not path.is_file():
+    if not is_file(path):
         raise RobotModelError(f"robot description {path} does not exist")
     try:
-        root = ElementTree.parse(path).getroot()
-    except ElementTree.ParseError as error:
+        root = ElementTree.fromstring(read_file(path))
+    except OSError as error:
+        raise RobotModelError(f"{path} cannot be read: {error.strerror}") from None
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise RobotModelError(f"{path} is not XML: {error}") from error
     if root.tag != "robot":
         raise RobotModelError(f"{path} is not URDF: its root element is <{root.tag}>")
@@ -185,7 +188,7 @@ def find_mesh(name: str, dirs: Sequence[Path]) -> Path | None:
     """Return the first file that a mesh's name may mean, None where there is none."""
     bare = name.removeprefix("file://").removeprefix("package://")
     places = (folder / bare for folder in dirs)  # an absolute path stays as it is
-    return next((place for place in places if place.is_file()), None)
+    return next((place for place in places if is_file(place)), None)
 
 
 def _chain_order(

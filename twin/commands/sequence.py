@@ -152,12 +152,13 @@ def _print_table(found: SequencedStructure) -> None:
 
 def _write(source: Path, output: Path, found: SequencedStructure) -> None:
     """Write the scenario with explicit steps, and read it again."""
+    from planning.files import read_file
     from twin.host.atomic import write_text
     from twin.scenario.document.text import scenario_text
     from twin.scenario.document.yaml_text import read_yaml
     from twin.scenario.file import load_scenario
 
-    content = read_yaml(source, source.read_text(encoding="utf-8-sig")).data
+    content = read_yaml(source, read_file(source).decode("utf-8-sig")).data
     assembly = {k: v for k, v in content["assembly"].items() if k != "structure"}
     assembly["steps"] = [step_section(item) for item in found.sequence]
     note = f"The sequence that twin sequence found for {source.name}."

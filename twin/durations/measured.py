@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ import numpy as np
 from pydantic import Field
 
 from planning.errors import ScenarioError
+from planning.files import is_file, read_file
 from planning.transforms import Array, readonly
 from twin.durations.model import DurationModel, Skill
 
@@ -75,7 +77,7 @@ class Empirical(_Sample):
     def located(self, folder: Path) -> Measured:
         """Return the durations of the file; ScenarioError names file and line."""
         path = folder / self.csv
-        if not path.is_file():
+        if not is_file(path):
             raise ScenarioError(f"no such file: {path}")
         rows = read_durations(path, self.column)
         return Measured(values=tuple(value for _, value in rows), scale=self.scale)
@@ -127,24 +129,43 @@ def read_durations(
             not a finite number of at least 0; the message names file and line.
     """
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            names = tuple(reader.fieldnames or ())
-            for name in (column, *labels):
-                if name not in names:
-                    raise ScenarioError(f"{path}: no column {name!r}", choices=names)
-            rows = [
-                (
-                    tuple((row[name] or "").strip() for name in labels),
-                    _duration_in_cell(path, reader.line_num, column, row[column]),
+        reader = csv_rows(path)
+        names = tuple(reader.fieldnames or ())
+        for name in (column, *labels):
+            if name not in names:
+                raise ScenarioError(
+                    f"{path}: no column {name!r}",
+                    choices=tuple(n[:40] for n in names[:20]),
                 )
-                for row in reader
-            ]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ScenarioError(f"{path}: cannot read durations: {error}") from error
+        rows = [
+            (
+                tuple((row[name] or "").strip() for name in labels),
+                _duration_in_cell(path, reader.line_num, column, row[column]),
+            )
+            for row in reader
+        ]
+    except csv.Error as error:
+        raise ScenarioError(f"{path}: is no CSV file: {error}") from error
     if not rows:
         raise ScenarioError(f"{path}: column {column!r} has no rows")
     return rows
+
+
+def csv_rows(path: Path) -> csv.DictReader[str]:
+    """Return a reader of a CSV file with a header line.
+
+    Raises:
+        ScenarioError: it cannot be read.
+    """
+    try:
+        text = read_file(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f"{path}: not UTF-8 (byte {error.start})") from None
+    except OSError as error:
+        raise ScenarioError(
+            f"{path}: cannot read durations: {error.strerror}"
+        ) from None
+    return csv.DictReader(io.StringIO(text, newline=""))
 
 
 def _duration_in_cell(path: Path, line: int, column: str, text: str | None) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 from planning.errors import ScenarioError
 from planning.tasks.task import SKILLS
 from planning.transforms import Array, readonly
-from twin.durations.measured import read_durations
+from twin.durations.measured import csv_rows, read_durations
 
 LABELS = ("skill", "robot", "object")
 """Columns that can tell groups apart."""
@@ -112,8 +111,7 @@ def unused_labels(path: Path, by: Sequence[str]) -> dict[str, tuple[str, ...]]:
         path: a file that read_samples has read.
         by: what was asked for.
     """
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = list(csv.DictReader(file))
+    rows = list(csv_rows(path))
     out = {}
     for name in LABELS:
         values = tuple(dict.fromkeys(row.get(name) or "" for row in rows))

@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from planning.files import read_file
 from twin.scenario.checks import find_problems
 from twin.scenario.document.problems import InvalidScenarioError, Problem
 from twin.scenario.document.validation import parsed, validated
@@ -51,7 +52,7 @@ def _read_text(path: Path) -> str:
         if path.is_dir():
             reason = "this is a folder, a scenario file is expected"
         else:
-            return path.read_text(encoding="utf-8-sig")
+            return read_file(path).decode("utf-8-sig")
     except FileNotFoundError:
         reason = "no such file"
     except UnicodeDecodeError as error:
@@ -73,7 +74,7 @@ def _include_structure(
         return document, None
     path = document.path.parent / name
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_file(path).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not a UTF-8 text file"
         problem = Problem(

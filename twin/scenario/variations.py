@@ -90,6 +90,10 @@ def assign_variant(content: dict[str, Any], variant: Variant) -> None:
         _assign(content["execution"], key, value)
 
 
+class _NewSection(dict[str, Any]):
+    """A section that the scenario leaves out, made by the first key that is set in it."""
+
+
 def _assign(tree: dict[str, Any], key: str, value: Any) -> None:
     *path, last = key.split(".")
     if path[:1] == ["skills"] and len(path) > 1:
@@ -100,10 +104,15 @@ def _assign(tree: dict[str, Any], key: str, value: Any) -> None:
     place: Any = tree
     walked = "execution"
     for name in path:
-        place = place[_entry(place, name, key, walked)]
+        entry = _entry(place, name, key, walked)
+        if place[entry] is None:
+            place[entry] = _NewSection()
+        place = place[entry]
         walked += f".{name}"
-    # What skills and failures say of themselves is left to the checks of the section.
+    # What skills, failures and sections that the scenario does not have say of themselves is
+    # left to the checks of the section.
     free = path[:1] in (["skills"], ["failures"]) and isinstance(place, dict)
+    free = free or isinstance(place, _NewSection)
     place[last if free else _entry(place, last, key, walked)] = value
 
 

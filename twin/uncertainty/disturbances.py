@@ -96,7 +96,7 @@ class Stalls(Section):
     """
 
     count_per_robot: Annotated[int, Field(ge=0, le=100_000)] = 0
-    duration_s: Two[Annotated[float, Field(ge=0)]] = (1.0, 20.0)
+    duration_s: Two[Annotated[float, Field(ge=0, le=1e9)]] = (1.0, 20.0)
     rate_per_h: Annotated[float, Field(ge=0, le=36_000)] = 0.0
     duration: AnyDuration | None = None
 

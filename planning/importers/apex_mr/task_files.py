@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from planning.errors import ScenarioError
+from planning.files import read_file
 from planning.transforms import Array, Transform, inverse
 
 TOOLS: Mapping[str, str] = {
@@ -109,11 +110,11 @@ def read_json(path: Path) -> Record:
     """
     try:
         # Some editors put a byte order mark in front.
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_file(path).decode("utf-8-sig")
         content = json.loads(text, object_pairs_hook=_once)
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ScenarioError(f"{path}: is not valid JSON: {error}") from None
     if not isinstance(content, dict):
         raise ScenarioError(f"{path}: must hold an object")

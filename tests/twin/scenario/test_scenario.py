@@ -137,7 +137,7 @@ ONE_PROBLEM = {
         "[1, 1, 0.1]",
         "[1, 1, 0]",
         "0], pose: {xyz",
-        "must be greater than 0, not 0",
+        "must be at least 0.0001, not 0",
     ),
     "two numbers": (
         "[1, 1, 0.1]",

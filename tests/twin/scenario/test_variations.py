@@ -76,3 +76,13 @@ def test_what_does_not_fit_is_refused_with_what_would(
 ) -> None:
     with pytest.raises(ScenarioError, match=message):
         varied(cliff, variant)
+
+
+def test_keys_of_a_section_that_is_left_out_make_it(cliff: Scenario) -> None:
+    found = varied(cliff, {"breakdowns.mtbf_s": 60.0, "breakdowns.mttr_s": 5.0})
+    assert found.execution.breakdowns is not None
+    assert found.execution.breakdowns.mttr_s == 5.0
+    with pytest.raises(ScenarioError, match=r"breakdowns\.mttr_s: Field required"):
+        varied(cliff, {"breakdowns.mtbf_s": 60.0})
+    with pytest.raises(ScenarioError, match=r"breakdowns\.mtbf: "):
+        varied(cliff, {"breakdowns.mtbf": 60.0})

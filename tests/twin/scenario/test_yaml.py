@@ -80,7 +80,7 @@ def test_a_key_given_twice_is_a_problem_and_the_first_stays() -> None:
         ("a: &x {b: 1}\nc: {<<: *x}\n", (2, 5), "merge keys"),
         ("a: &x [*x]\n", (1, 4), "an alias refers to something that contains it"),
         ("a: *nowhere\n", (1, 4), "undefined alias"),
-        ("a: \x07\n", (1, 1), "not a text file"),
+        ("a: \x07\n", (1, 4), "not a text file"),
     ],
 )
 def test_problems_have_a_place(text: str, place: tuple[int, int], words: str) -> None:

@@ -22,6 +22,9 @@ _MOST_NODES = 500_000
 
 _PLAIN_TAGS = ("tag:yaml.org,2002:map", "tag:yaml.org,2002:seq")
 
+# Sections stand in each other six deep; JSON, which they are read from, ends at two hundred.
+_DEEPEST = 60
+
 # Longer ones are no quantity, and Python refuses to parse them from 4300 digits on.
 _LONGEST_INT = 40
 
@@ -101,7 +104,7 @@ def read_yaml(path: Path, text: str) -> YamlDocument:
     try:
         nodes = list(yaml.compose_all(text, Loader=yaml.SafeLoader))
     except yaml.YAMLError as error:
-        return YamlDocument(path, lines, None, problems=(_syntax_problem(error),))
+        return YamlDocument(path, lines, None, problems=(_syntax_problem(text, error),))
     except RecursionError:
         problem = Problem(Mark(1, 1), "the file is nested too deeply")
         return YamlDocument(path, lines, None, problems=(problem,))
@@ -119,7 +122,7 @@ def read_yaml(path: Path, text: str) -> YamlDocument:
     )
 
 
-def _syntax_problem(error: yaml.YAMLError) -> Problem:
+def _syntax_problem(text: str, error: yaml.YAMLError) -> Problem:
     if isinstance(error, yaml.MarkedYAMLError):
         mark = error.problem_mark or error.context_mark
         parts = [p for p in (error.context, error.problem) if p]
@@ -129,7 +132,9 @@ def _syntax_problem(error: yaml.YAMLError) -> Problem:
         place = Mark(mark.line + 1, mark.column + 1) if mark else Mark(1, 1)
         return Problem(place, f"not valid YAML: {text}")
     if isinstance(error, yaml.reader.ReaderError):
-        return Problem(Mark(1, 1), f"not a text file: {error.reason}")
+        before = text[: error.position]
+        place = Mark(before.count("\n") + 1, error.position - before.rfind("\n"))
+        return Problem(place, f"not a text file: {error.reason}")
     return Problem(Mark(1, 1), f"not valid YAML: {error}")
 
 
@@ -155,6 +160,9 @@ class _Builder:
         self._count += 1
         if self._count > _MOST_NODES:
             self.report(node, f"more than {_MOST_NODES} values")
+            return None
+        if len(path) > _DEEPEST:
+            self.report(node, f"nested more than {_DEEPEST} deep")
             return None
         if id(node) in self._open:
             self.report(node, "an alias refers to something that contains it")
@@ -213,7 +221,7 @@ def plain_scalar(text: str) -> Any:
         return text.lower() == "true"
     if _INT.match(text) and len(text) < _LONGEST_INT:
         return int(text)
-    if _OCT_HEX.match(text):
+    if _OCT_HEX.match(text) and len(text) < _LONGEST_INT:
         return int(text, 0)
     if _FLOAT.match(text):
         return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))

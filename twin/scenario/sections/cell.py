@@ -9,9 +9,9 @@ from pydantic import Field, model_validator
 
 from planning.errors import ScenarioError
 from twin.scenario.document.section import Name, Section, Two
-from twin.scenario.sections.poses import PoseSection, Size3
+from twin.scenario.sections.poses import Configuration, Coordinate, PoseSection, Size3
 
-Vector2 = Two[float]
+Vector2 = Two[Coordinate]
 
 
 class ParkedSection(Section):
@@ -23,7 +23,7 @@ class ParkedSection(Section):
     """
 
     at_m: Vector2
-    facing_deg: float = 0.0
+    facing_deg: Coordinate = 0.0
 
 
 class RobotSection(Section):
@@ -41,10 +41,10 @@ class RobotSection(Section):
     """
 
     name: Name
-    model: str
+    model: Annotated[str, Field(min_length=1, max_length=4096)]
     base: PoseSection = PoseSection(xyz_m=(0.0, 0.0, 0.0))
-    home_deg: tuple[float, ...] | None = None
-    home_rad_or_m: tuple[float, ...] | None = None
+    home_deg: Configuration | None = None
+    home_rad_or_m: Configuration | None = None
     parked: ParkedSection | None = None
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
 
@@ -69,9 +69,9 @@ class RingSection(Section):
         start_deg: direction of the first robot, seen from the middle.
     """
 
-    radius_m: Annotated[float, Field(gt=0, le=1000)]
+    radius_m: Annotated[float, Field(ge=0.001, le=1000)]
     centre_m: Vector2 = (0.0, 0.0)
-    start_deg: float = 0.0
+    start_deg: Coordinate = 0.0
 
 
 class TeamSection(Section):
@@ -84,7 +84,7 @@ class TeamSection(Section):
         ring: where they stand at HOME.
     """
 
-    model: str
+    model: Annotated[str, Field(min_length=1, max_length=4096)]
     count: Annotated[int, Field(ge=1, le=100)]
     name: Name = "robot"
     ring: RingSection

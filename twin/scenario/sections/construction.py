@@ -8,11 +8,11 @@ from pydantic import Field, model_validator
 
 from twin.scenario.document.section import Name, Section, Several, Two
 from twin.scenario.sections.pick_place import Colour
-from twin.scenario.sections.poses import PoseSection, Size3, Vector3
+from twin.scenario.sections.poses import Coordinate, Mass, PoseSection, Size3, Vector3
 
-Length = Annotated[float, Field(gt=0, le=100)]
+Length = Annotated[float, Field(ge=0.001, le=100)]
 Face = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
-Pair = Two[Annotated[float, Field(gt=0, le=100)]]
+Pair = Two[Length]
 
 
 class TowerSection(Section):
@@ -115,7 +115,7 @@ class ConstructionPartSection(Section):
     size_m: Size3
     goal: PoseSection
     start: PoseSection | None = None
-    mass_kg: Annotated[float, Field(ge=0)] = 0.0
+    mass_kg: Mass = 0.0
     faces: Several[Face] = ("+z",)
     insertion: Vector3 | None = None
     colour: Colour = (200, 170, 120)
@@ -144,7 +144,7 @@ class SpiralSection(Section):
     layout: Literal["spiral"]
     radius_m: Length = 3.0
     growth_m: Annotated[float, Field(ge=0, le=10)] = 0.05
-    turn_rad: float = 0.5
+    turn_rad: Coordinate = 0.5
     across: bool = False
     near: bool = False
     high: Annotated[int, Field(ge=1, le=100)] = 1
@@ -164,10 +164,10 @@ class RowsSection(Section):
     """
 
     layout: Literal["rows"]
-    first_m: Two[float]
+    first_m: Two[Coordinate]
     columns: Annotated[int, Field(ge=1, le=1000)]
     pitch_m: Pair
-    yaw_deg: float = 0.0
+    yaw_deg: Coordinate = 0.0
     near: bool = False
     high: Annotated[int, Field(ge=1, le=100)] = 1
 
@@ -185,7 +185,7 @@ class PadSection(Section):
     """
 
     frame: Name = "tool"
-    offsets_m: Several[float] = (0.0,)
+    offsets_m: Several[Coordinate] = (0.0,)
 
 
 class ConstructionSection(Section):

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import model_validator
 
 from twin.scenario.document.section import Name, Section, Several
-from twin.scenario.sections.poses import PoseSection
+from twin.scenario.sections.poses import Configuration, PoseSection
 
 
 class MoveSection(Section):
@@ -22,8 +22,8 @@ class MoveSection(Section):
     """
 
     robot: Name
-    to_deg: tuple[float, ...] | None = None
-    to_rad_or_m: tuple[float, ...] | None = None
+    to_deg: Configuration | None = None
+    to_rad_or_m: Configuration | None = None
     to: PoseSection | None = None
     frame: Name = "tool"
 

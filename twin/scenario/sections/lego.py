@@ -27,7 +27,7 @@ class BrickSection(Section):
     """A type of brick: studs along its own x and y, and its mass."""
 
     studs: Studs
-    mass_kg: Annotated[float, Field(gt=0)]
+    mass_kg: Annotated[float, Field(gt=0, le=1000)]
 
 
 class StockSection(Section):
@@ -66,7 +66,7 @@ class PressSection(Section):
     """
 
     side: Annotated[int, Field(ge=1, le=4)]
-    offset: Annotated[int, Field(ge=0)]
+    offset: Annotated[int, Field(ge=0, le=1000)]
 
 
 class PressCellSection(Section):

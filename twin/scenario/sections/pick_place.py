@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from twin.scenario.document.section import Name, Section, Several, Three
-from twin.scenario.sections.poses import PoseSection, Size3, Vector3
+from twin.scenario.sections.poses import Mass, PoseSection, Size3, Vector3
 
-Distance = Annotated[float, Field(gt=0, le=1)]
+Distance = Annotated[float, Field(ge=1e-4, le=1)]
 Colour = Three[Annotated[int, Field(ge=0, le=255)]]
 
 
@@ -29,7 +29,7 @@ class PartSection(Section):
     size_m: Size3
     start: PoseSection
     goal: PoseSection | None = None
-    mass_kg: Annotated[float, Field(ge=0)] = 0.0
+    mass_kg: Mass = 0.0
     colour: Colour = (190, 140, 90)
 
 

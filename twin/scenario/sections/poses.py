@@ -10,9 +10,14 @@ from pydantic import Field, model_validator
 from planning.transforms import Transform, from_quat_wxyz, from_rpy
 from twin.scenario.document.section import Section, Three
 
-Vector3 = Three[float]
-Vector4 = Annotated[tuple[float, ...], Field(min_length=4, max_length=4)]
-Size3 = Three[Annotated[float, Field(gt=0)]]
+# No cell reaches ten kilometres: what is beyond is a slip of the pen or of the unit.
+Coordinate = Annotated[float, Field(ge=-1e4, le=1e4)]
+Vector3 = Three[Coordinate]
+Vector4 = Annotated[tuple[Coordinate, ...], Field(min_length=4, max_length=4)]
+# Bodies thinner than a tenth of a millimetre have no volume that could be reckoned with.
+Size3 = Three[Annotated[float, Field(ge=1e-4, le=1000)]]
+Mass = Annotated[float, Field(ge=0, le=1e6)]
+Configuration = Annotated[tuple[Coordinate, ...], Field(min_length=1, max_length=100)]
 
 
 class PoseSection(Section):

@@ -38,7 +38,8 @@ class PlanningSection(Section):
     Attributes:
         speed_model: ``l1`` moves at a constant sum of joint speeds, as APEX-MR does; ``joint``
             keeps each joint within its own limit.
-        speed_rad_s: the speed of the ``l1`` model [rad/s].
+        speed_rad_s: the speed of the ``l1`` model [rad/s]; the path of a plan is as long as its
+            time, so slower ones than 0.01 take more memory than a plan is worth.
         step_s: time between the waypoints of a path [s].
         attempts: transit searches, each longer than the one before, until the planner gives up.
         coordination: ``sequential`` plans one task after another; ``synchronous`` turns that
@@ -48,8 +49,8 @@ class PlanningSection(Section):
     """
 
     speed_model: Literal["l1", "joint"] = "l1"
-    speed_rad_s: Annotated[float, Field(gt=0)] = 1.0
-    step_s: Annotated[float, Field(gt=0, le=10)] = 0.05
+    speed_rad_s: Annotated[float, Field(ge=0.01, le=100)] = 1.0
+    step_s: Annotated[float, Field(ge=0.001, le=10)] = 0.05
     attempts: Annotated[int, Field(ge=1, le=1000)] = 5
     coordination: Literal["sequential", "synchronous"] = "sequential"
     shortcut_candidates: (

@@ -1,0 +1,88 @@
+"""Reading of files that others wrote: of bounded size, whatever the path names."""
+
+from __future__ import annotations
+
+import errno
+import zipfile
+import zlib
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numpy.lib import format as npy
+
+LARGEST = 64 << 20
+"""Most bytes that a file of settings or of a robot is believed to have."""
+
+
+def read_file(path: Path, most: int = LARGEST) -> bytes:
+    """Return the content of a file.
+
+    Devices that never end, paths that no file system takes and files of a size that makes no
+    sense are errors of the operating system like others.
+
+    Args:
+        path: the file.
+        most: bytes that it may have.
+
+    Raises:
+        OSError: it cannot be read, or is larger; ``strerror`` says why.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(most + 1)
+    except ValueError as error:  # a NUL in the path
+        raise OSError(errno.EINVAL, str(error)) from None
+    if len(content) > most:
+        raise OSError(errno.EFBIG, f"larger than {most >> 20} MiB")
+    return content
+
+
+NPZ_ERRORS = (
+    *(OSError, ValueError, KeyError, TypeError, IndexError, EOFError, MemoryError),
+    *(NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error),
+)
+"""Whatever zipfile and numpy raise for bytes that are no npz file of some known arrays."""
+
+
+def read_npz(content: bytes, *, kinds: str, most: int) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of an npz file; what they would take is looked at before it is taken.
+
+    Args:
+        content: of the file.
+        kinds: kinds of numpy's types that arrays may have.
+        most: bytes that all of them may take.
+
+    Raises:
+        ValueError: they are too large, or of another kind.
+        Exception: of NPZ_ERRORS: it is no npz file.
+    """
+    size = 0
+    with zipfile.ZipFile(BytesIO(content)) as archive:
+        for item in archive.infolist():
+            with archive.open(item) as file:
+                version = npy.read_magic(file)
+                read = (
+                    npy.read_array_header_1_0
+                    if version == (1, 0)
+                    else npy.read_array_header_2_0
+                )
+                shape, _, dtype = read(file)
+            if dtype.kind not in kinds:
+                raise ValueError(f"{item.filename} holds {dtype}")
+            bytes_there = int(np.prod(shape, dtype=object)) * dtype.itemsize
+            size += max(item.file_size, bytes_there)
+            if size > most:
+                raise ValueError(f"its arrays take more than {most >> 20} MiB")
+    with np.load(BytesIO(content), allow_pickle=False) as loaded:
+        return {name: loaded[name] for name in loaded.files}
+
+
+def is_file(path: Path) -> bool:
+    """Tell whether there is a file; False for paths that no file system takes."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
