@@ -2,14 +2,16 @@
 
 plan.json, version 1:
     format, version, arrays_sha256 (of plan.npz)
-    cell       robots [{name, model, urdf, joints, frames}], fixtures [{name, body}],
+    cell       robots [{name, model, urdf, sha256, joints, frames}], fixtures [{name, body}],
                objects [{name, kind, body, mass_kg, fixed, colour, later}],
                clearance {robot_robot_m, robot_object_m}
     tasks      [{index, robot, kind, step, label, object, goal, handlings [{object, waypoint, holder}]}]
     chains     [robot]
     handlings  [{object, chain, node, waypoint, holder}]
     allowed    [{first, second, tasks}]
-``model`` is a name of the robot registry; null says that the robot is read from ``urdf``.
+``model`` is a name of the robot registry; null says that the robot is read from ``urdf``, which
+then lies with its meshes beside the plan. ``sha256`` is that of the description and the meshes
+that the robot collides with: a plan is refused when they have changed.
 
 plan.npz (rows in the order of plan.json; poses are (4, 4) matrices; SI units):
     robot_<i>_base (4, 4), robot_<i>_home (n,), robot_<i>_frames (f, 4, 4)
@@ -24,35 +26,21 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Mapping
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from planning.cell.cover import box_body
 from planning.cell.robot_model import RobotModel
-from planning.cell.workcell import (
-    CellObject,
-    Clearances,
-    Fixture,
-    PlacedRobot,
-    Workcell,
-)
 from planning.errors import OutputError
-from planning.robots.registry import ROBOTS, robot_model
-from planning.tasks.task import AllowedContact, Handling, Task
-from planning.transforms import Array
-from scheduling.graph.temporal_plan_graph import (
-    NodeChain,
-    NodeHandling,
-    TemporalPlanGraph,
-)
+from planning.files import NPZ_ERRORS, read_file, read_npz
+from planning.robots.description_files import copy_description
+from scheduling.graph.arrays import LARGEST_BYTES, check_arrays, check_limits
+from scheduling.graph.document import graph_document, graph_of
+from scheduling.graph.schema import check_document
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 FORMAT = "assembly-twin temporal plan graph"
 VERSION = 1
@@ -71,6 +59,11 @@ def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
         OutputError: the files cannot be written, or a fixture or object is no box.
     """
     described, arrays = graph_document(tpg)
+    for robot, placed in zip(described["cell"]["robots"], tpg.cell.robots, strict=True):
+        if robot["model"] is None and robot["sha256"] is not None:
+            own = folder / "robots" / robot["sha256"][:12]
+            copied = copy_description(placed.model, own)
+            robot["urdf"] = copied.relative_to(folder).as_posix()
     buffer = BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **arrays)
     content = buffer.getvalue()
@@ -89,6 +82,18 @@ def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
         raise OutputError(f"cannot write the plan to {folder}: {error}") from error
 
 
+def plan_sha256(tpg: TemporalPlanGraph) -> str:
+    """Return a hash of all that a plan says, wherever its robots' descriptions lie."""
+    document, arrays = graph_document(tpg)
+    for robot in document["cell"]["robots"]:
+        del robot["urdf"]
+    digest = sha256(json.dumps(document, sort_keys=True).encode())
+    for name in sorted(arrays):
+        digest.update(f"{name} {arrays[name].dtype} {arrays[name].shape}".encode())
+        digest.update(np.ascontiguousarray(arrays[name]).data)
+    return digest.hexdigest()
+
+
 def load_plan(
     folder: Path, models: Mapping[str, RobotModel] | None = None
 ) -> TemporalPlanGraph:
@@ -103,13 +108,13 @@ def load_plan(
         RobotModelError: a robot description is not there any more.
     """
     try:
-        text = (folder / "plan.json").read_text(encoding="utf-8")
-        content = (folder / "plan.npz").read_bytes()
+        text = read_file(folder / "plan.json", LARGEST_BYTES).decode("utf-8")
+        content = read_file(folder / "plan.npz", LARGEST_BYTES)
     except (OSError, UnicodeDecodeError) as error:
         raise OutputError(f"cannot read the plan in {folder}: {error}") from error
     try:
         document = json.loads(text)
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise OutputError(f"{folder / 'plan.json'} is damaged: {error}") from error
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise OutputError(f"{folder / 'plan.json'} holds no temporal plan graph")
@@ -123,22 +128,25 @@ def load_plan(
             f"{folder / 'plan.npz'} is damaged or belongs to another plan.json"
         )
     try:
-        with np.load(BytesIO(content), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
+        check_document(document)
+        arrays = read_npz(content, kinds="fiub", most=LARGEST_BYTES)
+        check_arrays(document, arrays)
         for name, values in arrays.items():
             # Robots stay as cells build them: numba compiles read-only arrays anew.
             if not name.startswith("robot_"):
                 values.setflags(write=False)
-        return graph_of(document, arrays, models or {}, folder)
+        tpg = graph_of(document, arrays, models or {}, folder)
+        check_limits(tpg)
     except KeyError as error:
         # The arrays are those that belong to it, so what is missing was not written.
         raise OutputError(
             f"the plan in {folder} has no {error.args[0]!r}: {_AGAIN}"
         ) from error
-    except (TypeError, ValueError, IndexError, zipfile.BadZipFile) as error:
-        raise OutputError(
-            f"the plan in {folder} is damaged: {type(error).__name__}: {error}"
-        ) from error
+    except OutputError as error:
+        raise OutputError(f"the plan in {folder} is damaged: {error}") from None
+    except NPZ_ERRORS as error:
+        raise OutputError(f"{folder / 'plan.npz'} holds no arrays: {error}") from error
+    return tpg
 
 
 def _replace_file(path: Path, content: bytes) -> None:
@@ -148,213 +156,3 @@ def _replace_file(path: Path, content: bytes) -> None:
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
-
-
-Document = dict[str, Any]
-Arrays = dict[str, npt.NDArray[Any]]
-
-
-def _keys(kind: type, *arrays: str, **renamed: str) -> dict[str, str]:
-    """Return the fields of a data class by their keys in the document, without its arrays."""
-    names = [f.name for f in fields(kind) if f.name not in arrays]
-    return {renamed.get(name, name): name for name in names}
-
-
-_FIXTURE = _keys(Fixture, "size", "pose")
-_OBJECT = _keys(CellObject, "size", "start", mass="mass_kg")
-_CLEARANCE = _keys(
-    Clearances, robot_robot="robot_robot_m", robot_object="robot_object_m"
-)
-_TASK = _keys(Task, "path", "handlings")
-_HANDLING = _keys(Handling, "pose")
-_NODE_HANDLING = _keys(NodeHandling, "pose", robot="chain")
-_CHAIN_ARRAYS = _keys(NodeChain, "robot")
-_GRAPH_ARRAYS = ("edges", "cause", "dependencies", "slots")
-
-
-def graph_document(tpg: TemporalPlanGraph) -> tuple[Document, Arrays]:
-    """Return a graph as a document and arrays of numbers, as the head of this file says.
-
-    Raises:
-        OutputError: a fixture or object is no box.
-    """
-    arrays: Arrays = {name: getattr(tpg, name) for name in _GRAPH_ARRAYS}
-    document = {
-        "cell": _cell_document(tpg.cell, arrays),
-        "tasks": _task_documents(tpg.tasks, arrays),
-        "chains": [chain.robot for chain in tpg.chains],
-        "handlings": [_entry(h, _NODE_HANDLING) for h in tpg.handlings],
-        "allowed": [
-            {"first": a.first, "second": a.second, "tasks": sorted(a.tasks)}
-            for a in tpg.allowed
-        ],
-    }
-    arrays["handling_pose"] = _poses(h.pose for h in tpg.handlings)
-    for i, chain in enumerate(tpg.chains):
-        arrays |= {f"chain_{i}_{name}": getattr(chain, name) for name in _CHAIN_ARRAYS}
-    return document, arrays
-
-
-def graph_of(
-    document: Document, arrays: Arrays, models: Mapping[str, RobotModel], folder: Path
-) -> TemporalPlanGraph:
-    """Return the graph that a document and arrays describe.
-
-    Args:
-        document: what there is.
-        arrays: the numbers.
-        models: robot types by name, used before the registry and URDF files.
-        folder: where URDF files are looked for.
-
-    Raises:
-        KeyError: something is missing.
-        TypeError, ValueError, IndexError: something does not fit.
-        OutputError: a robot has other joints than those of the plan.
-        RobotModelError: a robot description is not there any more.
-    """
-    chains = tuple(
-        NodeChain(
-            robot, **{name: arrays[f"chain_{i}_{name}"] for name in _CHAIN_ARRAYS}
-        )
-        for i, robot in enumerate(document["chains"])
-    )
-    handlings = tuple(
-        NodeHandling(**_values(entry, _NODE_HANDLING), pose=pose)
-        for entry, pose in zip(
-            document["handlings"], arrays["handling_pose"], strict=True
-        )
-    )
-    allowed = tuple(
-        AllowedContact(a["first"], a["second"], frozenset(a["tasks"]))
-        for a in document["allowed"]
-    )
-    return TemporalPlanGraph(
-        _cell(document["cell"], arrays, models, folder),
-        _tasks(document["tasks"], arrays),
-        chains,
-        handlings=handlings,
-        allowed=allowed,
-        **{name: arrays[name] for name in _GRAPH_ARRAYS},
-    )
-
-
-def _entry(item: object, keys: Mapping[str, str]) -> Document:
-    return {key: getattr(item, name) for key, name in keys.items()}
-
-
-def _values(entry: Document, keys: Mapping[str, str]) -> dict[str, Any]:
-    return {name: entry[key] for key, name in keys.items()}
-
-
-def _box_entry(item: Fixture | CellObject, keys: Mapping[str, str]) -> Document:
-    """Return what is written of a box, which its size and the name of its body describe.
-
-    Raises:
-        OutputError: it is no box.
-    """
-    box = box_body(item.body.name, item.size)
-    if not np.array_equal(box.vertices, item.body.vertices):
-        raise OutputError(
-            f"{item.name!r} is no box: its shape cannot be written to a plan"
-        )
-    return _entry(item, keys) | {"body": item.body.name}
-
-
-def _box_values(entry: Document, keys: Mapping[str, str], size: Array) -> Document:
-    return _values(entry, keys) | {"size": size, "body": box_body(entry["body"], size)}
-
-
-def _cell_document(cell: Workcell, arrays: Arrays) -> Document:
-    robots = []
-    for i, robot in enumerate(cell.robots):
-        model = robot.model
-        arrays[f"robot_{i}_base"] = robot.base
-        arrays[f"robot_{i}_home"] = robot.home
-        arrays[f"robot_{i}_frames"] = _poses(model.frames.values())
-        robots.append(
-            {
-                "name": robot.name,
-                "model": model.name if model.name in ROBOTS else None,
-                "urdf": str(model.urdf),
-                "joints": list(model.joint_names),
-                "frames": list(model.frames),
-            }
-        )
-    arrays["fixture_size"] = _stack((f.size for f in cell.fixtures), (3,))
-    arrays["fixture_pose"] = _poses(f.pose for f in cell.fixtures)
-    arrays["object_size"] = _stack((o.size for o in cell.objects), (3,))
-    arrays["object_start"] = _poses(o.start for o in cell.objects)
-    return {
-        "robots": robots,
-        "fixtures": [_box_entry(fixture, _FIXTURE) for fixture in cell.fixtures],
-        "objects": [_box_entry(item, _OBJECT) for item in cell.objects],
-        "clearance": _entry(cell.clearances, _CLEARANCE),
-    }
-
-
-def _task_documents(tasks: Sequence[Task], arrays: Arrays) -> list[Document]:
-    arrays["task_path"] = np.concatenate(
-        [*(t.path.ravel() for t in tasks), np.empty(0)]
-    )
-    arrays["task_shape"] = np.array([t.path.shape for t in tasks]).reshape(-1, 2)
-    arrays["task_handling_pose"] = _poses(h.pose for t in tasks for h in t.handlings)
-    return [
-        _entry(t, _TASK) | {"handlings": [_entry(h, _HANDLING) for h in t.handlings]}
-        for t in tasks
-    ]
-
-
-def _cell(
-    document: Document, arrays: Arrays, models: Mapping[str, RobotModel], folder: Path
-) -> Workcell:
-    robots = []
-    for i, entry in enumerate(document["robots"]):
-        name = entry["model"] or Path(entry["urdf"]).stem
-        model = models.get(name) or robot_model(entry["model"] or entry["urdf"], folder)
-        if list(model.joint_names) != entry["joints"]:
-            raise OutputError(
-                f"robot {entry['name']!r}: {model.urdf} has the joints"
-                f" {', '.join(model.joint_names)}; the plan in {folder} was made for"
-                f" {', '.join(entry['joints'])}"
-            )
-        frames = dict(zip(entry["frames"], arrays[f"robot_{i}_frames"], strict=True))
-        model = replace(model, frames=frames)
-        base, home = arrays[f"robot_{i}_base"], arrays[f"robot_{i}_home"]
-        robots.append(PlacedRobot(entry["name"], model, base, home))
-    sizes, poses = arrays["fixture_size"], arrays["fixture_pose"]
-    fixtures = tuple(
-        Fixture(**_box_values(entry, _FIXTURE, size), pose=pose)
-        for entry, size, pose in zip(document["fixtures"], sizes, poses, strict=True)
-    )
-    sizes, starts = arrays["object_size"], arrays["object_start"]
-    objects = []
-    for entry, size, start in zip(document["objects"], sizes, starts, strict=True):
-        values = _box_values({"later": False, **entry}, _OBJECT, size)
-        values["colour"] = tuple(values["colour"])
-        objects.append(CellObject(**values, start=start))
-    clearances = Clearances(**_values(document["clearance"], _CLEARANCE))
-    return Workcell(tuple(robots), fixtures, tuple(objects), clearances)
-
-
-def _tasks(document: list[Document], arrays: Arrays) -> tuple[Task, ...]:
-    shape = arrays["task_shape"]
-    bounds = np.cumsum([0, *np.prod(shape, axis=1)])
-    poses = iter(arrays["task_handling_pose"])
-    out = []
-    for k, entry in enumerate(document):
-        path = arrays["task_path"][bounds[k] : bounds[k + 1]].reshape(shape[k])
-        handlings = tuple(
-            Handling(**_values(h, _HANDLING), pose=next(poses))
-            for h in entry["handlings"]
-        )
-        values = _values({"goal": False, **entry}, _TASK)
-        out.append(Task(**values, path=path, handlings=handlings))
-    return tuple(out)
-
-
-def _stack(values: Iterable[Array], shape: tuple[int, ...]) -> Array:
-    return np.array(list(values), dtype=np.float64).reshape(-1, *shape)
-
-
-def _poses(values: Iterable[Array]) -> Array:
-    return _stack(values, (4, 4))

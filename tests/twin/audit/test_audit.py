@@ -314,8 +314,9 @@ def _random_run(seed: int, folder: Path) -> Path:
     cell = two_arm_cell([held, *others], gap=0.6)
     run = HandWrittenRun(cell)
     for robot in ("left", "right"):
-        home = cell.robot(robot).home
+        home, model = cell.robot(robot).home, cell.robot(robot).model
         path = home + np.vstack([np.zeros(6), rng.uniform(-0.6, 0.6, (3, 6))])
+        path = np.clip(path, model.lower, model.upper)
         run.move(robot, [0.0, 1.0, 2.0, 3.0], path)
     grip = translation(0.0, 0.0, 0.111 + BRICK[2] / 2)
     run.put(0.0, "b0", "left", grip)

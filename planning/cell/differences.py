@@ -1,0 +1,110 @@
+"""Differences between two cells, by name: a plan fits the cell that it was made for only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
+
+_SAME = 1e-9  # poses and sizes that differ by less are equal but for rounding [m, rad]
+
+
+def cell_differences(planned: Workcell, given: Workcell) -> list[str]:
+    """Return what is different in a cell than in the one that a plan was made for.
+
+    Objects that come up later, the next bricks of feeding stations, are the plan's own.
+
+    Args:
+        planned: cell of the plan.
+        given: cell of a scenario.
+
+    Returns:
+        One sentence a difference, each naming what differs; empty where the plan fits.
+    """
+    out = [
+        *_compared("robot", planned.robots, given.robots, _robot),
+        *_compared("fixture", planned.fixtures, given.fixtures, _fixture),
+        *_compared(
+            "object",
+            [item for item in planned.objects if not item.later],
+            [item for item in given.objects if not item.later],
+            _object,
+        ),
+    ]
+    if planned.clearances != given.clearances:
+        out.append(
+            f"the clearances are {planned.clearances.robot_robot:g} and"
+            f" {planned.clearances.robot_object:g} m in the plan,"
+            f" {given.clearances.robot_robot:g} and {given.clearances.robot_object:g} m here"
+        )
+    return out
+
+
+def _compared(
+    what: str,
+    planned: Sequence[Any],
+    given: Sequence[Any],
+    differences: Callable[[Any, Any], Iterator[str]],
+) -> Iterator[str]:
+    names, others = [item.name for item in planned], [item.name for item in given]
+    for name in names:
+        if name not in others:
+            yield f"{what} {name!r} of the plan is not in the cell"
+    for name in others:
+        if name not in names:
+            yield f"{what} {name!r} is not in the plan"
+    if sorted(names) == sorted(others) and names != others:
+        yield f"the {what}s are in another order"
+    by_name = dict(zip(others, given, strict=True))
+    for item in planned:
+        if item.name in by_name:
+            for text in differences(item, by_name[item.name]):
+                yield f"{what} {item.name!r} {text}"
+
+
+def _robot(a: PlacedRobot, b: PlacedRobot) -> Iterator[str]:
+    if a.model.name != b.model.name or a.model.joint_names != b.model.joint_names:
+        yield f"is a {a.model.name} in the plan, a {b.model.name} here"
+        return
+    yield from _moved("its base", a.base, b.base)
+    if not np.allclose(a.home, b.home, rtol=0.0, atol=_SAME):
+        yield "has another HOME"
+    if sorted(a.model.frames) != sorted(b.model.frames):
+        yield "has other tool frames"
+    else:
+        for name, pose in a.model.frames.items():
+            yield from _moved(f"its frame {name!r}", pose, b.model.frames[name])
+
+
+def _fixture(a: Fixture, b: Fixture) -> Iterator[str]:
+    yield from _resized(a.size, b.size)
+    yield from _moved("it", a.pose, b.pose)
+
+
+def _object(a: CellObject, b: CellObject) -> Iterator[str]:
+    if a.kind != b.kind:
+        yield f"is of type {a.kind!r} in the plan, {b.kind!r} here"
+    yield from _resized(a.size, b.size)
+    yield from _moved("it", a.start, b.start)
+
+
+def _resized(a: Any, b: Any) -> Iterator[str]:
+    if not np.allclose(a, b, rtol=0.0, atol=_SAME):
+        yield f"measures {_vector(a)} m in the plan, {_vector(b)} m here"
+
+
+def _moved(what: str, a: Any, b: Any) -> Iterator[str]:
+    apart = float(np.linalg.norm(a[:3, 3] - b[:3, 3]))
+    if apart > _SAME:
+        yield f"has moved: {what} is {apart:.6g} m from where it was planned"
+    elif not np.allclose(a[:3, :3], b[:3, :3], rtol=0.0, atol=_SAME):
+        cosine = (np.trace(a[:3, :3].T @ b[:3, :3]) - 1.0) / 2.0
+        degrees = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        yield f"has turned: {what} by {degrees:.3g} degrees"
+
+
+def _vector(values: Any) -> str:
+    return " x ".join(f"{value:g}" for value in values)

@@ -1,0 +1,210 @@
+"""Shapes, types and ranges that the arrays of plan.npz must have, see ``plan_files``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.errors import OutputError
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+
+Arrays = Mapping[str, npt.NDArray[Any]]
+
+LARGEST_BYTES = 2**30
+"""Most that the arrays of a plan may take in memory: 500 times the largest shipped one."""
+
+FARTHEST = 1e4
+"""Greatest size, distance from the origin [m] and joint value [rad or m] that is believed."""
+
+_SLACK = 1e-6  # of joint limits, for values that were rounded [rad or m]
+
+LONGEST_S = 1e6
+"""Longest node, and latest start, that is believed [s]: eleven days."""
+
+
+def check_arrays(document: Mapping[str, Any], arrays: Arrays) -> None:
+    """Check the arrays of a plan whose plan.json has been checked.
+
+    Raises:
+        OutputError: an array has another type or shape than it should, or a value that is not
+            finite, out of its range or out of order; the message names the array.
+        KeyError: an array is missing.
+    """
+    for name, dtype, shape in _expected(document, arrays):
+        values = arrays[name]
+        if values.dtype != dtype or values.shape != shape:
+            raise OutputError(
+                f"{name} is {values.dtype} of shape {values.shape}, not {np.dtype(dtype)} of"
+                f" shape {shape}"
+            )
+        if values.dtype.kind == "f":
+            _require(np.isfinite(values), name, values, "is not finite")
+            limit = (
+                LONGEST_S if name.endswith(("duration", "planned_start")) else FARTHEST
+            )
+            _require(abs(values) <= limit, name, values, f"is beyond {limit:g}")
+    for name in ("fixture_size", "object_size"):
+        _require(arrays[name] > 0, name, arrays[name], "must be greater than 0")
+    for name in arrays:
+        if name.endswith(("pose", "base", "start")) and arrays[name].shape[-2:] == (
+            4,
+            4,
+        ):
+            _check_poses(name, arrays[name])
+    for i in range(len(document["chains"])):
+        _check_chain(f"chain_{i}_", arrays, len(document["tasks"]))
+    _check_references(document, arrays)
+
+
+def check_limits(tpg: TemporalPlanGraph) -> None:
+    """Check that robots stay within their joint limits.
+
+    Raises:
+        OutputError: a configuration is beyond them; the message names robot and joint.
+    """
+    for i, chain in enumerate(tpg.chains):
+        model = tpg.cell.robot(chain.robot).model
+        for name, q in (("start", chain.start[None]), ("waypoints", chain.waypoints)):
+            inside = (q >= model.lower - _SLACK) & (q <= model.upper + _SLACK)
+            _require(
+                inside, f"chain_{i}_{name}", q, f"is beyond a limit of {model.name}"
+            )
+
+
+def _expected(
+    document: Mapping[str, Any], arrays: Arrays
+) -> Iterator[tuple[str, type, tuple[int, ...]]]:
+    """Yield name, type and shape of every array, those first on which others depend."""
+    cell, tasks = document["cell"], document["tasks"]
+    joints = {robot["name"]: len(robot["joints"]) for robot in cell["robots"]}
+    for i, robot in enumerate(cell["robots"]):
+        yield f"robot_{i}_base", np.float64, (4, 4)
+        yield f"robot_{i}_home", np.float64, (joints[robot["name"]],)
+        yield f"robot_{i}_frames", np.float64, (len(robot["frames"]), 4, 4)
+    for what, count in (
+        ("fixture", len(cell["fixtures"])),
+        ("object", len(cell["objects"])),
+    ):
+        yield f"{what}_size", np.float64, (count, 3)
+        pose = "pose" if what == "fixture" else "start"
+        yield f"{what}_{pose}", np.float64, (count, 4, 4)
+    yield "task_shape", np.int64, (len(tasks), 2)
+    shape = arrays["task_shape"]
+    _require(shape >= 0, "task_shape", shape, "must be at least 0")
+    _require(shape <= 10**6, "task_shape", shape, "is beyond 1e6")
+    dof = np.array([joints[task["robot"]] for task in tasks], dtype=np.int64)
+    _require(
+        shape[:, 1] == dof, "task_shape", shape[:, 1], "is not the number of joints"
+    )
+    yield "task_path", np.float64, (int(shape.prod(axis=1).sum()),)
+    handlings = sum(len(task["handlings"]) for task in tasks)
+    yield "task_handling_pose", np.float64, (handlings, 4, 4)
+    yield "handling_pose", np.float64, (len(document["handlings"]), 4, 4)
+    for i, robot in enumerate(document["chains"]):
+        nodes, points = (
+            arrays[f"chain_{i}_task"].size,
+            arrays[f"chain_{i}_fraction"].size,
+        )
+        yield f"chain_{i}_start", np.float64, (joints[robot],)
+        yield f"chain_{i}_waypoints", np.float64, (points, joints[robot])
+        yield f"chain_{i}_fraction", np.float64, (points,)
+        yield f"chain_{i}_first", np.int64, (nodes + 1,)
+        yield f"chain_{i}_task", np.int64, (nodes,)
+        yield f"chain_{i}_skill", np.bool_, (nodes,)
+        yield f"chain_{i}_duration", np.float64, (nodes,)
+        yield f"chain_{i}_planned_start", np.float64, (nodes,)
+    yield "edges", np.int64, (len(arrays["edges"]) if arrays["edges"].ndim else 0, 4)
+    yield "cause", np.uint8, (len(arrays["edges"]),)
+    yield "dependencies", np.int64, (arrays["dependencies"].size // 2, 2)
+    yield "slots", np.int64, (len(tasks) if arrays["slots"].size else 0,)
+
+
+def _require(
+    ok: npt.NDArray[np.bool_], name: str, values: npt.NDArray[Any], wrong: str
+) -> None:
+    if not np.all(ok):
+        place = tuple(np.argwhere(~ok)[0].tolist())
+        raise OutputError(f"{name}{list(place)} is {values[place]}: {wrong}")
+
+
+def _check_poses(name: str, poses: npt.NDArray[Any]) -> None:
+    turn = poses[..., :3, :3]
+    apart = abs(turn @ np.swapaxes(turn, -1, -2) - np.eye(3)).max(axis=(-1, -2))
+    rigid = (apart < 1e-6) & (np.linalg.det(turn) > 0)
+    rigid &= np.all(poses[..., 3, :] == (0.0, 0.0, 0.0, 1.0), axis=-1)
+    if not np.all(rigid):
+        place = np.argwhere(~rigid)[:1].ravel().tolist()
+        raise OutputError(f"{name}{place or ''} is no pose: rotation and translation")
+
+
+def _check_chain(prefix: str, arrays: Arrays, tasks: int) -> None:
+    first, task = arrays[f"{prefix}first"], arrays[f"{prefix}task"]
+    fraction, points = arrays[f"{prefix}fraction"], len(arrays[f"{prefix}waypoints"])
+    _require(np.diff(first) > 0, f"{prefix}first", first, "does not rise")
+    if first[0] != 0 or first[-1] != points:
+        raise OutputError(f"{prefix}first does not run from 0 to {points}")
+    _require(
+        (task >= 0) & (task < tasks), f"{prefix}task", task, f"must be 0 to {tasks - 1}"
+    )
+    _require(np.diff(task) >= 0, f"{prefix}task", task, "falls afterwards")
+    for key in ("duration", "planned_start"):
+        values = arrays[f"{prefix}{key}"]
+        _require(values >= 0, f"{prefix}{key}", values, "must be at least 0")
+    starts = arrays[f"{prefix}planned_start"]
+    _require(np.diff(starts) >= 0, f"{prefix}planned_start", starts, "falls afterwards")
+    inside = (fraction >= 0) & (fraction <= 1)
+    _require(inside, f"{prefix}fraction", fraction, "must be 0 to 1")
+    ends = np.zeros(points, dtype=bool)
+    ends[first[1:] - 1] = True
+    rises = (np.diff(fraction, append=0.0) >= 0) | ends
+    _require(rises, f"{prefix}fraction", fraction, "falls within its node")
+    _require(
+        (fraction == 1.0) | ~ends,
+        f"{prefix}fraction",
+        fraction,
+        "ends a node, must be 1",
+    )
+
+
+def _check_references(document: Mapping[str, Any], arrays: Arrays) -> None:
+    counts = np.array(
+        [arrays[f"chain_{i}_task"].size for i in range(len(document["chains"]))]
+    )
+    edges, tasks = arrays["edges"], len(document["tasks"])
+    robots, nodes = edges[:, [0, 2]], edges[:, [1, 3]]
+    ok = (robots >= 0) & (robots < len(counts))
+    _require(ok, "edges", robots, "is the index of no chain")
+    _require(
+        (nodes >= 0) & (nodes < counts[robots]),
+        "edges",
+        nodes,
+        "is the index of no node",
+    )
+    _require(
+        robots[:, 0] != robots[:, 1], "edges", robots[:, 0], "joins nodes of one robot"
+    )
+    cause = arrays["cause"]
+    _require(cause <= 1, "cause", cause, "must be 0 or 1")
+    needs = arrays["dependencies"]
+    _require(
+        (needs >= 0) & (needs < tasks), "dependencies", needs, "is the index of no task"
+    )
+    _require(arrays["slots"] >= 0, "slots", arrays["slots"], "must be at least 0")
+    for k, entry in enumerate(document["handlings"]):
+        chain, node = entry["chain"], entry["node"]
+        if chain >= len(counts) or node >= counts[chain]:
+            raise OutputError(
+                f"handlings.{k}: there is no node {node} of chain {chain}"
+            )
+        first = arrays[f"chain_{chain}_first"]
+        if entry["waypoint"] > first[node + 1] - first[node]:
+            raise OutputError(
+                f"handlings.{k}: node {node} has no waypoint {entry['waypoint']}"
+            )
+    for k, task in enumerate(document["tasks"]):
+        for handling in task["handlings"]:
+            if handling["waypoint"] > arrays["task_shape"][k, 0]:
+                raise OutputError(f"tasks.{k}: has no waypoint {handling['waypoint']}")

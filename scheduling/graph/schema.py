@@ -1,0 +1,140 @@
+"""The types that plan.json must have, see ``plan_files``."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from planning.errors import OutputError
+from planning.tasks.task import SKILLS, TRANSIT
+
+Index = Annotated[int, Field(ge=0, lt=2**31)]
+Metres = Annotated[float, Field(ge=0, le=1000)]
+Channel = Annotated[int, Field(ge=0, le=255)]
+
+
+class _Entry(BaseModel):
+    """A mapping of plan.json: no silent conversion, finite numbers."""
+
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
+
+
+class _Robot(_Entry):
+    name: str
+    model: str | None
+    urdf: str
+    sha256: str | None = None
+    joints: Annotated[list[str], Field(min_length=1, max_length=100)]
+    frames: list[str]
+
+
+class _Fixture(_Entry):
+    name: str
+    body: str
+
+
+class _Object(_Fixture):
+    kind: str
+    mass_kg: Annotated[float, Field(ge=0, le=1e6)]
+    fixed: bool
+    colour: Annotated[list[Channel], Field(min_length=3, max_length=3)]
+    later: bool = False
+
+
+class _Clearance(_Entry):
+    robot_robot_m: Metres
+    robot_object_m: Metres
+
+
+class _Cell(_Entry):
+    robots: Annotated[list[_Robot], Field(min_length=1, max_length=1000)]
+    fixtures: list[_Fixture]
+    objects: list[_Object]
+    clearance: _Clearance
+
+
+class _Handling(_Entry):
+    object: str
+    waypoint: Index
+    holder: str | None
+
+
+class _Task(_Entry):
+    index: Index
+    robot: str
+    kind: Literal[TRANSIT, *SKILLS]  # type: ignore[valid-type]
+    step: Index
+    label: str
+    object: str | None
+    goal: bool = False
+    handlings: list[_Handling]
+
+
+class _NodeHandling(_Handling):
+    chain: Index
+    node: Index
+
+
+class _Allowed(_Entry):
+    first: str
+    second: str
+    tasks: list[Index]
+
+
+class _Plan(_Entry):
+    cell: _Cell
+    tasks: list[_Task]
+    chains: list[str]
+    handlings: list[_NodeHandling]
+    allowed: list[_Allowed]
+
+
+def check_document(document: dict[str, Any]) -> None:
+    """Check the types of plan.json, and that every name in it is known.
+
+    Raises:
+        OutputError: something is missing, of another type, out of its range or unknown; the
+            message names the place.
+    """
+    try:
+        plan = _Plan.model_validate(document)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise OutputError(f"{place}: {first['msg']}") from None
+    robots = _unique("cell.robots", [robot.name for robot in plan.cell.robots])
+    items = [*plan.cell.fixtures, *plan.cell.objects]
+    _unique("cell.fixtures and cell.objects", [item.name for item in items])
+    objects = {item.name for item in plan.cell.objects}
+    _unique("chains", plan.chains)
+    for k, name in enumerate(plan.chains):
+        _known(f"chains.{k}", name, robots)
+    for k, task in enumerate(plan.tasks):
+        if task.index != k:
+            raise OutputError(f"tasks.{k}.index: is {task.index}")
+        _known(f"tasks.{k}.robot", task.robot, set(plan.chains))
+        for handling in task.handlings:
+            _handled(f"tasks.{k}.handlings", handling, objects, robots)
+    for k, handling in enumerate(plan.handlings):
+        _handled(f"handlings.{k}", handling, objects, robots)
+
+
+def _unique(place: str, names: list[str]) -> set[str]:
+    known = set(names)
+    if len(known) < len(names):
+        raise OutputError(f"{place}: a name is given twice")
+    return known
+
+
+def _known(place: str, name: str, known: set[str]) -> None:
+    if name not in known:
+        raise OutputError(f"{place}: there is no {name!r}")
+
+
+def _handled(
+    place: str, handling: _Handling, objects: set[str], robots: set[str]
+) -> None:
+    _known(place, handling.object, objects)
+    if handling.holder is not None:
+        _known(place, handling.holder, robots)

@@ -1,0 +1,63 @@
+"""What differs between two cells is named; equal cells do not differ."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planning.cell.differences import cell_differences
+from planning.cell.workcell import Clearances, Workcell
+from planning.transforms import from_rpy, translation
+from tests.scheduling.mini_world import random_plan
+
+CELL = random_plan(3, 7).cell
+Change = Callable[[Workcell], Workcell]
+
+
+def _robot(**changes: object) -> Change:
+    return lambda cell: replace(
+        cell, robots=(replace(cell.robots[0], **changes), *cell.robots[1:])
+    )
+
+
+def _object(**changes: object) -> Change:
+    return lambda cell: replace(
+        cell, objects=(replace(cell.objects[0], **changes), *cell.objects[1:])
+    )
+
+
+def test_a_cell_does_not_differ_from_itself() -> None:
+    assert cell_differences(CELL, CELL) == []
+
+
+ROBOT, OBJECT = CELL.robots[0], CELL.objects[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (_robot(base=translation(5.0, 0.0, 0.0) @ ROBOT.base), "its base is 5 m from"),
+        (
+            _robot(base=ROBOT.base @ from_rpy((0, 0, 0), (0, 0, np.pi / 2))),
+            "has turned: its base by 90 degrees",
+        ),
+        (_robot(home=ROBOT.home + 0.01), "another HOME"),
+        (_robot(name="new"), "robot 'new' is not in the plan"),
+        (_object(size=OBJECT.size * 2.0), "measures"),
+        (_object(start=translation(0.0, 0.0, 0.002) @ OBJECT.start), "0.002 m from"),
+        (_object(kind="other"), "'other' here"),
+        (lambda c: replace(c, objects=c.objects[:-1]), "is not in the cell"),
+        (lambda c: replace(c, robots=c.robots[::-1]), "in another order"),
+        (lambda c: replace(c, clearances=Clearances(0.5, 0.1)), "clearances"),
+    ],
+)
+def test_what_differs_is_named(change: Change, words: str) -> None:
+    assert any(words in text for text in cell_differences(CELL, change(CELL)))
+
+
+def test_what_comes_up_later_is_the_plans_own() -> None:
+    later = replace(OBJECT, name="next", later=True)
+    assert not cell_differences(replace(CELL, objects=(*CELL.objects, later)), CELL)
