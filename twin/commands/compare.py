@@ -41,7 +41,13 @@ def compare(
     from twin.host.atomic import write_json
     from twin.host.progress import StageDisplay, compilation_shown
     from twin.planning.build_workcell import build_workcell
-    from twin.run.folder import CHART, COMPARISON, run_folder
+    from twin.run.folder import (
+        CHART,
+        COMPARISON,
+        keep_new,
+        run_folder,
+        set_aside,
+    )
     from twin.scenario.file import load_scenario
     from twin.scenario.manifest import write_manifest
 
@@ -73,19 +79,22 @@ def compare(
             )
         progress(SEEDS, seeds, seeds)
         figures = comparison_figures(found)
+        set_aside(folder)
         write_manifest(
             folder,
             chosen,
             build_workcell(chosen, base),
+            base,
             seeds=list(numbers),
             shortcut_candidates=candidates,
         )
-        write_json(folder / COMPARISON, figures)
         counted = f"{seeds} seed" + ("s" if seeds > 1 else "")
         heading = f"{chosen.name}: {counted}, {candidates} shortcuts tried"
         if reference_skills:
             heading += ", skills follow their reference paths"
         draw_comparison(folder / CHART, {chosen.name: figures}, heading)
+        write_json(folder / COMPARISON, figures)
+        keep_new(folder)
     if as_json:
         print_json(figures)
     elif not quiet:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from planning.errors import ScenarioError
+from planning.errors import ScenarioError, listed
 from twin.commands.options import AsJson, Out, Quiet, ScenarioFile, Seed, Shortcuts
 from twin.host.guard import (
     COMPLETED,
@@ -182,19 +181,18 @@ def _chosen(
 
 
 def _saved_plan(folder: Path, scenario: Scenario, base: Path) -> TemporalPlanGraph:
+    from planning.cell.differences import cell_differences
     from scheduling.graph.plan_files import load_plan
     from twin.planning.build_workcell import build_workcell
 
     tpg = load_plan(folder)
     cell = build_workcell(scenario, base)
-    for what, found, expected in (
-        ("robots", tpg.cell.robots, cell.robots),
-        ("bricks", [o for o in tpg.cell.objects if not o.later], cell.objects),
-    ):
-        if [item.name for item in found] != [item.name for item in expected]:
-            raise ScenarioError(
-                f"the plan in {folder} is for other {what} than scenario {scenario.name!r}"
-            )
+    found = cell_differences(tpg.cell, cell)
+    if found:
+        raise ScenarioError(
+            f"the plan in {folder} is not for the cell of scenario {scenario.name!r}: "
+            + listed(found, most=4)
+        )
     return tpg
 
 
@@ -230,17 +228,13 @@ def resume(
     to its end: the files are those of a run that was never killed.
     """
     from twin.host.progress import StageDisplay
-    from twin.run.folder import SUMMARY
-    from twin.trial.trial import resume_run
+    from twin.run.folder import locked
+    from twin.trial.trial import has_passed, read_summary, resume_run
 
     silent = quiet or as_json
-    with StageDisplay(enabled=not silent) as progress:
+    with locked(folder), StageDisplay(enabled=not silent) as progress:
         done = resume_run(folder, base=base, progress=progress)
-    summary = (
-        json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-        if done.trial is None
-        else dict(done.trial.summary)
-    )
+    summary = read_summary(folder)
     if as_json:
         print_json({"folder": str(folder), **summary})
     elif not quiet:
@@ -255,5 +249,4 @@ def resume(
                 f" {done.added} were missing"
             )
         print_summary(summary, folder, recording=(folder / RECORDING).exists())
-    passed = done.trial is None or done.trial.passed
-    return COMPLETED if passed else FAILED
+    return COMPLETED if has_passed(summary) else FAILED

@@ -123,6 +123,7 @@ def study(
     )
 
     from twin.host.progress import StageDisplay
+    from twin.run.folder import locked, run_folder
     from twin.scenario.file import load_scenario
     from twin.study.folder import StudyRequest, require_no_study, require_same_study
     from twin.study.replications.executors import check_scheduler, open_executor
@@ -141,10 +142,10 @@ def study(
         if resume is not None:
             if scenario is not None:
                 require_same_study(resume, load_scenario(scenario))
-            result = resume_study(resume, executor, progress)
+            with locked(resume):
+                result = resume_study(resume, executor, progress)
         else:
             from twin.comparison.comparison import shortcut_budget
-            from twin.run.folder import run_folder
             from twin.scenario.variations import parse_variation, variants
             from twin.study.replications.experiment import Experiment
             from twin.study.replications.statistics import Precision

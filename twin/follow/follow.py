@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import queue
 import threading
 import time
@@ -36,10 +37,10 @@ def growing_file(
     Raises:
         OutputError: the file cannot be read, or has become shorter.
     """
-    position, rest = 0, b""
+    position, rest, inode = 0, b"", 0
     while True:
         try:
-            content = _read_from(path, position)
+            content, inode = _read_from(path, position, inode)
         except FileNotFoundError as error:
             if not wait:
                 raise OutputError(f"{path}: no such file") from error
@@ -58,13 +59,16 @@ def growing_file(
         time.sleep(poll_s)
 
 
-def _read_from(path: Path, position: int) -> bytes:
+def _read_from(path: Path, position: int, inode: int) -> tuple[bytes, int]:
+    """Return the next piece of a file and its inode, which must be the one of before if any."""
     with path.open("rb") as file:
-        size = file.seek(0, 2)
-        if size < position:
+        about = os.fstat(file.fileno())
+        if position and about.st_ino != inode:
+            raise OutputError(f"{path}: is another file now: another run began")
+        if about.st_size < position:
             raise OutputError(f"{path}: has become shorter: another run began")
         file.seek(position)
-        return file.read(_PIECE)
+        return file.read(_PIECE), about.st_ino
 
 
 def piped(stream: BinaryIO) -> Iterator[str | None]:

@@ -152,13 +152,21 @@ class FollowedRun:
         self.events += 1
         if not event.robot:
             if event.kind == "finished":
-                self.outcome = event.detail or "finished"
+                self._finish(event)
         elif event.robot not in self._chain:
             names = ", ".join(self._chain)
             self._flag(event, f"no robot of the plan (robots: {names})")
         else:
             self._apply_to(self._chain[event.robot], event)
         return self.violations[before:]
+
+    def _finish(self, event: Event) -> None:
+        """Take the end of the run; one that is called complete before every node is, is not."""
+        left = sum(len(robot.start_ns) for robot in self.robots) - self.nodes_done
+        self.outcome = event.detail or "finished"
+        if self.outcome == "completed" and left:
+            self.outcome = "incomplete"
+            self._flag(event, f"{left} nodes are not complete")
 
     def _apply_to(self, k: int, event: Event) -> None:
         robot, chain = self.robots[k], self._graph.chains[k]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
 from planning.errors import OutputError
-from twin.run.events import Event, event_line, lock_log
+from twin.run.events import Event, event_line
 
 _log = logging.getLogger(__name__)
 
@@ -75,22 +77,44 @@ class JsonlRecorder:
             kept: bytes at its beginning that stay.
 
         Raises:
-            OutputError: it cannot be written, or another process writes it.
+            OutputError: it cannot be written.
         """
         try:
             self._file = path.open("a", buffering=1, encoding="utf-8", newline="\n")
-            lock_log(self._file, path)
             self._file.truncate(kept)
         except OSError as error:
             raise OutputError(f"{path}: cannot write the event log: {error}") from error
+        self._path = path
+        self._error: OSError | None = None
 
     def record(self, event: Event) -> None:
         """Write an event."""
-        self._file.write(event_line(event))
+        try:
+            self._file.write(event_line(event))
+        except OSError as error:
+            self._error = error
+            raise
 
     def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+        """Close the file once all of it is on the disk."""
+        try:
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            self._error = self._error or error
+            raise
+        finally:
+            with suppress(OSError):
+                self._file.close()
+
+    def require_whole(self) -> None:
+        """Refuse a log that lacks an event.
+
+        Raises:
+            OutputError: some event, or the end of the file, could not be written.
+        """
+        if self._error is not None:
+            raise OutputError(f"{self._path}: events are missing: {self._error}")
 
 
 class MemoryRecorder:

@@ -6,9 +6,10 @@ import json
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import IO, Any, Literal, get_args
+from typing import Literal, cast, get_args
 
 from planning.errors import OutputError, TwinError
+from planning.files import read_file
 from twin.durations import NANOSECONDS
 
 EventKind = Literal[
@@ -52,6 +53,12 @@ class Event:
 
 _KINDS = frozenset(get_args(EventKind))
 
+LATEST_S = 9 * 10**9
+"""Latest time of an event [s]: what 64 bits of nanoseconds hold."""
+
+LARGEST_LOG = 4 << 30
+"""Most bytes of an event log [B]."""
+
 
 class EventLogError(TwinError):
     """A line of an event log is no event."""
@@ -70,27 +77,6 @@ def event_line(event: Event) -> str:
     )
 
 
-def lock_log(file: IO[Any], path: Path) -> None:
-    """Keep other processes from writing a log while this one does, until it is closed.
-
-    Where a file system or an operating system knows no locks nothing is done.
-
-    Raises:
-        OutputError: another process holds it.
-    """
-    try:
-        import fcntl
-    except ImportError:
-        return
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        file.close()
-        raise OutputError(f"{path}: a running process writes this log") from error
-    except OSError:
-        return
-
-
 def read_log(path: Path) -> tuple[str, ...]:
     """Return the whole lines of an event log, each with its newline; a torn last one is left out.
 
@@ -98,7 +84,7 @@ def read_log(path: Path) -> tuple[str, ...]:
         OutputError: it cannot be read.
     """
     try:
-        content = path.read_bytes()
+        content = read_file(path, LARGEST_LOG)
         text = content[: content.rfind(b"\n") + 1].decode("utf-8")
     except UnicodeDecodeError as error:
         raise OutputError(f"{path}: not UTF-8 (byte {error.start})") from error
@@ -117,6 +103,8 @@ def parse_event(line: str) -> Event:
         row = json.loads(line, parse_float=Decimal)
     except json.JSONDecodeError as error:
         raise EventLogError(f"not JSON: {error.msg}: {_excerpt(line)}") from error
+    except (ValueError, RecursionError) as error:
+        raise EventLogError(f"not JSON: {error}: {_excerpt(line)}") from error
     if not isinstance(row, dict):
         raise EventLogError(f"not an object: {_excerpt(line)}")
     try:
@@ -124,24 +112,21 @@ def parse_event(line: str) -> Event:
         robot, kind = row["robot"], row["kind"]
     except KeyError as error:
         raise EventLogError(f"no {error.args[0]!r}: {_excerpt(line)}") from error
-    if kind not in _KINDS:
-        raise EventLogError(f"unknown kind {kind!r}", choices=get_args(EventKind))
+    if not isinstance(kind, str) or kind not in _KINDS:
+        short = _excerpt(str(kind))
+        raise EventLogError(f"unknown kind {short}", choices=get_args(EventKind))
     if not isinstance(seconds, int | Decimal) or isinstance(seconds, bool):
         raise EventLogError(f"t_s is no number: {_excerpt(line)}")
-    if not Decimal(seconds).is_finite() or seconds < 0:
-        raise EventLogError(f"t_s must be at least 0: {_excerpt(line)}")
+    if Decimal(seconds).is_nan() or not 0 <= seconds <= LATEST_S:
+        raise EventLogError(f"t_s must be 0 to {LATEST_S:.0e}: {_excerpt(line)}")
     task, node = row.get("task", -1), row.get("node", -1)
-    if not all(isinstance(value, int) for value in (task, node)):
+    if not all(type(value) is int and -1 <= value < 2**31 for value in (task, node)):
         raise EventLogError(f"task and node must be whole numbers: {_excerpt(line)}")
-    return Event(
-        t_ns=round(Decimal(seconds) * NANOSECONDS),
-        robot=str(robot),
-        kind=kind,
-        task=task,
-        node=node,
-        object=str(row.get("object", "")),
-        detail=str(row.get("detail", "")),
-    )
+    texts = robot, row.get("object", ""), row.get("detail", "")
+    if not all(isinstance(text, str) for text in texts):
+        raise EventLogError(f"robot, object and detail must be text: {_excerpt(line)}")
+    t_ns = round(Decimal(seconds) * NANOSECONDS)
+    return Event(t_ns, robot, cast(EventKind, kind), task, node, texts[1], texts[2])
 
 
 def _excerpt(line: str) -> str:

@@ -1,14 +1,15 @@
-"""The folder of a run: made before planning starts, filled as results come."""
+"""The folder of a run: one process at a time writes to it, and old results stay until new are whole."""
 
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-from planning.errors import OutputError
+from planning.errors import OutputError, RequestError
 
 EVENTS = "events.jsonl"
 TRAJECTORY = "trajectory.parquet"
@@ -19,55 +20,177 @@ SUMMARY = "summary.json"
 COMPARISON = "compare.json"
 CHART = "compare.png"
 
-_RESULTS = (EVENTS, TRAJECTORY, OBJECTS, RECORDING, GANTT, SUMMARY, COMPARISON, CHART)
+_RESULTS = (
+    *(
+        "manifest.json",
+        "plan.json",
+        "plan.npz",
+        EVENTS,
+        TRAJECTORY,
+        OBJECTS,
+        RECORDING,
+        GANTT,
+    ),
+    *(SUMMARY, COMPARISON, CHART),
+)
+_LAST = (SUMMARY, COMPARISON)  # written when all else has been
+
+# Earlier results while new ones are made. They are whole in .before only: a process that is
+# killed while it moves them leaves .aside, from which they all go back.
+_ASIDE, _BEFORE, _GONE = ".aside", ".before", ".gone"
 
 
-def prepare_run_folder(out: Path | None, scenario_name: str) -> Path:
-    """Return a folder that can be written to, made where it is missing.
+@contextmanager
+def run_folder(out: Path | None, name: str) -> Iterator[Path]:
+    """Give a folder for results, made where it is missing, that no other process writes to.
 
     Called before anything that takes time, so that a long plan is not lost for want of a place
-    to put it. Results of an earlier run in the folder are removed, plans are left.
+    to put it. Results of an earlier run stay there until ``set_aside``, and come back when the
+    work ends with an error. A folder made for work that leaves nothing goes again.
 
     Args:
-        out: the folder; by default ``logs/<scenario>-<UTC time>``.
-        scenario_name: name of the scenario.
+        out: the folder; by default ``logs/<name>-<UTC time>``.
+        name: of the scenario.
+
+    Raises:
+        OutputError: it cannot be made or written to, or another process writes to it.
+        RequestError: it holds a study.
+    """
+    made = out is None or not os.path.lexists(_possible(out))
+    folder = prepare_run_folder(out, name)
+    if (folder / "blocks").is_dir():
+        raise RequestError(f"{folder} holds a study: give another folder")
+    with locked(folder):
+        recover(folder)
+        try:
+            yield folder
+        except BaseException:
+            with suppress(OSError):
+                recover(folder)
+                if made:
+                    folder.rmdir()
+            raise
+
+
+def prepare_run_folder(out: Path | None, name: str) -> Path:
+    """Return a folder that can be written to, made where it is missing.
+
+    Args:
+        out: the folder; by default ``logs/<name>-<UTC time>``.
+        name: of the scenario.
 
     Raises:
         OutputError: it cannot be made or written to.
     """
-    folder = _new_log_folder(scenario_name) if out is None else out
+    folder = _new_log_folder(name) if out is None else out
     probe = folder / f".probe.{os.getpid()}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe.write_bytes(b"")
         probe.unlink()
-        for name in _RESULTS:
-            (folder / name).unlink(missing_ok=True)
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise OutputError(f"{folder}: cannot be written to: {error}") from error
     return folder
 
 
 @contextmanager
-def run_folder(out: Path | None, scenario_name: str) -> Iterator[Path]:
-    """Give a folder for results, made as by prepare_run_folder.
+def locked(folder: Path) -> Iterator[None]:
+    """Keep other processes from writing to a folder; the lock goes with this process at the latest.
 
-    When the work in it fails before there is any result, a folder made for it goes again.
+    Where a file system or an operating system knows no locks nothing is done.
+
+    Raises:
+        OutputError: another process writes to it, or it is not there.
     """
-    existed = out is not None and out.exists()
-    folder = prepare_run_folder(out, scenario_name)
     try:
-        yield folder
-    except BaseException:
-        if not existed:
-            with suppress(OSError):
-                folder.rmdir()
-        raise
+        import fcntl
+    except ImportError:
+        yield
+        return
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be opened: {error.strerror}") from error
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OutputError(
+                f"{folder}: a running process writes its results there; give another folder,"
+                " or wait for its end"
+            ) from None
+        except OSError:
+            pass
+        yield
+    finally:
+        os.close(handle)
 
 
-def _new_log_folder(scenario_name: str) -> Path:
+def set_aside(folder: Path) -> None:
+    """Put earlier results away, until ``keep_new`` drops them or ``recover`` brings them back.
+
+    Raises:
+        OutputError: they cannot be moved.
+    """
+    there = [name for name in _RESULTS if (folder / name).exists()]
+    if not there:
+        return
+    try:
+        (folder / _ASIDE).mkdir()
+        for name in there:
+            (folder / name).replace(folder / _ASIDE / name)
+        (folder / _ASIDE).replace(folder / _BEFORE)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written to: {error}") from error
+
+
+def keep_new(folder: Path) -> None:
+    """Drop the earlier results: the new ones are whole."""
+    with suppress(FileNotFoundError):
+        (folder / _BEFORE).replace(folder / _GONE)
+    shutil.rmtree(folder / _GONE, ignore_errors=True)
+
+
+def recover(folder: Path) -> None:
+    """Sweep what a killed process left: half-written files, and results that it had put away.
+
+    Only called while the folder is locked.
+    """
+    shutil.rmtree(folder / _GONE, ignore_errors=True)
+    for part in folder.glob(".*.part*"):
+        part.unlink(missing_ok=True)
+    if (folder / _BEFORE).is_dir():
+        if any((folder / name).exists() for name in _LAST):
+            keep_new(folder)
+            return
+        for name in _RESULTS:
+            (folder / name).unlink(missing_ok=True)
+        (folder / _BEFORE).replace(folder / _ASIDE)
+    if (folder / _ASIDE).is_dir():
+        for path in (folder / _ASIDE).iterdir():
+            path.replace(folder / path.name)
+        (folder / _ASIDE).rmdir()
+
+
+def _possible(path: Path) -> Path:
+    """Return a path that a file system takes.
+
+    Raises:
+        OutputError: it does not.
+    """
+    try:
+        path.is_dir()
+        path.stat()
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{str(path)[:200]}: cannot be written to: {error}") from None
+    return path
+
+
+def _new_log_folder(name: str) -> Path:
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-    first = Path("logs") / f"{scenario_name}-{stamp}"
+    first = Path("logs") / f"{name}-{stamp}"
     folder, count = first, 1
     while folder.exists():
         count += 1

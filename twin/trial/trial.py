@@ -8,13 +8,16 @@ that was never killed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from planning.errors import OutputError, TwinError
-from scheduling.graph.plan_files import load_plan, save_plan
+from planning.files import read_file
+from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.engine.engine import Simulator
 from twin.host.atomic import finite, write_json
@@ -22,11 +25,18 @@ from twin.host.progress import Report, report_nothing
 from twin.recorders.motion_tables import write_motion
 from twin.recorders.observers import JsonlRecorder, MemoryRecorder, Recorder
 from twin.run.events import Event, event_line, parse_event, read_log
-from twin.run.folder import EVENTS, GANTT, RECORDING, SUMMARY
+from twin.run.folder import (
+    EVENTS,
+    GANTT,
+    RECORDING,
+    SUMMARY,
+    keep_new,
+    set_aside,
+)
 from twin.run.gantt import draw_gantt
 from twin.run.run_record import DeadlockError, Policy, Run
 from twin.run.summary import summarise
-from twin.scenario.manifest import read_manifest, write_manifest
+from twin.scenario.manifest import read_manifest, require_same_files, write_manifest
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.simulation import scenario_execution
 
@@ -47,6 +57,7 @@ class Preparation:
         audit: whether PyBullet is to check what was executed.
         planning_s: wall-clock seconds of the planning stages.
         makespan_sequential_s: makespan of the plan, one task after another [s].
+        plan_sha256: hash of the plan.
     """
 
     base: str
@@ -54,6 +65,7 @@ class Preparation:
     audit: bool
     planning_s: Mapping[str, float]
     makespan_sequential_s: float | None
+    plan_sha256: str
 
 
 @dataclass(frozen=True)
@@ -73,8 +85,28 @@ class Trial:
     @property
     def passed(self) -> bool:
         """True if the run was completed and no audit found anything."""
-        audit = self.summary["audit"]
-        return self.run.outcome == "completed" and not (audit and audit["violations"])
+        return has_passed(self.summary)
+
+
+def has_passed(summary: Mapping[str, Any]) -> bool:
+    """Tell whether the run of a summary was completed and no audit found anything."""
+    audit = summary["audit"]
+    return summary["outcome"] == "completed" and not (audit and audit["violations"])
+
+
+def read_summary(folder: Path) -> dict[str, Any]:
+    """Return the summary of a run that has come to its end.
+
+    Raises:
+        OutputError: there is none, or it is damaged.
+    """
+    path = folder / SUMMARY
+    try:
+        summary: dict[str, Any] = json.loads(read_file(path))
+        has_passed(summary)
+    except (OSError, ValueError, RecursionError, KeyError, TypeError) as error:
+        raise OutputError(f"{path}: no summary of a run: {error!r}") from error
+    return summary
 
 
 def try_plan(
@@ -102,7 +134,7 @@ def try_plan(
         progress: told how far each stage has come.
 
     Raises:
-        OutputError: a file cannot be written.
+        IncompleteRunError: a file cannot be written.
         DeadlockError: no robot could go on.
     """
     turns = (planned and planned.turns) or tpg
@@ -112,15 +144,44 @@ def try_plan(
         audit=audit,
         planning_s=dict(planned.planning_s if planned else {}),
         makespan_sequential_s=_sequential_s(scenario, turns, base),
+        plan_sha256=plan_sha256(tpg),
     )
-    write_manifest(folder, scenario, tpg.cell, run=asdict(about))
-    save_plan(tpg, folder)
-    progress(SIMULATION, 0, 1)
-    memory = MemoryRecorder()
-    log = JsonlRecorder(folder / EVENTS)
-    run = execute(scenario, tpg, base, recorders=(log, memory))
-    progress(SIMULATION, 1, 1)
-    return _conclude(scenario, tpg, folder, run, memory.events, about, progress)
+    set_aside(folder)
+    with whole_or_failed(folder):
+        write_manifest(folder, scenario, tpg.cell, base, run=asdict(about))
+        save_plan(tpg, folder)
+        progress(SIMULATION, 0, 1)
+        memory = MemoryRecorder()
+        log = JsonlRecorder(folder / EVENTS)
+        run = execute(scenario, tpg, base, recorders=(log, memory))
+        log.require_whole()
+        progress(SIMULATION, 1, 1)
+        trial = _conclude(scenario, tpg, folder, run, memory.events, about, progress)
+    keep_new(folder)
+    return trial
+
+
+class IncompleteRunError(TwinError):
+    """A run could not write what it promises; what it wrote is not to be relied on."""
+
+
+@contextmanager
+def whole_or_failed(folder: Path) -> Iterator[None]:
+    """Turn whatever cannot be written into the failure of a run.
+
+    The summary, which is written last, is there only if everything else is.
+
+    Raises:
+        IncompleteRunError: something could not be written.
+    """
+    try:
+        yield
+    except (OutputError, OSError) as error:
+        with suppress(OSError):
+            (folder / SUMMARY).unlink(missing_ok=True)
+        raise IncompleteRunError(
+            f"the run has failed, not all is written: {error}"
+        ) from error
 
 
 def _conclude(
@@ -246,28 +307,38 @@ def resume_run(
     path = folder / EVENTS
     log = read_log(path) if path.exists() else ()
     known = _before_interrupt(log)
-    # The summary is written last.
-    if (folder / SUMMARY).exists() and len(known) == len(log):
+    # The summary is written last, and the log ends with the end of the run.
+    if (folder / SUMMARY).exists() and len(known) == len(log) and _has_ended(log):
         return Resumption(len(log), 0, None)
     tpg = load_plan(folder)
+    if plan_sha256(tpg) != about.plan_sha256:
+        raise OutputError(f"{folder}: the plan is not the one of its manifest")
     progress(SIMULATION, 0, 1)
     memory = MemoryRecorder()
     start = base or Path(about.base)
+    require_same_files(folder, manifest, scenario, start)
     run = execute(scenario, tpg, start, recorders=(memory,))
     if run.outcome == "aborted":
         raise KeyboardInterrupt
     lines = [event_line(event) for event in memory.events]
     _require_agreement(path, known, lines, memory.events)
-    recorder = JsonlRecorder(path, kept=sum(len(line.encode()) for line in known))
-    try:
+    with whole_or_failed(folder):
+        recorder = JsonlRecorder(path, kept=sum(len(line.encode()) for line in known))
         for event in memory.events[len(known) :]:
             recorder.record(event)
         recorder.close()
-    except OSError as error:
-        raise OutputError(f"{path}: cannot write the event log: {error}") from error
-    progress(SIMULATION, 1, 1)
-    trial = _conclude(scenario, tpg, folder, run, memory.events, about, progress)
+        progress(SIMULATION, 1, 1)
+        trial = _conclude(scenario, tpg, folder, run, memory.events, about, progress)
+    keep_new(folder)
     return Resumption(len(known), len(lines) - len(known), trial)
+
+
+def _has_ended(log: Sequence[str]) -> bool:
+    """Tell whether the last row of a log is the end of the whole run."""
+    if not log:
+        return False
+    last = parse_event(log[-1])
+    return last.kind == "finished" and not last.robot
 
 
 def _before_interrupt(log: Sequence[str]) -> Sequence[str]:

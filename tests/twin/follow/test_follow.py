@@ -118,6 +118,17 @@ def test_a_file_that_shrinks_or_is_not_there_is_an_error(tmp_path: Path) -> None
         next(lines)
 
 
+def test_a_longer_file_in_its_place_is_another_run(tmp_path: Path) -> None:
+    path, longer = tmp_path / "events.jsonl", tmp_path / "next.jsonl"
+    path.write_text("".join(LINES[:5]))
+    longer.write_text("".join(LINES))
+    lines = growing_file(path, poll_s=0.001)
+    assert [next(lines) for _ in range(6)][-1] is None
+    longer.replace(path)
+    with pytest.raises(OutputError, match="another run began"):
+        next(lines)
+
+
 # What is made of them
 
 

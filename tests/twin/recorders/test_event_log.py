@@ -113,15 +113,3 @@ simulate(random_tpg(8), VARIED, seed=0, recorders=[log, Kills()])
 def test_a_log_that_cannot_be_opened_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="missing"):
         JsonlRecorder(tmp_path / "missing" / "events.jsonl")
-
-
-def test_a_log_that_another_one_writes_is_left_as_it_is(tmp_path: Path) -> None:
-    path = tmp_path / "events.jsonl"
-    first = JsonlRecorder(path)
-    first.record(Event(0, "robot_0", "started"))
-    written = path.read_text()
-    assert written
-    with pytest.raises(OutputError, match="a running process writes this log"):
-        JsonlRecorder(path)
-    assert path.read_text() == written
-    first.close()

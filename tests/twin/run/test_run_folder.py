@@ -1,16 +1,26 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
-from planning.errors import OutputError
+from planning.errors import OutputError, RequestError
 from twin.cli import app
 from twin.host.atomic import replacing, write_json
-from twin.run.folder import prepare_run_folder
+from twin.run.folder import (
+    keep_new,
+    prepare_run_folder,
+    recover,
+    run_folder,
+    set_aside,
+)
 
 
 def test_a_folder_is_made_below_logs(
@@ -25,11 +35,134 @@ def test_a_folder_is_made_below_logs(
         assert folder.parent == Path("logs")
 
 
-def test_results_of_an_earlier_run_go_and_plans_stay(tmp_path: Path) -> None:
-    for name in ("summary.json", "plan.npz", "notes.txt"):
-        (tmp_path / name).write_text("old")
-    assert prepare_run_folder(tmp_path, "cliff") == tmp_path
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["notes.txt", "plan.npz"]
+OLD = {
+    name: f"old {name}"
+    for name in ("manifest.json", "plan.npz", "events.jsonl", "run.rrd", "summary.json")
+}
+NEW = {
+    name: f"new {name}"
+    for name in ("manifest.json", "events.jsonl", "gantt.png", "summary.json")
+}
+
+
+class Killed(BaseException):
+    """The process ends here; nothing is cleaned up."""
+
+
+class Mortal:
+    """Lets the process die at the k-th change to the file system."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.left = -1
+        for owner, name in (
+            *(
+                (Path, name)
+                for name in ("replace", "unlink", "mkdir", "rmdir", "write_text")
+            ),
+            (os, "unlink"),
+            (os, "rmdir"),
+        ):
+            monkeypatch.setattr(owner, name, self._mortal(getattr(owner, name)))
+
+    def _mortal(self, change: Callable[..., Any]) -> Callable[..., Any]:
+        def changed(*args: Any, **kwargs: Any) -> Any:
+            if self.left == 0:
+                raise Killed
+            self.left -= 1
+            return change(*args, **kwargs)
+
+        return changed
+
+    def lives(self, changes: int, work: Callable[[], None]) -> bool:
+        """Do some work, dying after so many changes; tell whether it was done."""
+        self.left = changes
+        try:
+            work()
+        except Killed:
+            return False
+        finally:
+            self.left = -1
+        return True
+
+
+def visible(folder: Path) -> dict[str, str]:
+    return {p.name: p.read_text() for p in folder.iterdir()}
+
+
+def test_old_or_new_results_are_whole_wherever_a_process_dies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mortal = Mortal(monkeypatch)
+
+    def work(folder: Path) -> None:
+        set_aside(folder)
+        for name, text in NEW.items():
+            (folder / name).write_text(text)
+        keep_new(folder)
+
+    outcomes = set()
+    for first in range(40):
+        for second in range(0, 30, 1 if first % 3 == 0 else 7):
+            folder = tmp_path / f"{first}-{second}"
+            folder.mkdir()
+            for name, text in OLD.items():
+                (folder / name).write_text(text)
+            done = mortal.lives(first, partial(work, folder))
+            # Whoever sweeps up may die as well.
+            mortal.lives(second, partial(recover, folder))
+            recover(folder)
+            there = visible(folder)
+            assert there in (OLD, NEW), (first, second)
+            assert not done or there == NEW
+            outcomes.add(there["summary.json"])
+    assert outcomes == {"old summary.json", "new summary.json"}
+
+
+def test_results_stay_until_the_new_ones_are_whole(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    out.mkdir()
+    (out / "summary.json").write_text("old")
+    (out / ".plan.json.99.part").write_text("half")
+    (out / "notes.txt").write_text("mine")
+    with pytest.raises(RuntimeError), run_folder(out, "cliff") as folder:  # noqa: PT012
+        assert visible(folder) == {"summary.json": "old", "notes.txt": "mine"}
+        set_aside(folder)
+        assert sorted(p.name for p in out.iterdir()) == [".before", "notes.txt"]
+        (folder / "events.jsonl").write_text("new")
+        raise RuntimeError
+    assert visible(out) == {"summary.json": "old", "notes.txt": "mine"}
+
+
+def test_a_second_process_is_refused_and_changes_nothing(tmp_path: Path) -> None:
+    (tmp_path / "summary.json").write_text("old")
+    with (
+        run_folder(tmp_path, "cliff"),
+        pytest.raises(OutputError, match="a running process writes its results"),
+        run_folder(tmp_path, "cliff"),
+    ):
+        pass
+    assert visible(tmp_path) == {"summary.json": "old"}
+
+
+def test_a_folder_made_for_nothing_goes_again(tmp_path: Path) -> None:
+    with pytest.raises(KeyError), run_folder(tmp_path / "a" / "b", "cliff"):
+        raise KeyError
+    assert not (tmp_path / "a" / "b").exists()
+
+
+def test_the_folder_of_a_study_is_not_taken(tmp_path: Path) -> None:
+    (tmp_path / "blocks").mkdir()
+    with (
+        pytest.raises(RequestError, match="holds a study"),
+        run_folder(tmp_path, "cliff"),
+    ):
+        pass
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "a\0b"])
+def test_a_name_that_no_file_system_takes_is_an_error(name: str) -> None:
+    with pytest.raises(OutputError), run_folder(Path("/tmp") / name, "cliff"):
+        pass
 
 
 def test_a_place_that_cannot_be_written_is_an_error_at_once(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from scheduling.graph.plan_files import save_plan
 from tests.twin.turning_arms import SCENARIO, turning_plan
 from twin.cli import app
 from twin.planning.build_workcell import build_workcell
-from twin.recorders.observers import JsonlRecorder
+from twin.run.folder import locked
 from twin.scenario.file import load_scenario
 from twin.trial.trial import ResumeError, resume_run
 
@@ -199,12 +199,10 @@ def test_folders_without_a_run_are_refused(whole: Path, tmp_path: Path) -> None:
 
 def test_a_run_that_is_alive_is_not_resumed(whole: Path, tmp_path: Path) -> None:
     out = cut(whole, tmp_path / "run", 0)
-    log = JsonlRecorder(out / "events.jsonl")
-    try:
-        with pytest.raises(OutputError, match="a running process writes this log"):
-            resume_run(out)
-    finally:
-        log.close()
+    with locked(out):
+        result = invoke("resume", out)
+    assert result.exit_code == 2
+    assert "a running process writes its results there" in result.stderr
     assert (out / "events.jsonl").read_bytes() == b""
     resume_run(out)
     assert contents(out) == contents(whole)

@@ -140,7 +140,7 @@ def test_a_plan_for_another_cell_is_refused(plan: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
     result = invoke("run", other, "--plan", plan, "--out", out)
     assert result.exit_code == 2
-    assert "is for other robots" in result.stderr
+    assert "robot 'right' of the plan is not in the cell" in result.stderr
     assert not out.exists()
 
 

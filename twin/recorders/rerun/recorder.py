@@ -64,8 +64,11 @@ def write_recording(
             recording_id=f"{name}-{run.seed}-{run.replication}-{run.policy}",
         )
         rec.set_log_time_enabled(False)
-        rec.save(
-            temporary, default_blueprint=layout.run_layout(tpg.cell, run.makespan_s)
+        recording = rec.memory_recording()
+        rec.send_blueprint(
+            layout.run_layout(tpg.cell, run.makespan_s),
+            make_active=False,
+            make_default=True,
         )
         draw_fixtures(rec, tpg.cell)
         for robot, motion in zip(
@@ -78,6 +81,8 @@ def write_recording(
         log_events(rec, tpg, events)
         rec.send_property("makespan_s", rr.AnyValues(value=run.makespan_s))
         rec.flush()
+        # Rerun's own file writer tells of a full disk on standard error only, or never ends.
+        temporary.write_bytes(recording.drain_as_bytes() or b"")
         rec.disconnect()
 
 
