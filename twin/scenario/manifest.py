@@ -4,38 +4,27 @@ from __future__ import annotations
 
 import hashlib
 import json
-import platform
-from collections.abc import Mapping
-from importlib.metadata import PackageNotFoundError, version
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
 from planning.cell.workcell import PlacedRobot, Workcell
-from planning.errors import OutputError, ScenarioError
+from planning.errors import OutputError, RequestError, ScenarioError, listed
+from planning.files import read_file
+from planning.robots.description_files import description_sha256
 from planning.transforms import Transform, quat_wxyz
+from twin.durations import Empirical
 from twin.host.atomic import write_json
+from twin.host.versions import versions
 from twin.scenario.sections.scenario import Scenario, resolved, restored
 
 MANIFEST = "manifest.json"
 
-_PACKAGES = (
-    "assembly-twin",
-    "coal",
-    "numba",
-    "numpy",
-    "ompl",
-    "pin",
-    "pybullet",
-    "pulp",
-    "pyarrow",
-    "rerun-sdk",
-    "scipy",
-    "simpy",
-)
-
 
 def write_manifest(
-    folder: Path, scenario: Scenario, cell: Workcell, **more: Any
+    folder: Path, scenario: Scenario, cell: Workcell, base: Path, **more: Any
 ) -> None:
     """Write the manifest of a run, a comparison or a study.
 
@@ -43,6 +32,7 @@ def write_manifest(
         folder: of the results.
         scenario: what is run.
         cell: built from it.
+        base: where its relative paths start.
         more: further entries, as plain JSON values: what it takes to go on.
     """
     content = resolved(scenario)
@@ -53,6 +43,7 @@ def write_manifest(
             "scenario_sha256": scenario_sha256(content),
             "seed": scenario.seed,
             "versions": versions(),
+            "files": file_hashes(scenario, base),
             "robots": [_robot_entry(robot) for robot in cell.robots],
             **more,
         },
@@ -71,9 +62,9 @@ def read_manifest(folder: Path, what: str) -> tuple[Scenario, dict[str, Any]]:
     """
     path = folder / MANIFEST
     try:
-        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        content: dict[str, Any] = json.loads(read_file(path))
         scenario, digest = content["scenario"], content["scenario_sha256"]
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise OutputError(f"{path}: no {what}: {error}") from error
     except (KeyError, TypeError) as error:
         raise OutputError(f"{path}: damaged: {error!r}") from error
@@ -85,21 +76,73 @@ def read_manifest(folder: Path, what: str) -> tuple[Scenario, dict[str, Any]]:
         raise OutputError(f"{path}: the scenario is no longer valid: {error}") from None
 
 
+def file_hashes(scenario: Scenario, base: Path) -> dict[str, str]:
+    """Return the sha256 of every file of measured times that a scenario names, by its name.
+
+    Raises:
+        OutputError: one cannot be read.
+    """
+    out = {}
+    for name in sorted(set(_named_files(scenario))):
+        try:
+            content = read_file(base / name)
+        except OSError as error:
+            raise OutputError(f"{base / name}: cannot be read: {error}") from error
+        out[name] = hashlib.sha256(content).hexdigest()
+    return out
+
+
+def _named_files(value: object) -> Iterator[str]:
+    if isinstance(value, Empirical):
+        yield value.csv
+    elif isinstance(value, BaseModel):
+        for _, part in value:
+            yield from _named_files(part)
+    elif isinstance(value, Mapping):
+        for part in value.values():
+            yield from _named_files(part)
+    elif isinstance(value, tuple):
+        for part in value:
+            yield from _named_files(part)
+
+
+def require_same_files(
+    folder: Path, manifest: Mapping[str, Any], scenario: Scenario, base: Path
+) -> None:
+    """Refuse to go on when a file that the scenario names is not what it was.
+
+    Raises:
+        RequestError: a file has changed; the message names it.
+        OutputError: a file cannot be read.
+    """
+    before = manifest.get("files")
+    for name, digest in file_hashes(scenario, base).items():
+        if isinstance(before, dict) and before.get(name) != digest:
+            raise RequestError(
+                f"{folder}: {base / name} is not what it was when this began"
+            )
+
+
+def require_same_versions(folder: Path, manifest: Mapping[str, Any]) -> None:
+    """Refuse to mix results of different versions of Python or of a package.
+
+    Raises:
+        RequestError: a version is another one; the message names all of them.
+    """
+    before, now = manifest.get("versions"), versions()
+    if isinstance(before, dict) and before != now:
+        changed = [
+            f"{name} was {before.get(name, 'unknown')} and is {now.get(name, 'unknown')}"
+            for name in sorted({*before, *now})
+            if before.get(name) != now.get(name)
+        ]
+        raise RequestError(f"{folder} was begun with other versions: {listed(changed)}")
+
+
 def scenario_sha256(content: Mapping[str, Any]) -> str:
     """Return the hash of a resolved scenario: of its compact JSON with sorted keys."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that results depend on."""
-    found = {"python": platform.python_version()}
-    for package in _PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "not installed"
-    return found
 
 
 def _robot_entry(robot: PlacedRobot) -> dict[str, Any]:
@@ -108,6 +151,7 @@ def _robot_entry(robot: PlacedRobot) -> dict[str, Any]:
         "name": robot.name,
         "model": model.name,
         "urdf": str(model.urdf),
+        "sha256": description_sha256(model),
         "base": _pose_entry(robot.base),
         "joints": list(model.joint_names),
         "tool": {

@@ -10,7 +10,13 @@ from pydantic import TypeAdapter, ValidationError
 
 from planning.cell.workcell import Workcell
 from planning.errors import OutputError, RequestError
-from twin.scenario.manifest import MANIFEST, read_manifest, write_manifest
+from twin.scenario.manifest import (
+    MANIFEST,
+    read_manifest,
+    require_same_files,
+    require_same_versions,
+    write_manifest,
+)
 from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.experiment import Experiment
 
@@ -74,7 +80,7 @@ def write_request(folder: Path, request: StudyRequest, cell: Workcell) -> None:
         "deadline_s": request.deadline_s,
         "sobol_points": request.sobol_points,
     }
-    write_manifest(folder, request.scenario, cell, study=study)
+    write_manifest(folder, request.scenario, cell, request.base, study=study)
 
 
 def read_request(folder: Path) -> StudyRequest:
@@ -82,13 +88,17 @@ def read_request(folder: Path) -> StudyRequest:
 
     Raises:
         OutputError: the folder is not one of a study, or its manifest is damaged.
+        RequestError: a file that the scenario names, or a version, has changed since.
     """
     scenario, manifest = read_manifest(folder, "folder of a study")
     try:
         study = manifest["study"]
+        base = Path(study["base"])
+        require_same_files(folder, manifest, scenario, base)
+        require_same_versions(folder, manifest)
         return StudyRequest(
             scenario,
-            Path(study["base"]),
+            base,
             TypeAdapter(Experiment).validate_python(study["experiment"]),
             int(study["shortcut_candidates"]),
             study["deadline_s"],

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from scheduling.graph.plan_files import load_plan, save_plan
+from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import Report, StageWatch
+from twin.host.versions import versions
 from twin.planning.pipeline import order_motions, plan_in_slots, plan_motions, shorten
-from twin.scenario.sections.scenario import Scenario
+from twin.scenario.manifest import file_hashes, scenario_sha256
+from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import varied
 from twin.study.replications.experiment import PLAN_OF_POLICY, Experiment
 from twin.study.replications.workload import Workload, timing_graph
@@ -82,6 +86,8 @@ def workloads(
         ScenarioError: a varied input does not fit the scenario.
     """
     graphs = {name: timing_graph(plan) for name, plan in plans.items()}
+    hashes = {name: plan_sha256(plan) for name, plan in plans.items()}
+    files, packages = file_hashes(scenario, base), versions()
     loads = []
     for policy, variant in experiment.cells:
         own = varied(scenario, variant)
@@ -90,5 +96,15 @@ def workloads(
             own, base, policy=release, antithetic=experiment.antithetic
         )
         reasons = tuple(own.execution.needs_event_engine())
-        loads.append(Workload(graphs[plan], model, own.seed, reasons))
+        origin = {
+            "scenario": scenario_sha256(resolved(own)),
+            "plan": hashes[plan],
+            "policy": policy,
+            "antithetic": experiment.antithetic,
+            "files": files,
+            "versions": packages,
+        }
+        text = json.dumps(origin, sort_keys=True)
+        made_from = hashlib.sha256(text.encode()).hexdigest()
+        loads.append(Workload(graphs[plan], model, own.seed, reasons, made_from))
     return loads

@@ -17,7 +17,7 @@ CLIFF = Path(__file__).parents[3] / "scenarios/lego/cliff.yaml"
 
 def test_the_manifest_says_what_is_needed_to_repeat_a_run(tmp_path: Path) -> None:
     scenario = load_scenario(CLIFF)
-    write_manifest(tmp_path, scenario, toy_cell((2, 3)), note="more")
+    write_manifest(tmp_path, scenario, toy_cell((2, 3)), tmp_path, note="more")
     manifest = json.loads((tmp_path / MANIFEST).read_text())
     assert read_manifest(tmp_path, "run") == (scenario, manifest)
     assert set(manifest) == {
@@ -26,6 +26,7 @@ def test_the_manifest_says_what_is_needed_to_repeat_a_run(tmp_path: Path) -> Non
         "scenario_sha256",
         "seed",
         "versions",
+        "files",
         "robots",
     }
     assert scenario_sha256({"a": 1, "b": 2}) == scenario_sha256({"b": 2, "a": 1})
@@ -35,6 +36,7 @@ def test_the_manifest_says_what_is_needed_to_repeat_a_run(tmp_path: Path) -> Non
         "name": "robot_1",
         "model": "toy",
         "urdf": "toy.urdf",
+        "sha256": None,
         "base": {"xyz": [1.0, 0.0, 0.0], "quat_wxyz": [1.0, 0.0, 0.0, 0.0]},
         "joints": ["joint_0", "joint_1", "joint_2"],
         "tool": {

@@ -6,7 +6,6 @@ A file is whole or not there: what a killed study goes on from.
 from __future__ import annotations
 
 import re
-import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import reduce
@@ -17,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.errors import OutputError
+from planning.files import NPZ_ERRORS, read_file, read_npz
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
@@ -40,6 +40,8 @@ WAIT_COLUMNS = {
 
 KEPT = 500
 """Replications whose starts and ends of tasks are kept, for bands on a Gantt chart."""
+
+_LARGEST = 1 << 30  # bytes of a block: some thousand times the largest one
 
 _NAME = re.compile(r"(\d+)-(\d+)-(\d+)\.npz")
 _TEXTS = ("outcome", "error")
@@ -207,40 +209,96 @@ def task_groups(tpg: TemporalPlanGraph) -> TaskGroups:
     return TaskGroups(task[first], first, last)
 
 
-def write_block(folder: Path, result: BlockResult) -> None:
+def write_block(folder: Path, result: BlockResult, made_from: str = "") -> None:
     """Write the result of a block.
+
+    Args:
+        folder: of the blocks.
+        result: what came of it.
+        made_from: hash of all that it depends on, see ``Workload``.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    arrays = {**vars(result.rows), **vars(result.tally)}
+    block = result.block
+    arrays: dict[str, Any] = {**vars(result.rows), **vars(result.tally)}
     arrays |= {name: arrays[name].astype(str) for name in _TEXTS}
     arrays["robots"] = np.array(result.rows.robots, dtype=str)
-    with replacing(_path(folder, result.block)) as temporary:
+    arrays["made_from"] = np.array([made_from, str(block.cell)])
+    with replacing(_path(folder, block)) as temporary:
         np.savez_compressed(temporary, **arrays)
 
 
-def read_block(folder: Path, block: Block) -> BlockResult:
+def read_block(folder: Path, block: Block, made_from: str | None = None) -> BlockResult:
     """Return what ``write_block`` wrote.
 
+    Args:
+        folder: of the blocks.
+        block: which one.
+        made_from: hash of all that it should have been made from; None to believe the file.
+
     Raises:
-        OutputError: the file is missing or damaged.
+        OutputError: the file is missing, damaged, of another block or made from something else.
     """
     path = _path(folder, block)
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            rows = ReplicationRows(
-                **{name: arrays[name] for name in _ROWS},
-                **{name: arrays[name].astype(object) for name in _TEXTS},
-                engine=str(arrays["engine"]),
-                robots=tuple(arrays["robots"].tolist()),
-            )
-            tally = TaskTally(
-                int(arrays["count"]), **{name: arrays[name] for name in _TALLY}
-            )
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        arrays = read_npz(read_file(path, _LARGEST), kinds="iU", most=_LARGEST)
+        rows = ReplicationRows(
+            **{name: arrays[name] for name in _ROWS},
+            **{name: arrays[name].astype(object) for name in _TEXTS},
+            engine=str(arrays["engine"]),
+            robots=tuple(arrays["robots"].tolist()),
+        )
+        tally = TaskTally(
+            int(arrays["count"]), **{name: arrays[name] for name in _TALLY}
+        )
+        origin, cell = arrays["made_from"].tolist()
+        _check_shapes(block, rows, tally)
+    except NPZ_ERRORS as error:
         raise OutputError(f"{path}: is no block of a study: {error}") from error
+    if cell != str(block.cell) or made_from not in (None, origin):
+        raise OutputError(
+            f"{path}: was made from another scenario, plan, policy, variant or version of a package"
+        )
     return BlockResult(block, rows, tally)
+
+
+def _check_shapes(block: Block, rows: ReplicationRows, tally: TaskTally) -> None:
+    """Require rows and sums to belong to a block, with a ValueError."""
+    count, robots, tasks = block.count, len(rows.robots), len(tally.critical)
+    expected = {
+        (count,): (rows.replication, rows.makespan_ns, rows.outcome, rows.error),
+        (robots, count): (rows.busy_ns,),
+        (len(WAIT_COLUMNS), count): (rows.waited_ns,),
+        (tasks,): (tally.critical, tally.slack_ns),
+        (len(tally.start_ns), tasks): (tally.start_ns, tally.end_ns),
+    }
+    for shape, group in expected.items():
+        for values in group:
+            if values.shape != shape or values.dtype not in (np.int64, object):
+                raise ValueError(f"{values.dtype} of shape {values.shape} for {shape}")
+    if (
+        len(tally.start_ns) > count
+        or rows.replication.tolist() != list(block.replications)
+        or tally.count > count
+    ):
+        raise ValueError("other replications")
+
+
+def put_aside(folder: Path, block: Block) -> Path:
+    """Move the file of a block that cannot be used out of the way; return where it is now.
+
+    Raises:
+        OutputError: it cannot be moved.
+    """
+    path = _path(folder, block)
+    target = folder / "set-aside" / path.name
+    try:
+        target.parent.mkdir(exist_ok=True)
+        path.replace(target)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be moved: {error}") from error
+    return target
 
 
 def blocks_done(folder: Path) -> Iterator[Block]:

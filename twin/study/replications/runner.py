@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import (
@@ -13,15 +14,17 @@ from concurrent.futures import (
 )
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from planning.errors import TwinError
+from planning.errors import OutputError, TwinError
 from twin.host.progress import Report, report_nothing
 from twin.study.replications.block_results import (
     BlockResult,
     blocks_done,
+    put_aside,
     read_block,
     write_block,
 )
@@ -36,6 +39,8 @@ from twin.study.replications.workload import (
 BULK_BLOCK, EVENTS_BLOCK = 500, 20
 """Replications of a block, by engine: about as much work as is worth sending away."""
 
+_log = logging.getLogger(__name__)
+
 _RESTARTS = 3
 """Times that a pool is opened anew after one of its workers died."""
 
@@ -43,6 +48,13 @@ OpenExecutor = Callable[[], AbstractContextManager[Executor]]
 
 REPLICATING = "replications"
 """Name of the stage for progress displays."""
+
+
+class Parcel(NamedTuple):
+    """A packed workload, and the hash of all that it was made from."""
+
+    data: bytes
+    made_from: str
 
 
 def run_replications(
@@ -73,9 +85,10 @@ def run_replications(
         OutputError: a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    parcels = [pack(load) for load in workloads]
+    parcels = [Parcel(pack(load), load.made_from) for load in workloads]
     counter = _Counter(experiment, len(workloads), progress)
     done = set(blocks_done(folder))
+    wanted: set[Block] = set()
     begin = 0
     for target in experiment.targets():
         blocks = [
@@ -85,15 +98,34 @@ def run_replications(
                 cell, begin, target, EVENTS_BLOCK if load.reasons else BULK_BLOCK
             )
         ]
+        missing = []
         for block in blocks:
+            found = None
             if block in done:
-                counter.add(read_block(folder, block))
-        missing = [block for block in blocks if block not in done]
+                found = _kept(folder, block, workloads[block.cell].made_from)
+            if found is None:
+                missing.append(block)
+            else:
+                counter.add(found)
+        wanted.update(blocks)
         _compute(missing, parcels, folder, open_executor, counter)
         begin = target
         if counter.enough(target):
             break
+    for block in sorted(done - wanted, key=lambda b: (b.cell, b.first)):
+        place = put_aside(folder, block)
+        _log.warning("%s: is no block of this study and counts for nothing", place)
     return begin
+
+
+def _kept(folder: Path, block: Block, made_from: str) -> BlockResult | None:
+    """Return a block from its file; None, and the file out of the way, if it is not to be used."""
+    try:
+        return read_block(folder, block, made_from)
+    except OutputError as error:
+        place = put_aside(folder, block)
+        _log.warning("%s; computed anew, the file is now %s", error, place)
+        return None
 
 
 class _Counter:
@@ -140,7 +172,7 @@ class _Counter:
 
 def _compute(
     blocks: Iterable[Block],
-    parcels: Sequence[bytes],
+    parcels: Sequence[Parcel],
     folder: Path,
     open_executor: OpenExecutor,
     counter: _Counter,
@@ -163,7 +195,7 @@ def _compute(
 def _drain(
     executor: Executor,
     waiting: deque[Block],
-    parcels: Sequence[bytes],
+    parcels: Sequence[Parcel],
     folder: Path,
     counter: _Counter,
 ) -> None:
@@ -175,12 +207,12 @@ def _drain(
             while waiting and len(under_way) < most:
                 block = waiting[0]
                 # Where a worker has died meanwhile this fails, and the block must still be waiting.
-                future = executor.submit(compute_block, parcels[block.cell], block)
+                future = executor.submit(compute_block, parcels[block.cell].data, block)
                 under_way[future] = waiting.popleft()
             finished, _ = wait(under_way, return_when=FIRST_COMPLETED)
             for future in finished:
                 result = future.result()
-                write_block(folder, result)
+                write_block(folder, result, parcels[result.block.cell].made_from)
                 counter.add(result)
                 del under_way[future]
     finally:

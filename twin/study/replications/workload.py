@@ -48,12 +48,15 @@ class Workload:
         execution: how it is executed, and what varies.
         seed: names the draws.
         reasons: why only the event engine can execute it; empty where both can.
+        made_from: hash of scenario, plan, policy, variant, files and versions, which results
+            of replications are kept with.
     """
 
     tpg: TemporalPlanGraph
     execution: ExecutionModel
     seed: int
     reasons: tuple[str, ...] = ()
+    made_from: str = ""
 
 
 def pack(workload: Workload) -> bytes:

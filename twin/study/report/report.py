@@ -16,7 +16,7 @@ from planning.transforms import Array
 from twin.host.atomic import write_text
 from twin.host.pictures import save_png
 from twin.host.progress import Report
-from twin.scenario.manifest import versions
+from twin.host.versions import versions
 from twin.study.folder import BLOCKS, PLANS, REPORT
 from twin.study.plans import load_plans, workloads
 from twin.study.replications.block_results import cell_blocks, cell_tally
