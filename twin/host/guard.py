@@ -20,8 +20,9 @@ from planning.errors import (
     TwinError,
 )
 
-COMPLETED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-"""Exit codes: done; the work failed or violates a guarantee; input is at fault; Ctrl-C."""
+COMPLETED, FAILED, BAD_INPUT, UNFORESEEN, INTERRUPTED = 0, 1, 2, 70, 130
+"""Exit codes: done and whole; the work failed or violates a guarantee; input is at fault; an error
+of the program; Ctrl-C."""
 
 _INPUTS = (
     ConstructionError,
@@ -40,7 +41,8 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
 
     Errors in the user's input, such as ScenarioError, InfeasibleStepError and ConstructionError
     (what is asked for cannot be built) end with 2, any other TwinError with 1, an interrupt with
-    130. A command may return its own code.
+    130. Whatever else is raised is an error of the program: one line, a report file, and 70. A
+    command may return its own code.
     """
 
     @functools.wraps(command)
@@ -53,6 +55,13 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
         except TwinError as error:
             print_error(describe(error))
             code = BAD_INPUT if isinstance(error, _INPUTS) else FAILED
+        except BrokenPipeError:  # whoever read the output went away: main knows
+            raise
+        except Exception as error:
+            from twin.host.last_resort import unforeseen
+
+            print_error(unforeseen(error))
+            code = UNFORESEEN
         raise typer.Exit(code or COMPLETED)
 
     return run
