@@ -131,13 +131,15 @@ class EasyPlacement:
         The first robot does it, unless others are in its way and it would be late: then others
         are asked, too, as long as they may be sooner.
         """
-        seconds = self.problem.seconds
+        problem = self.problem
         best: Solution | None = None
         latest = np.inf
         alone = self.candidates.of(building, part, 1)
         for skeleton in islice(alone, self.settings.asked):
             free = building.world.free_from(skeleton[0])
-            if free + seconds.pick + seconds.place > latest:
+            seconds = problem.seconds_of("pick", skeleton[0], part)
+            seconds += problem.seconds_of("place-down", skeleton[-1], part)
+            if free + seconds > latest:
                 break
             attempt = self._attempt(part, skeleton, seed, latest, most_loss)
             found = self.solve(building, attempt)

@@ -160,13 +160,13 @@ class SubproblemSolver:
         """
         problem, part, team = self.problem, attempt.part, attempt.robots
         robot, hold = team[0], keyframes.holds[0]
-        latest = attempt.latest - problem.seconds.place
+        latest = attempt.latest - problem.seconds_of("place-down", team[-1], part)
         leg = legs.allowing_delay(self._spare(robot, keyframes)).leg(
             building,
             robot,
             keyframes.picks,
             hints=hints,
-            latest=latest - problem.seconds.pick,
+            latest=latest - problem.seconds_of("pick", robot, part),
             most_loss=attempt.lost,
         )
         if leg is None or leg.lost >= attempt.lost:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from planning.motion.full_turns import take_near_turns
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.speed import SpeedModel, path_times, sample_path
 from planning.motion.transit import TransitPlanner
+from planning.tasks.exceptions import ExceptionKey, strongest_exception
 from planning.tasks.task import (
     TRANSIT,
     AllowedContact,
@@ -39,6 +40,8 @@ class MotionSettings:
         step: longest time between pose nodes [s].
         skill_seconds: nominal duration of each skill [s]; one that is not there follows its
             reference path at the speed of its robot.
+        skill_exceptions: nominal durations that hold instead for a robot, a type of objects or
+            both [s].
         attempts: seeds tried for a transit before another grasp is.
         seed: of the whole plan.
     """
@@ -49,6 +52,13 @@ class MotionSettings:
     skill_seconds: Mapping[str, float]
     attempts: int = 5
     seed: int = 0
+    skill_exceptions: Mapping[ExceptionKey, float] = field(default_factory=dict)
+
+    def seconds_of(self, cell: Workcell, task: Task) -> float | None:
+        """Return the nominal duration of a skill [s], None to follow its reference path."""
+        kind = None if task.object is None else cell.object(task.object).kind
+        found = strongest_exception(self.skill_exceptions, task.kind, task.robot, kind)
+        return self.skill_seconds.get(task.kind) if found is None else found
 
 
 @dataclass(frozen=True)
@@ -123,7 +133,7 @@ def _plan_step(
             )
         else:
             waypoints = _check_skill(cell, task, step.allowed, now)
-            seconds = settings.skill_seconds.get(task.kind)
+            seconds = settings.seconds_of(cell, task)
             times = (
                 path_times(waypoints, settings.speeds[task.robot])
                 if seconds is None

@@ -155,7 +155,10 @@ class ConstructionKind(AssemblyKind):
             problem,
             frame=self.section.grips.frame,
             seconds=SkillSeconds(
-                seconds["pick"], seconds["place-down"], seconds["handover"]
+                seconds["pick"],
+                seconds["place-down"],
+                seconds["handover"],
+                settings.skill_exceptions,
             ),
             carried=self.section.carried,
             seed=settings.seed,

@@ -226,6 +226,7 @@ def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionS
         for robot in cell.robots
     }
     models = scenario.execution.skill_models(folder)
+    exceptions = scenario.execution.skill_exceptions(folder)
     return MotionSettings(
         planners=planners,
         speeds=speeds,
@@ -233,6 +234,10 @@ def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionS
         skill_seconds={skill: model.mean for skill, model in models.items()},
         attempts=section.attempts,
         seed=scenario.seed,
+        skill_exceptions={
+            (item.skill, item.robot, item.object): item.duration.mean
+            for item in exceptions
+        },
     )
 
 

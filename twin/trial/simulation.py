@@ -90,10 +90,7 @@ def skill_durations(
     Raises:
         ScenarioError: a file of measured times cannot be read.
     """
-    overrides = tuple(
-        item.model_copy(update={"duration": item.duration.located(folder)})
-        for item in scenario.execution.skill_overrides
-    )
+    execution = scenario.execution
     return SkillDurations(
-        scenario.execution.skill_models(folder), overrides, antithetic
+        execution.skill_models(folder), execution.skill_exceptions(folder), antithetic
     )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from planning.tasks.exceptions import ExceptionKey, strongest_exception
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import DurationModel, Nanoseconds, SkillOverride, to_nanoseconds
@@ -37,15 +38,15 @@ class SkillDurations:
         self, skill: str, robot: str, object_kind: str | None
     ) -> DurationModel | None:
         """Return the model of a skill done by a robot to an object of a kind, None if none."""
-        exceptions = {
-            (item.robot, item.object): item.duration
+        found = strongest_exception(self._exceptions, skill, robot, object_kind)
+        return self.models.get(skill) if found is None else found
+
+    @property
+    def _exceptions(self) -> dict[ExceptionKey, DurationModel]:
+        return {
+            (item.skill, item.robot, item.object): item.duration
             for item in self.overrides
-            if item.skill == skill
         }
-        for key in ((robot, object_kind), (robot, None), (None, object_kind)):
-            if key in exceptions:
-                return exceptions[key]
-        return self.models.get(skill)
 
     def bind(self, tpg: TemporalPlanGraph) -> SkillDraws:
         """Return the draws of one TPG; keep it where the same TPG is asked again and again."""

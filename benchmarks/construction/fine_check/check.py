@@ -178,11 +178,8 @@ def _skill_faults(
     last: str | None,
 ) -> Iterator[Fault]:
     """Yield what is wrong with a skill: who does it, for how long, and what changes in it."""
-    nominal = {
-        "pick": problem.seconds.pick,
-        "place-down": problem.seconds.place,
-        "handover": problem.seconds.handover,
-    }[skill.kind]
+    kind = problem.cell.object(skill.object).kind
+    nominal = problem.seconds.of(skill.kind, skill.robot, kind)
     name = f"{skill.kind} of {skill.object} by {skill.robot}"
     if abs(change.time - skill.touch) > SLACK_S or change.holder != skill.holder:
         yield Fault(skill.touch, "mode", f"{name} is not when the part changes hands")

@@ -195,7 +195,7 @@ class KeyframeSolver:
                     -problem.approach * tools[0][:3, 2],
                 ),
                 problem.cell.robot(giver).model.velocity,
-                problem.seconds.handover,
+                problem.seconds_of("handover", giver, scenes.part),
             )
             if motion is None:
                 continue
@@ -248,7 +248,7 @@ class KeyframeSolver:
             None,
             phase,
             self.earliest_times.pick,
-            problem.seconds.pick,
+            problem.seconds_of("pick", robot, scenes.part),
         )
         picks = islice(found, self.settings.picks)
         return tuple(sorted(picks, key=lambda k: k.earliest))
@@ -266,7 +266,7 @@ class KeyframeSolver:
             scenes.part.insertion,
             phase,
             self.earliest_times.place,
-            problem.seconds.place,
+            problem.seconds_of("place-down", robot, scenes.part),
         )
         places = islice(found, self.settings.places)
         cut = [

@@ -18,6 +18,7 @@ from planning.construction.problem.precedence import NEAR, PartGraph
 from planning.kinematics.kinematics import frame_in_flange
 from planning.parts.contact_graph import Lying, near_to, standing
 from planning.skills.contacts import Pairs, touching
+from planning.tasks.exceptions import ExceptionKey, strongest_exception
 from planning.transforms import Array, Transform, inverse, readonly, rotation
 
 _APART = 0.12
@@ -110,11 +111,25 @@ class SkillSeconds:
         pick: a part is taken up.
         place: a part is put down.
         handover: a part changes hands, for both robots.
+        exceptions: durations that hold instead where a robot does a skill, or where it is done to
+            a type of parts; a handover is the giver's.
     """
 
     pick: float = 2.0
     place: float = 3.0
     handover: float = 4.0
+    exceptions: Mapping[ExceptionKey, float] = field(default_factory=dict)
+
+    def of(self, skill: str, robot: str, kind: str) -> float:
+        """Return the duration of a skill done by a robot to a part of a type [s]."""
+        found = strongest_exception(self.exceptions, skill, robot, kind)
+        if found is not None:
+            return found
+        return {
+            "pick": self.pick,
+            "place-down": self.place,
+            "handover": self.handover,
+        }[skill]
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +197,10 @@ class ConstructionProblem:
                 part.name, near_to(lying[part.name], others, NEAR)
             )
         return out
+
+    def seconds_of(self, skill: str, robot: str, part: Part) -> float:
+        """Return the nominal duration of a skill done by a robot to a part [s]."""
+        return self.seconds.of(skill, robot, self.object(part).kind)
 
     def object(self, part: Part) -> CellObject:
         """Return the object that a part is."""

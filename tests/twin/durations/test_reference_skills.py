@@ -14,6 +14,7 @@ from planning.tasks.task import TRANSIT
 from scheduling.build_nodes import build_nodes
 from tests.twin.one_draw import sample
 from twin.cli import app
+from twin.durations import packaged_timings
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_in_turns, plan_motions
 from twin.scenario.file import load_scenario
@@ -61,6 +62,31 @@ def test_exceptions_go_with_the_durations(tmp_path: Path) -> None:
     scenario = load_scenario(file)
     assert skill_durations(scenario).model_of("pick", "left", None) is not None
     assert skill_durations(follow_references(scenario)).overrides == ()
+
+
+def test_the_planner_takes_the_means_of_exceptions(tmp_path: Path) -> None:
+    text = CLIFF.read_text() + (
+        "\nexecution:\n  skills:\n    place-down: {kind: reference}\n  skill_overrides:\n"
+        "    - {skill: pick, robot: left, duration: {kind: uniform, low_s: 80, high_s: 100}}\n"
+        "    - {skill: pick, object: 2x4, duration: {kind: fixed, value_s: 50}}\n"
+    )
+    file = tmp_path / "cliff.yaml"
+    file.write_text(text)
+    scenario = load_scenario(file)
+    plan = plan_in_turns(scenario, tmp_path, StageWatch()).motion_plan
+    kinds = {item.name: item.kind for item in plan.cell.objects}
+    packaged = packaged_timings()["pick"].mean
+    seen = set()
+    for task, motion in zip(plan.tasks, plan.motions, strict=True):
+        if task.kind != "pick":
+            continue
+        assert task.object is not None
+        case = (task.robot, kinds[task.object] == "2x4")
+        expected = 90 if case[0] == "left" else 50 if case[1] else packaged
+        assert motion.time[-1] - motion.time[0] == pytest.approx(expected)
+        seen.add(case)
+    assert {robot for robot, _ in seen} == {"left", "right"}
+    assert ("right", True) in seen or ("right", False) in seen
 
 
 @pytest.mark.parametrize(

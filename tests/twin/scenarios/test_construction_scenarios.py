@@ -14,6 +14,8 @@ from planning.construction.problem.problem import ConstructionProblem, SkillSeco
 from planning.errors import ConstructionError, RobotModelError, ScenarioError
 from planning.motion.sequential import MotionSettings
 from twin.cli import app
+from twin.durations import packaged_timings
+from twin.host.progress import StageWatch
 from twin.planning.build_workcell import build_workcell
 from twin.planning.construction import ConstructionKind
 from twin.planning.kind import assembly_kind
@@ -99,6 +101,33 @@ def test_own_parts_are_taken_as_they_are_written(tmp_path: Path) -> None:
     assert np.allclose(problem.part("high").insertion, (0.0, 0.0, -1.0))
     assert problem.graph.carriers["high"] == {"low"}
     assert (problem.seed, problem.seconds) == (7, SkillSeconds(1.0, 2.0, 3.0))
+
+
+def test_exceptions_hold_for_a_robot_and_for_a_type_of_parts(tmp_path: Path) -> None:
+    text = OWN + (
+        "execution:\n  skill_overrides:\n"
+        "    - {skill: pick, robot: mover1, duration: {kind: fixed, value_s: 11}}\n"
+        "    - {skill: place-down, object: 0.4 x 0.3 x 0.2, duration: {kind: fixed, value_s: 12}}\n"
+    )
+    scenario = load_scenario(written(tmp_path, text))
+    cell = build_workcell(scenario)
+    kind = assembly_kind(scenario.assembly)
+    assert isinstance(kind, ConstructionKind)
+    problem = kind.problem(cell, motion_settings(scenario, cell, tmp_path))
+    low = problem.part("low")
+    means = {name: model.mean for name, model in packaged_timings().items()}
+    assert problem.seconds_of("pick", "mover1", low) == 11
+    assert problem.seconds_of("pick", "mover2", low) == means["pick"]
+    assert problem.seconds_of("place-down", "mover2", low) == 12
+    assert problem.seconds_of("handover", "mover1", low) == means["handover"]
+    motions = kind.plan(
+        cell, motion_settings(scenario, cell, tmp_path), StageWatch()
+    ).motion_plan
+    for task, motion in zip(motions.tasks, motions.motions, strict=True):
+        least = {"pick": 11 if task.robot == "mover1" else means["pick"]}
+        least["place-down"] = 12
+        taken = motion.time[-1] - motion.time[0]
+        assert taken >= least.get(task.kind, 0) - 1e-9
 
 
 def test_where_all_parts_have_a_start_nothing_is_laid_out(tmp_path: Path) -> None:

@@ -84,6 +84,20 @@ class ExecutionSection(Disturbances):
             if isinstance(duration, DurationModel)
         }
 
+    def skill_exceptions(self, folder: Path = Path()) -> tuple[SkillOverride, ...]:
+        """Return the exceptions from ``skill_models`` with their files read.
+
+        Args:
+            folder: where relative paths start, that of the scenario's file.
+
+        Raises:
+            ScenarioError: a file of measured times cannot be read.
+        """
+        return tuple(
+            item.model_copy(update={"duration": item.duration.located(folder)})
+            for item in self.skill_overrides
+        )
+
     def named_robots(self) -> Iterator[tuple[KeyPath, str]]:
         """Yield the robots that disturbances happen to, each with its key in the section."""
         for name in self.speed.robots:
