@@ -7,6 +7,7 @@ import sys
 
 import typer
 
+from twin.commands.cluster import app as cluster_app
 from twin.commands.compare import compare
 from twin.commands.doctor import doctor
 from twin.commands.export import export
@@ -33,6 +34,7 @@ app.command()(validate)
 app.command()(sequence)
 app.command()(compare)
 app.command()(study)
+app.add_typer(cluster_app, name="cluster")
 app.command()(replay)
 app.command()(fit)
 app.command()(resume)

@@ -15,6 +15,8 @@ from twin.host.guard import COMPLETED, guarded, print_json
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from twin.cluster.address import Cluster
+
 File = Annotated[Path | None, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
 Replications = Annotated[
     int | None,
@@ -78,7 +80,21 @@ Workers = Annotated[
 Scheduler = Annotated[
     str | None,
     typer.Option(
-        help="Address of a Dask scheduler that does the work: tcp://host:port."
+        help="Address of a Dask scheduler that does the work: tls://host:port."
+    ),
+]
+CertificatesOf = Annotated[
+    Path | None,
+    typer.Option(
+        "--certificates",
+        metavar="DIR",
+        help="Folder with the certificates of the scheduler.",
+    ),
+]
+Insecure = Annotated[
+    bool,
+    typer.Option(
+        "--insecure", help="Use a tcp:// scheduler on another machine, unprotected."
     ),
 ]
 Resume = Annotated[
@@ -105,6 +121,8 @@ def study(
     seed: Seed = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
+    certificates: CertificatesOf = None,
+    insecure: Insecure = False,
     resume: Resume = None,
     out: Out = None,
     as_json: AsJson = False,
@@ -126,14 +144,15 @@ def study(
     from twin.run.folder import locked, run_folder
     from twin.scenario.file import load_scenario
     from twin.study.folder import StudyRequest, require_no_study, require_same_study
-    from twin.study.replications.executors import check_scheduler, open_executor
+    from twin.study.replications.executors import check_cluster, open_executor
     from twin.study.study import resume_study, start_study
 
     def executor() -> AbstractContextManager[Executor]:
-        return open_executor(workers, scheduler)
+        return open_executor(workers, cluster)
 
-    if scheduler is not None:
-        check_scheduler(scheduler)  # now, not after the planning
+    cluster = _cluster(scheduler, certificates, insecure)
+    if cluster is not None:
+        check_cluster(cluster)  # now, not after the planning
     columns = (
         *(MofNCompleteColumn(), TimeElapsedColumn()),
         *(TextColumn("left"), TimeRemainingColumn()),
@@ -182,3 +201,17 @@ def study(
 
         print_study(result)
     return COMPLETED
+
+
+def _cluster(
+    scheduler: str | None, certificates: Path | None, insecure: bool
+) -> Cluster | None:
+    from twin.cluster.address import Cluster
+    from twin.cluster.certificates import certificates_in
+
+    if scheduler is None:
+        if certificates is not None or insecure:
+            raise RequestError("--certificates and --insecure go with --scheduler")
+        return None
+    held = None if certificates is None else certificates_in(certificates)
+    return Cluster(scheduler, held, insecure)

@@ -14,6 +14,7 @@ import numpy as np
 from planning.errors import RequestError
 from scheduling.graph.plan_files import save_plan
 from twin.audit.audit import audit_run
+from twin.cluster.client import ClusterError, ClusterLostError
 from twin.durations import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
@@ -129,7 +130,12 @@ def _run(
     loads = workloads(request.scenario, request.base, plans, experiment)
     _check_possible(request.deadline_s, loads)
     blocks = folder / BLOCKS
-    run_replications(experiment, loads, blocks, open_executor, progress)
+    try:
+        run_replications(experiment, loads, blocks, open_executor, progress)
+    except (ClusterError, ClusterLostError) as error:
+        raise ClusterLostError(
+            f"{error}; what was done is kept, go on with --resume {folder}"
+        ) from error
     audits = _audits(experiment, folder, plans, loads, progress)
     write_replications(folder / REPLICATIONS, experiment, blocks)
     tallies = [cell_tally(blocks, cell) for cell in range(len(loads))]

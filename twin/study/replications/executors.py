@@ -6,24 +6,17 @@ its results do not depend on it.
 
 from __future__ import annotations
 
-import importlib
 import multiprocessing
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from planning.errors import RequestError
 from planning.parallel import usable_cores
+from twin.cluster.address import Cluster
+from twin.cluster.client import ANSWER_WITHIN_S, cluster_executor
 
 T = TypeVar("T")
-
-ANSWER_WITHIN_S = 10.0
-"""A scheduler that has not answered by then is taken to be absent [s]."""
-
-
-class ClusterError(RequestError):
-    """A cluster cannot be used: it does not answer, has no workers, or its package is missing."""
 
 
 class InProcess(Executor):
@@ -42,7 +35,7 @@ class InProcess(Executor):
 @contextmanager
 def open_executor(
     workers: int | None = None,
-    scheduler: str | None = None,
+    cluster: Cluster | None = None,
     *,
     answer_within_s: float = ANSWER_WITHIN_S,
 ) -> Iterator[Executor]:
@@ -50,15 +43,15 @@ def open_executor(
 
     Args:
         workers: processes on this machine; 0 for none besides this one, None for one a core.
-        scheduler: address of a Dask scheduler such as ``tcp://127.0.0.1:8786``, which then does
-            the work instead.
+        cluster: whose workers do it instead.
         answer_within_s: how long the scheduler may take to answer [s].
 
     Raises:
         ClusterError: the scheduler does not answer, has no workers, or Dask is not installed.
+        ClusterLostError: the scheduler went away meanwhile, or workers died again and again.
     """
-    if scheduler is not None:
-        with _cluster(scheduler, answer_within_s) as executor:
+    if cluster is not None:
+        with cluster_executor(cluster, answer_within_s) as executor:
             yield executor
     elif workers == 0:
         yield InProcess()
@@ -74,9 +67,9 @@ def open_executor(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def check_scheduler(address: str) -> None:
-    """Raise a ClusterError unless a Dask scheduler answers at an address and has workers."""
-    with _cluster(address, ANSWER_WITHIN_S):
+def check_cluster(cluster: Cluster) -> None:
+    """Raise a ClusterError unless the scheduler of a cluster answers and has workers."""
+    with cluster_executor(cluster):
         return
 
 
@@ -87,31 +80,3 @@ def parallelism(executor: Executor) -> int:
     if client is not None:
         workers = sum(client.nthreads().values())
     return max(1, int(workers or 1))
-
-
-@contextmanager
-def _cluster(address: str, answer_within_s: float) -> Iterator[Executor]:
-    try:
-        distributed: Any = importlib.import_module("distributed")
-    except ImportError as error:
-        raise ClusterError(
-            "a cluster needs the package 'distributed': pip install"
-            " 'assembly-twin[cluster]'"
-        ) from error
-    try:
-        client = distributed.Client(address, timeout=answer_within_s)
-    except (OSError, TimeoutError, ValueError) as error:
-        raise ClusterError(
-            f"no scheduler answered at {address} within {answer_within_s:g} s; start one"
-            " with 'dask scheduler --host 127.0.0.1' and give its address"
-        ) from error
-    try:
-        if not client.nthreads():
-            raise ClusterError(
-                f"the scheduler at {address} has no workers; start some with"
-                f" 'dask worker {address}'"
-            )
-        # The same call with the same arguments is always wanted again: nothing is cached.
-        yield client.get_executor(pure=False)
-    finally:
-        client.close(timeout=answer_within_s)

@@ -15,8 +15,10 @@ from typing import Any
 import pytest
 
 from tests.twin.study.study_toys import toy_workload
+from twin.cluster.address import Cluster
+from twin.cluster.client import ClusterError
 from twin.study.replications import runner
-from twin.study.replications.executors import ClusterError, open_executor, parallelism
+from twin.study.replications.executors import open_executor, parallelism
 from twin.study.replications.experiment import Experiment
 from twin.study.replications.runner import run_replications
 from twin.study.tables import write_replications
@@ -48,13 +50,13 @@ def test_a_local_cluster_gives_what_one_process_gives(tmp_path: Path) -> None:
         n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
     ) as cluster:
         address = cluster.scheduler_address
-        with open_executor(scheduler=address) as executor:
+        with open_executor(cluster=Cluster(address)) as executor:
             assert parallelism(executor) == 2
         run_replications(
             ONE,
             [toy_workload()],
             tmp_path / "cluster",
-            lambda: open_executor(scheduler=address),
+            lambda: open_executor(cluster=Cluster(address)),
         )
     assert _table(tmp_path / "cluster") == _in_process(tmp_path / "one")
 
@@ -84,7 +86,7 @@ def _when_there(address: str, workers: int) -> None:
     deadline = time.monotonic() + WITHIN_S
     while time.monotonic() < deadline:
         try:
-            with open_executor(scheduler=address, answer_within_s=5) as executor:
+            with open_executor(cluster=Cluster(address), answer_within_s=5) as executor:
                 if parallelism(executor) == workers:
                     return
         except ClusterError:
@@ -130,7 +132,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path: Path) -> None:
 
         @contextmanager
         def killing() -> Iterator[Executor]:
-            with open_executor(scheduler=address) as executor:
+            with open_executor(cluster=Cluster(address)) as executor:
                 yield _Killing(executor, first)
 
         run_replications(ONE, [toy_workload()], tmp_path / "cluster", killing)
@@ -143,7 +145,7 @@ def test_a_scheduler_that_is_not_there_is_named() -> None:
     started = time.monotonic()
     with (
         pytest.raises(ClusterError, match=f"no scheduler answered at {address}"),
-        open_executor(scheduler=address, answer_within_s=0.5),
+        open_executor(cluster=Cluster(address), answer_within_s=0.5),
     ):
         pass
     assert time.monotonic() - started < 10
@@ -155,6 +157,6 @@ def test_a_scheduler_without_workers_is_named() -> None:
             n_workers=0, processes=False, dashboard_address=None
         ) as cluster,
         pytest.raises(ClusterError, match="has no workers"),
-        open_executor(scheduler=cluster.scheduler_address),
+        open_executor(cluster=Cluster(cluster.scheduler_address)),
     ):
         pass

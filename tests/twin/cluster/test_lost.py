@@ -1,0 +1,103 @@
+"""Clusters that go away in the middle of a study: one line, and everything can go on."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from twin.cli import app
+from twin.cluster.address import Cluster
+from twin.cluster.certificates import make_certificates
+from twin.cluster.client import ClusterLostError
+from twin.study.replications.executors import open_executor
+
+pytest.importorskip("distributed")
+
+ROOT = Path(__file__).parents[3]
+SCENARIO = ROOT / "scenarios/multi_arm/rearrangement.yaml"
+TABLES = ("replications.parquet", "tasks.parquet", "edges.parquet", "summary.json")
+WITHIN_S = 60.0
+
+
+def _twin(*arguments: str | Path) -> tuple[int, str]:
+    found = CliRunner().invoke(app, [str(a) for a in arguments])
+    return found.exit_code, found.output
+
+
+def _start(*arguments: str | Path, folder: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "twin.cli", *map(str, arguments)],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def _up(folder: Path, workers: int = 1) -> tuple[subprocess.Popen[str], Cluster]:
+    certificates = make_certificates(folder / "certs", 1)
+    process = _start(
+        *("cluster", "up", "--certificates", "certs", "--port", "0"),
+        *("--workers", str(workers)),
+        folder=folder,
+    )
+    assert process.stdout is not None
+    address = process.stdout.readline().split()[0]
+    return process, Cluster(address, certificates)
+
+
+@pytest.mark.expensive
+def test_a_study_whose_scheduler_is_killed_goes_on(tmp_path: Path) -> None:
+    size = ("-n", "40000", "--policy", "asynchronous", "--shortcuts", "0", "-q")
+    whole, lost = tmp_path / "whole", tmp_path / "lost"
+    code, output = _twin("study", SCENARIO, *size, "--workers", "0", "--out", whole)
+    assert code == 0, output
+    scheduler, cluster = _up(tmp_path)
+    assert cluster.certificates is not None
+    study = _start(
+        *("study", SCENARIO, *size, "--out", lost, "--scheduler", cluster.address),
+        *("--certificates", cluster.certificates.key.parent),
+        folder=tmp_path,
+    )
+    deadline = time.monotonic() + WITHIN_S
+    while len(list(lost.glob("blocks/[0-9]*.npz"))) < 3:
+        assert study.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    scheduler.send_signal(signal.SIGKILL)
+    told, errors = study.communicate(timeout=WITHIN_S)
+    scheduler.communicate()
+    assert (study.returncode, told) == (1, "")
+    (line,) = errors.splitlines()
+    assert line.startswith(f"error: the scheduler at {cluster.address} went away")
+    assert f"--resume {lost}" in line
+    assert 3 <= len(list(lost.glob("blocks/[0-9]*.npz"))) < 80
+    code, output = _twin("study", "--resume", lost, "--workers", "0", "-q")
+    assert code == 0, output
+    for name in TABLES:
+        assert (lost / name).read_bytes() == (whole / name).read_bytes(), name
+
+
+def _die() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.expensive
+def test_work_that_kills_every_worker_is_given_up(tmp_path: Path) -> None:
+    scheduler, cluster = _up(tmp_path)
+    with (
+        pytest.raises(ClusterLostError, match=r"workers .* died again and again"),
+        open_executor(cluster=cluster) as executor,
+    ):
+        executor.submit(_die).result(WITHIN_S)
+    scheduler.terminate()
+    scheduler.communicate(timeout=WITHIN_S)
+    assert scheduler.returncode == 0

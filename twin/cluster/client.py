@@ -1,0 +1,145 @@
+"""Executors on a cluster: what goes wrong there becomes a message that says how to go on."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+from collections.abc import Iterator
+from concurrent.futures import CancelledError, Executor
+from contextlib import contextmanager
+from typing import Any
+
+from planning.errors import RequestError, TwinError
+from twin.cluster.address import Cluster
+from twin.cluster.certificates import Certificates
+
+ANSWER_WITHIN_S = 10.0
+"""A scheduler that has not answered by then is taken to be absent [s]."""
+
+
+class ClusterError(RequestError):
+    """A cluster cannot be used: it does not answer, has no workers, or its package is missing."""
+
+
+class ClusterLostError(TwinError):
+    """A cluster went away in the middle of the work, or its workers keep dying of it."""
+
+
+def distributed() -> Any:
+    """Return Dask's package for clusters, which is an extra.
+
+    Raises:
+        ClusterError: it is not installed.
+    """
+    try:
+        return importlib.import_module("distributed")
+    except ImportError as error:
+        raise ClusterError(
+            "a cluster needs the package 'distributed': pip install"
+            " 'assembly-twin[cluster]'"
+        ) from error
+
+
+def security(certificates: Certificates, role: str) -> Any:
+    """Return what Dask needs to know to refuse every connection without a certificate.
+
+    Args:
+        certificates: of this machine.
+        role: client, scheduler or worker.
+    """
+    return distributed().Security(
+        require_encryption=True,
+        tls_ca_file=str(certificates.authority),
+        **{
+            f"tls_{role}_cert": str(certificates.certificate),
+            f"tls_{role}_key": str(certificates.key),
+        },
+    )
+
+
+@contextmanager
+def cluster_executor(
+    cluster: Cluster, answer_within_s: float = ANSWER_WITHIN_S
+) -> Iterator[Executor]:
+    """Give an executor whose calls run on a cluster; it ends with the context.
+
+    Args:
+        cluster: whose scheduler is asked.
+        answer_within_s: how long the scheduler may take to answer [s].
+
+    Raises:
+        ClusterError: the scheduler does not answer, has no workers, or Dask is not installed.
+        ClusterLostError: the scheduler went away while the context was open, or workers died
+            again and again.
+        RequestError: a worker would be spoken to in the clear.
+    """
+    lost = _losses()
+    client = _client(cluster, answer_within_s)
+    try:
+        _require_workers(client, cluster)
+        # The same call with the same arguments is always wanted again: nothing is cached.
+        yield client.get_executor(pure=False)
+    except lost as error:
+        raise _lost(cluster, error) from error
+    finally:
+        client.close(timeout=answer_within_s)
+
+
+def _client(cluster: Cluster, answer_within_s: float) -> Any:
+    dask = distributed()
+    # What Dask has to say about a connection that is lost is said by the errors of this room.
+    for name in ("distributed.client", "distributed.comm", "distributed.core"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    held = cluster.certificates
+    try:
+        return dask.Client(
+            cluster.address,
+            timeout=answer_within_s,
+            security=None if held is None else security(held, "client"),
+        )
+    except (OSError, TimeoutError, ValueError) as error:
+        raise ClusterError(
+            f"no scheduler answered at {cluster.address} within {answer_within_s:g} s"
+            f"{'' if held is None else ' to these certificates'}; start one with"
+            " 'twin cluster up' and give the address that it prints"
+        ) from error
+
+
+def _require_workers(client: Any, cluster: Cluster) -> None:
+    workers = client.nthreads()
+    if not workers:
+        raise ClusterError(
+            f"the scheduler at {cluster.address} has no workers; start some with"
+            f" 'twin cluster join {cluster.address}'"
+        )
+    for address in workers:
+        cluster.require_private(address)
+
+
+def _losses() -> tuple[type[BaseException], ...]:
+    """Return the errors with which Dask says that calls will not come back."""
+    from asyncio import CancelledError as AsyncCancelledError
+
+    dask = distributed()
+    comm = importlib.import_module("distributed.comm")
+    scheduler = importlib.import_module("distributed.scheduler")
+    more = [
+        getattr(scheduler, name)
+        for name in ("NoWorkerError", "NoValidWorkerError")
+        if hasattr(scheduler, name)
+    ]
+    return (
+        *(CancelledError, AsyncCancelledError),
+        *(comm.CommClosedError, dask.scheduler.KilledWorker, *more),
+    )
+
+
+def _lost(cluster: Cluster, error: BaseException) -> ClusterLostError:
+    if type(error).__name__ == "KilledWorker":
+        return ClusterLostError(
+            f"workers at {cluster.address} died again and again over the same block"
+            " (out of memory?)"
+        )
+    if "Worker" in type(error).__name__:
+        return ClusterLostError(f"no worker is left at {cluster.address}")
+    return ClusterLostError(f"the scheduler at {cluster.address} went away")

@@ -1,0 +1,92 @@
+"""``twin cluster``: certificates, and a scheduler and workers that only their holders reach."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from planning.errors import RequestError
+from planning.parallel import usable_cores
+from twin.cluster.address import DEFAULT_PORT, encrypted
+from twin.cluster.certificates import certificates_in, make_certificates
+from twin.host.guard import guarded
+
+app = typer.Typer(
+    no_args_is_help=True, help="Let other machines help with studies, over TLS."
+)
+
+Certificates = Annotated[
+    Path,
+    typer.Option(metavar="DIR", help="Folder that twin cluster certificates has made."),
+]
+Host = Annotated[
+    str,
+    typer.Option(help="Address of this machine to listen on, and on no other."),
+]
+Workers = Annotated[
+    int | None,
+    typer.Option(min=0, help="Processes on this machine. Default: one a core."),
+]
+Port = Annotated[
+    int, typer.Option(min=0, max=65535, help="Of the scheduler; 0 for any free one.")
+]
+
+
+@app.command()
+@guarded
+def certificates(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder to make; copy it to members.")
+    ],
+    days: Annotated[int, typer.Option(min=1, max=3650, help="Valid for so long.")] = 90,
+) -> None:
+    """Make the certificates of a cluster: whoever has them may use it."""
+    make_certificates(folder, days)
+    typer.echo(f"{folder}: valid for {days} days; key.pem is secret")
+
+
+@app.command()
+@guarded
+def up(
+    certificates: Certificates,
+    host: Host = "127.0.0.1",
+    port: Port = DEFAULT_PORT,
+    workers: Workers = None,
+) -> None:
+    """Run a scheduler and workers on this machine until Ctrl-C."""
+    held = certificates_in(certificates)
+    _require_distributed()
+    from twin.cluster.serving import serve_cluster
+
+    count = usable_cores() if workers is None else workers
+    serve_cluster(held, host, port, count, typer.echo)
+
+
+@app.command()
+@guarded
+def join(
+    address: Annotated[
+        str,
+        typer.Argument(metavar="ADDRESS", help="Of the scheduler: tls://host:port."),
+    ],
+    certificates: Certificates,
+    host: Host = "127.0.0.1",
+    workers: Workers = None,
+) -> None:
+    """Run workers on this machine for the scheduler of another, until Ctrl-C."""
+    if not encrypted(address):
+        raise RequestError(f"{address}: give the address as tls://host:port")
+    held = certificates_in(certificates)
+    _require_distributed()
+    from twin.cluster.serving import serve_workers
+
+    count = usable_cores() if workers is None else max(1, workers)
+    serve_workers(held, address, host, count, typer.echo)
+
+
+def _require_distributed() -> None:
+    from twin.cluster.client import distributed
+
+    distributed()
