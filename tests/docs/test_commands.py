@@ -67,6 +67,9 @@ def arguments(line: str, logs: Path | None) -> list[str]:
     assert program == "twin"
     if logs is not None and out[0] in ("run", "compare", "fit"):
         out += ["--out", str(logs)]
+        if "-o" in out:
+            file = out.index("-o") + 1
+            out[file] = str(logs.parent / Path(out[file]).name)
     return out
 
 

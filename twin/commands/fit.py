@@ -8,19 +8,50 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from planning.errors import RequestError, listed
 from twin.commands.options import AsJson, Quiet
 from twin.host.guard import guarded, print_json
 
 if TYPE_CHECKING:
     from twin.fit.fitting import Fit
 
-File = Annotated[
-    Path,
+Files = Annotated[
+    list[Path],
     typer.Argument(
-        help="CSV file with a header line, a row a duration.", metavar="CSV"
+        help="CSV files with a header line, a row a duration; or runs: their folders or"
+        " event logs.",
+        metavar="FILE...",
     ),
 ]
-Column = Annotated[str, typer.Option(help="Column of the durations, in seconds.")]
+Column = Annotated[
+    str | None,
+    typer.Option(help="Column of the durations, in seconds; default: duration_s."),
+]
+Start = Annotated[
+    str | None,
+    typer.Option(
+        help="Column of the time stamps at which durations start, in place of --column:"
+        " seconds or ISO 8601. Columns start and end are found without."
+    ),
+]
+End = Annotated[
+    str | None, typer.Option(help="Column of the time stamps at which they end.")
+]
+Apply = Annotated[
+    Path | None,
+    typer.Option(
+        help="Write this scenario anew, with the fitted durations.", metavar="SCENARIO"
+    ),
+]
+Into = Annotated[
+    Path | None,
+    typer.Option(
+        "--into",
+        "-o",
+        help="The new scenario; default: SCENARIO with -fitted in its name.",
+        metavar="FILE",
+    ),
+]
 By = Annotated[
     list[str] | None,
     typer.Option(
@@ -45,10 +76,14 @@ Seed = Annotated[int, typer.Option(min=0, help="Of the bootstrap.")]
 
 @guarded
 def fit(
-    csv: File,
-    column: Column = "duration_s",
+    files: Files,
+    column: Column = None,
+    start: Start = None,
+    end: End = None,
     by: By = None,
     skill: Skill = None,
+    apply: Apply = None,
+    into: Into = None,
     out: Out = None,
     resamples: Resamples = 499,
     seed: Seed = 0,
@@ -60,17 +95,31 @@ def fit(
     Each family is fitted by greatest likelihood and tested: Anderson-Darling, its p value by
     parametric bootstrap. Those that are not rejected (p of at least 0.05) come first, in each
     part by their AICc. Leaves durations.yaml, the lines for a scenario; fit.json, all figures;
-    and a picture of each group: histogram with densities, and quantiles.
+    and a picture of each group: histogram with densities, and quantiles. --apply puts the
+    durations into a scenario, which plans and executes with them.
     """
+    from twin.fit.applied import apply_fits, require_skills
     from twin.fit.chart import draw_fit
     from twin.fit.fitting import Fit, results_folder, write_snippet
     from twin.fit.samples import read_samples
     from twin.fit.selection import fit_candidates
     from twin.host.atomic import write_json
     from twin.host.progress import StageDisplay, of_stage
+    from twin.run.folder import EVENTS
+    from twin.scenario.file import load_scenario
 
-    samples = read_samples(csv, column=column, by=by or (), skill=skill)
-    folder = results_folder(out, csv.stem)
+    columns = _columns(column, start, end)
+    target = _target(apply, into)
+    if apply is not None:
+        load_scenario(apply)  # its errors come before the time that fitting takes
+    samples, left_out = read_samples(files, columns=columns, by=by or (), skill=skill)
+    if apply is not None:
+        require_skills(samples)
+    names = [
+        path.resolve().parent.name if path.name == EVENTS else path.name
+        for path in files
+    ]
+    folder = results_folder(out, Path(names[0]).stem)
     silent = quiet or as_json
     with StageDisplay(enabled=not silent) as display:
         fits = []
@@ -84,16 +133,48 @@ def fit(
             display("pictures", k, len(fits))
             draw_fit(folder / f"{one.sample.name}.png", one)
     content = [_content(one) for one in fits]
-    lines = write_snippet(folder, fits, csv.name)
+    count = sum(len(sample.values_s) for sample in samples)
+    note = f"{count} durations of {listed(names)}, fitted by: twin fit"
+    lines = write_snippet(folder, fits, note)
     write_json(folder / "fit.json", content)
+    for group, few in left_out.items():
+        typer.echo(f"{group}: {few} durations are too few, left out", err=True)
+    if apply is not None:
+        for stronger in apply_fits(apply, target, fits, note):
+            typer.echo(
+                f"skill_overrides: the exception for {stronger} stays, and beats what was fitted",
+                err=True,
+            )
     if as_json:
         print_json(content)
     elif not quiet:
         for one in fits:
             _print(one)
         typer.echo(lines)
-        _hint(csv, by or ())
+        _hint(files, by or ())
         typer.echo(f"written to {folder}")
+        if apply is not None:
+            typer.echo(f"scenario: {target}")
+
+
+def _columns(
+    column: str | None, start: str | None, end: str | None
+) -> str | tuple[str, str] | None:
+    """Return the columns that options name, None where they name none."""
+    if start is None and end is None:
+        return column
+    if start is None or end is None or column is not None:
+        raise RequestError("give --start and --end, or --column alone")
+    return start, end
+
+
+def _target(apply: Path | None, into: Path | None) -> Path:
+    """Return the path of the scenario to write, whatever where none is asked for."""
+    if apply is None:
+        if into is not None:
+            raise RequestError(f"-o {into} is the scenario that --apply SCENARIO makes")
+        return Path()
+    return into or apply.with_name(f"{apply.stem}-fitted{apply.suffix}")
 
 
 def _content(fit: Fit) -> dict[str, Any]:
@@ -159,11 +240,14 @@ def _parameters(section: Any) -> str:
     return ", ".join(parts)
 
 
-def _hint(csv: Path, by: Sequence[str]) -> None:
-    """Say so when the file tells groups apart that were fitted as one."""
+def _hint(files: Sequence[Path], by: Sequence[str]) -> None:
+    """Say so when the files tell groups apart that were fitted as one."""
+    from twin.fit.logged_skills import is_log
     from twin.fit.samples import unused_labels
 
-    for name, values in unused_labels(csv, by).items():
+    if is_log(files[0]):
+        return
+    for name, values in unused_labels(files, by).items():
         typer.echo(
             f"column {name!r} has {len(values)} values, fitted as one: "
             f"--by {name} fits each on its own",

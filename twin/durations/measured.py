@@ -1,12 +1,8 @@
-"""Empirical distributions of measured durations, and their CSV files."""
+"""Empirical distributions of measured durations."""
 
 from __future__ import annotations
 
-import csv
-import io
-import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Annotated, Literal, get_args
@@ -15,9 +11,10 @@ import numpy as np
 from pydantic import Field
 
 from planning.errors import ScenarioError
-from planning.files import is_file, read_file
+from planning.files import is_file
 from planning.transforms import Array, readonly
 from twin.durations.model import DurationModel, Skill
+from twin.durations.timing_files import read_durations
 
 
 class _Sample(DurationModel, ABC):
@@ -109,72 +106,3 @@ def packaged_timings() -> dict[str, DurationModel]:
 def _packaged_values(skill: str) -> Array:
     path = Path(__file__).parent / "packaged" / f"{skill}.csv"
     return readonly(np.sort([value for _, value in read_durations(path, "duration_s")]))
-
-
-def read_durations(
-    path: Path, column: str, labels: Sequence[str] = ()
-) -> list[tuple[tuple[str, ...], float]]:
-    """Read durations [s] and what labels them from a CSV file with a header line.
-
-    Args:
-        path: the file.
-        column: of the durations.
-        labels: columns of labels.
-
-    Returns:
-        For each row its labels and its duration.
-
-    Raises:
-        ScenarioError: the file cannot be read, lacks a column or has no rows, or a value is
-            not a finite number of at least 0; the message names file and line.
-    """
-    try:
-        reader = csv_rows(path)
-        names = tuple(reader.fieldnames or ())
-        for name in (column, *labels):
-            if name not in names:
-                raise ScenarioError(
-                    f"{path}: no column {name!r}",
-                    choices=tuple(n[:40] for n in names[:20]),
-                )
-        rows = [
-            (
-                tuple((row[name] or "").strip() for name in labels),
-                _duration_in_cell(path, reader.line_num, column, row[column]),
-            )
-            for row in reader
-        ]
-    except csv.Error as error:
-        raise ScenarioError(f"{path}: is no CSV file: {error}") from error
-    if not rows:
-        raise ScenarioError(f"{path}: column {column!r} has no rows")
-    return rows
-
-
-def csv_rows(path: Path) -> csv.DictReader[str]:
-    """Return a reader of a CSV file with a header line.
-
-    Raises:
-        ScenarioError: it cannot be read.
-    """
-    try:
-        text = read_file(path).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ScenarioError(f"{path}: not UTF-8 (byte {error.start})") from None
-    except OSError as error:
-        raise ScenarioError(
-            f"{path}: cannot read durations: {error.strerror}"
-        ) from None
-    return csv.DictReader(io.StringIO(text, newline=""))
-
-
-def _duration_in_cell(path: Path, line: int, column: str, text: str | None) -> float:
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not 0 <= value < math.inf:
-        raise ScenarioError(
-            f"{path}:{line}: {column} is {text!r}, not a duration of at least 0 s"
-        )
-    return value

@@ -38,6 +38,11 @@ class Fit:
         return None
 
     @property
+    def is_empirical(self) -> bool:
+        """True if nothing fits, so that the durations themselves are drawn from."""
+        return bool(self.candidates) and self.best is None
+
+    @property
     def csv(self) -> str:
         """Name of the file of the durations themselves, where nothing fits."""
         return f"{self.sample.name}.csv"
@@ -53,6 +58,12 @@ class Fit:
         if self.best is None:
             return {"kind": "empirical", "csv": self.csv}
         return self.best.section
+
+    def named(self, prefix: str) -> dict[str, Any]:
+        """Return the section, with a prefix to the name of its file where it names one."""
+        if self.is_empirical:
+            return {**self.section, "csv": prefix + self.csv}
+        return dict(self.section)
 
 
 def results_folder(out: Path | None, name: str) -> Path:
@@ -77,7 +88,7 @@ def write_snippet(folder: Path, fits: Sequence[Fit], source: str) -> str:
     Args:
         folder: where.
         fits: of one file.
-        source: name of that file, for the comment on top.
+        source: how many there are and where they come from, for the comment on top.
 
     Returns:
         The lines of a scenario, with a comment that says where they come from.
@@ -85,16 +96,14 @@ def write_snippet(folder: Path, fits: Sequence[Fit], source: str) -> str:
     Raises:
         OutputError: a file cannot be written.
     """
-    count = sum(len(fit.sample.values_s) for fit in fits)
-    note = [f"{count} durations of {source}, fitted by: twin fit"]
-    empirical = [fit for fit in fits if fit.section["kind"] == "empirical"]
+    note = [source]
+    empirical = [fit for fit in fits if fit.is_empirical]
     for fit in empirical:
-        lines = "".join(f"{value!r}\n" for value in fit.sample.values_s.tolist())
-        write_text(folder / fit.csv, f"duration_s\n{lines}")
+        write_sample(folder / fit.csv, fit)
     if empirical:
         names = ", ".join(fit.csv for fit in empirical)
         note.append(f"No distribution fits {names}: copy beside the scenario.")
-    content: dict[str, Any] = {"execution": _execution(fits)}
+    content: dict[str, Any] = {"execution": fitted_execution(fits)}
     if not any(fit.sample.labels for fit in fits):
         note.append("Put it wherever a scenario takes a duration.")
         content = {"duration": dict(fits[0].section)}
@@ -103,14 +112,26 @@ def write_snippet(folder: Path, fits: Sequence[Fit], source: str) -> str:
     return text
 
 
-def _execution(fits: Sequence[Fit]) -> dict[str, Any]:
+def write_sample(path: Path, fit: Fit) -> None:
+    """Write the durations that were fitted as a CSV file; OutputError if that fails."""
+    lines = "".join(f"{value!r}\n" for value in fit.sample.values_s.tolist())
+    write_text(path, f"duration_s\n{lines}")
+
+
+def fitted_execution(fits: Sequence[Fit], *, prefix: str = "") -> dict[str, Any]:
+    """Return the execution section of fits: ``skills`` and ``skill_overrides``.
+
+    Args:
+        fits: each of a skill.
+        prefix: to the names of the files of durations that nothing fits.
+    """
     skills, overrides = {}, []
     for fit in fits:
         labels = dict(fit.sample.labels)
         if set(labels) == {"skill"}:
-            skills[labels["skill"]] = dict(fit.section)
+            skills[labels["skill"]] = fit.named(prefix)
         else:
-            overrides.append({**labels, "duration": dict(fit.section)})
+            overrides.append({**labels, "duration": fit.named(prefix)})
     out: dict[str, Any] = {}
     if skills:
         out["skills"] = skills

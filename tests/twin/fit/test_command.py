@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+from datetime import datetime, timedelta
+from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +18,8 @@ from planning.tasks.task import SKILLS
 from planning.transforms import Array
 from twin.cli import app
 from twin.durations import Fixed, Measured
+from twin.planning.build_workcell import build_workcell
+from twin.planning.pipeline import motion_settings
 from twin.scenario.file import load_scenario
 from twin.trial.simulation import skill_durations
 
@@ -217,3 +222,171 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     done = invoke(csv, "--out", csv / "below")
     assert done.exit_code == 2
     assert "cannot be written to" in done.stderr
+
+
+def german(path: Path, values: Array) -> Path:
+    rows = [f"pick;{str(value).replace('.', ',')}" for value in values]
+    path.write_text("skill;duration_s\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def fitted(csv: Path, *options: object) -> Any:
+    done = invoke(csv, "--resamples", 19, "--json", "--skill", "pick", *options)
+    assert done.exit_code == 0, done.output
+    return json.loads(done.stdout)
+
+
+def test_semicolons_decimal_commas_and_time_stamps_say_the_same(tmp_path: Path) -> None:
+    expected = fitted(plain(tmp_path / "a.csv", LEFT), "--out", tmp_path / "1")
+    assert fitted(german(tmp_path / "b.csv", LEFT), "--out", tmp_path / "2") == expected
+    noon = datetime.fromisoformat("2026-03-31T12:00:00+02:00")
+    rows = [f"{noon}\t{noon + timedelta(seconds=value)}" for value in LEFT]
+    stamps = tmp_path / "c.csv"
+    stamps.write_text("start\tend\n" + "\n".join(rows) + "\n")
+    assert fitted(stamps, "--out", tmp_path / "3") == expected
+    epoch = Decimal("1763838534.123")
+    rows = [f"{epoch},{epoch + Decimal(str(value))},x" for value in LEFT]
+    stamps.write_text("from,to,note\n" + "\n".join(rows) + "\n")
+    options = ("--start", "from", "--end", "to", "--out", tmp_path / "4")
+    assert fitted(stamps, *options) == expected
+
+
+BAD_TIMES = {
+    "comma": ("duration_s\n7,5\n", (), ":2: more cells than columns"),
+    "backwards": ("start,end\n5,4\n", (), ":2: end is before start"),
+    "clocks": (
+        "start,end\n2026-03-31T12:00:00,2026-03-31T12:00:01Z\n",
+        (),
+        ":2: start and end are not of one clock",
+    ),
+    "no time": ("start,end\n1,soon\n", (), "end is 'soon', neither seconds nor a time"),
+    "one column": ("a,b\n1,2\n", ("--start", "a"), "give --start and --end"),
+    "thousands": ("x;duration_s\n1;1.234,5\n", (), "duration_s is '1.234,5'"),
+    "nowhere": ("duration_s\n1\n", ("-o", "x.yaml"), "--apply SCENARIO"),
+}
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "says"), BAD_TIMES.values(), ids=BAD_TIMES.keys()
+)
+def test_times_that_cannot_be_read_are_named(
+    tmp_path: Path, text: str, options: tuple[str, ...], says: str
+) -> None:
+    csv = tmp_path / "times.csv"
+    csv.write_text(text)
+    done = invoke(csv, "--out", tmp_path / "out", *options)
+    assert done.exit_code == 2
+    assert says in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+COMMENTED = SMALL.replace("cell:", "# of the cell\ncell:", 1) + (
+    "# how it is executed\nexecution:\n  queue_depth: 3\n"
+    "  skills:\n    handover: {kind: fixed, value_s: 4}\n    pick: {kind: fixed, value_s: 5}\n"
+    "  skill_overrides:\n"
+    "    - {skill: pick, robot: left, duration: {kind: fixed, value_s: 6}}\n"
+    "    - {skill: pick, robot: right, duration: {kind: fixed, value_s: 7}}\n"
+    "# how it is planned\nplanning: {attempts: 7}\n"
+)
+
+
+def test_apply_writes_a_scenario_with_what_was_fitted(tmp_path: Path) -> None:
+    source = tmp_path / "cell.yaml"
+    source.write_text(COMMENTED)
+    csv = write(
+        tmp_path / "times.csv",
+        ("pick,left", LEFT),
+        ("place-up,left", TWO_HEAPS),
+    )
+    options = ("--by", "skill", "--by", "robot", "--out", tmp_path / "out")
+    arguments = (csv, *options, "--resamples", 99, "--apply", source)
+    done = invoke(*arguments)
+    assert done.exit_code == 0, done.output
+    target = tmp_path / "cell-fitted.yaml"
+    text = target.read_text()
+    for comment in ("# of the cell", "# how it is executed", "# how it is planned"):
+        assert comment in text
+    scenario, before = load_scenario(target), load_scenario(source)
+    assert scenario.execution.queue_depth == 3
+    assert scenario.planning == before.planning
+    durations = skill_durations(scenario, tmp_path)
+    assert durations.models == skill_durations(before, tmp_path).models
+    left = durations.model_of("pick", "left", None)
+    assert left is not None
+    assert left.mean == pytest.approx(LEFT.mean(), rel=0.02)
+    assert durations.model_of("pick", "right", None) == Fixed(value_s=7)
+    heaps = durations.model_of("place-up", "left", None)
+    assert isinstance(heaps, Measured)
+    assert heaps.values_s.tolist() == sorted(TWO_HEAPS)
+    # What the planner is told is what was fitted.
+    cell = build_workcell(scenario, tmp_path)
+    settings = motion_settings(scenario, cell, tmp_path)
+    assert settings.skill_exceptions["pick", "left", None] == left.mean
+    # Applied to what it wrote it changes nothing, and the comment is there once.
+    again = invoke(*arguments[:-1], target, "-o", target)
+    assert again.exit_code == 0, again.output
+    assert target.read_text() == text.replace("cell-", "cell-fitted-", 0)
+
+
+def test_exceptions_that_beat_what_was_fitted_are_mentioned(tmp_path: Path) -> None:
+    source = tmp_path / "cell.yaml"
+    source.write_text(COMMENTED)
+    csv = plain(tmp_path / "pick.csv", LEFT)
+    target = tmp_path / "new.yaml"
+    options = ("--out", tmp_path / "out", "--resamples", 19)
+    done = invoke(csv, *options, "--apply", source, "-o", target)
+    assert done.exit_code == 0, done.output
+    assert "exception for pick of left stays" in done.stderr
+    durations = skill_durations(load_scenario(target), tmp_path)
+    assert durations.models["pick"].mean == pytest.approx(LEFT.mean(), rel=0.05)
+    assert durations.models["handover"] == Fixed(value_s=4)
+
+
+def test_a_scenario_in_braces_and_one_without_execution(tmp_path: Path) -> None:
+    csv = plain(tmp_path / "pick.csv", LEFT)
+    options = ("--out", tmp_path / "out", "--resamples", 19)
+    data = yaml.safe_load(SMALL)
+    for text in (SMALL, SMALL.rstrip("\n"), json.dumps(data)):
+        source = tmp_path / "cell.yaml"
+        source.write_text(text)
+        done = invoke(csv, *options, "--apply", source)
+        assert done.exit_code == 0, done.output
+        again = yaml.safe_load((tmp_path / "cell-fitted.yaml").read_text())
+        assert list(again.pop("execution")["skills"]) == ["pick"]
+        assert again == data
+
+
+@pytest.mark.parametrize(
+    ("labels", "says"),
+    [
+        ("pick,middle", "unknown robot 'middle'"),
+        ("", "of which skill are these"),
+    ],
+)
+def test_what_cannot_be_applied_leaves_no_scenario(
+    tmp_path: Path, labels: str, says: str
+) -> None:
+    source = tmp_path / "cell.yaml"
+    source.write_text(COMMENTED)
+    csv = write(tmp_path / "times.csv", (labels, TWO_HEAPS))
+    by = ("--by", "skill", "--by", "robot") if labels else ()
+    options = ("--out", tmp_path / "out", "--resamples", 19)
+    done = invoke(csv, *by, *options, "--apply", source)
+    assert done.exit_code == 2
+    assert says in done.stderr
+    names = {path.name for path in tmp_path.iterdir()} - {"out"}
+    assert names == {"cell.yaml", "times.csv"}
+
+
+def test_paths_that_would_name_other_files_are_refused(tmp_path: Path) -> None:
+    source = tmp_path / "cell.yaml"
+    plain(tmp_path / "own.csv", RIGHT)
+    source.write_text(SMALL + "execution: {jitter: {kind: empirical, csv: own.csv}}\n")
+    csv = plain(tmp_path / "pick.csv", LEFT)
+    (tmp_path / "away").mkdir()
+    options = ("--out", tmp_path / "out", "--resamples", 19)
+    arguments = (csv, *options, "--apply", source, "-o", tmp_path / "away" / "new.yaml")
+    done = invoke(*arguments)
+    assert done.exit_code == 2
+    assert "names files relative to its folder" in done.stderr
+    assert not any((tmp_path / "away").iterdir())

@@ -1,0 +1,138 @@
+"""Durations of skills in the event log of a run."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from planning.errors import RequestError
+from planning.tasks.task import TRANSIT
+from scheduling.graph.plan_files import load_plan
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.durations import NANOSECONDS
+from twin.run.events import Event, EventLogError, parse_event, read_log
+from twin.run.folder import EVENTS
+
+
+class LoggedSkill(NamedTuple):
+    """A skill that was done: which, by whom, to a type of objects ("" for none), for how long."""
+
+    skill: str
+    robot: str
+    object: str
+    seconds: float
+
+
+def is_log(path: Path) -> bool:
+    """Tell whether a path is that of a run's folder or event log."""
+    return path.is_dir() or path.suffix == ".jsonl"
+
+
+def logged_skills(path: Path) -> list[LoggedSkill]:
+    """Return the skills of a run, as ``skills_in_log`` does.
+
+    Args:
+        path: the log, or the folder of the run; the plan is beside the log.
+
+    Raises:
+        OutputError: log or plan cannot be read.
+        EventLogError, RequestError: as by skills_in_log.
+    """
+    log = path / EVENTS if path.is_dir() else path
+    return skills_in_log(log, load_plan(log.parent))
+
+
+def skills_in_log(log: Path, tpg: TemporalPlanGraph) -> list[LoggedSkill]:
+    """Return the skills that were done in a run, in the order in which they were completed.
+
+    A skill took from the start of each of its nodes to its completion, without the time for
+    which its robot stood still meanwhile (stalls, breakdowns, stops) and without attempts that
+    failed. So what is fitted and then drawn again is not counted twice.
+
+    Args:
+        log: events of the run.
+        tpg: its plan.
+
+    Raises:
+        OutputError: the log cannot be read.
+        EventLogError: a line of the log is no event; the message names it.
+        RequestError: the log is not of that plan.
+    """
+    kinds = {item.name: item.kind for item in tpg.cell.objects}
+    left: dict[int, int] = defaultdict(int)
+    for chain in tpg.chains:
+        for task in chain.task[chain.skill].tolist():
+            left[task] += 1
+    total_ns: dict[int, int] = defaultdict(int)
+    found = []
+    for task, busy_ns in _busy_nodes(log, tpg):
+        if left.get(task, 0) == 0:
+            continue
+        total_ns[task] += busy_ns
+        left[task] -= 1
+        about = tpg.tasks[task]
+        if left[task] == 0 and about.kind != TRANSIT:
+            kind = "" if about.object is None else kinds.get(about.object, "")
+            seconds = total_ns[task] / NANOSECONDS
+            found.append(LoggedSkill(about.kind, about.robot, kind, seconds))
+    return found
+
+
+def _busy_nodes(log: Path, tpg: TemporalPlanGraph) -> Iterator[tuple[int, int]]:
+    """Yield the task of each skill node that was completed, and how long it took [ns]."""
+    chains = {chain.robot: chain for chain in tpg.chains}
+    began: dict[str, tuple[int, int]] = {}
+    stood: dict[str, _Standing] = defaultdict(_Standing)
+    for number, line in enumerate(read_log(log), start=1):
+        event = _event(log, number, line)
+        robot, node = event.robot, event.node
+        if event.kind in ("stalled", "stopped") and robot:
+            stood[robot].begin(event.t_ns)
+        elif event.kind == "resumed" and robot:
+            stood[robot].end(event.t_ns)
+        if node < 0:
+            continue
+        if robot not in chains or node >= len(chains[robot]):
+            raise RequestError(f"{log}:{number}: the plan beside it has no such node")
+        if event.kind == "started" or (event.kind == "retried" and robot in began):
+            began[robot] = (node, event.t_ns)
+            stood[robot].reset(event.t_ns)
+        elif event.kind == "completed":
+            start, t_ns = began.pop(robot, (-1, 0))
+            if start == node and chains[robot].skill[node]:
+                busy_ns = event.t_ns - t_ns - stood[robot].total_ns
+                yield int(chains[robot].task[node]), busy_ns
+
+
+class _Standing:
+    """For how long a robot has stood still; what overlaps counts once."""
+
+    def __init__(self) -> None:
+        self.total_ns = 0
+        self._depth = 0
+        self._since_ns = 0
+
+    def reset(self, t_ns: int) -> None:
+        """Count from a time on."""
+        self.total_ns, self._since_ns = 0, t_ns
+
+    def begin(self, t_ns: int) -> None:
+        """Note one more reason to stand."""
+        if self._depth == 0:
+            self._since_ns = t_ns
+        self._depth += 1
+
+    def end(self, t_ns: int) -> None:
+        """Note one reason less."""
+        self._depth = max(self._depth - 1, 0)
+        if self._depth == 0:
+            self.total_ns += t_ns - self._since_ns
+
+
+def _event(log: Path, number: int, line: str) -> Event:
+    try:
+        return parse_event(line)
+    except EventLogError as error:
+        raise EventLogError(f"{log}:{number}: {error.message}") from error
