@@ -7,6 +7,7 @@ import sys
 
 import typer
 
+from twin.commands.check import check
 from twin.commands.cluster import app as cluster_app
 from twin.commands.compare import compare
 from twin.commands.doctor import doctor
@@ -31,6 +32,7 @@ app = typer.Typer(
 )
 app.command()(run)
 app.command()(validate)
+app.command()(check)
 app.command()(sequence)
 app.command()(compare)
 app.command()(study)

@@ -20,6 +20,9 @@ from twin.host.guard import (
 
 if TYPE_CHECKING:
     from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+    from twin.check.check import CheckReport
+    from twin.host.progress import Report
+    from twin.scenario.document.yaml_text import YamlDocument
     from twin.scenario.sections.scenario import Scenario
     from twin.scenario.variations import Variant
 
@@ -86,19 +89,21 @@ def run(
     quiet: Quiet = False,
 ) -> int:
     """Plan a scenario, execute it in the twin, check it, and show the figures."""
+    from twin.host.atomic import write_json
     from twin.host.progress import StageDisplay, compilation_shown
-    from twin.run.folder import run_folder
+    from twin.run.folder import CHECK, run_folder
 
     base = scenario.parent
     given = {"policy": policy, "stalls.count_per_robot": stalls}
     variant = {key: value for key, value in given.items() if value is not None}
     variant |= _values(settings or [])
-    chosen = _chosen(scenario, seed, shortcuts, robots, variant)
+    chosen, document = _chosen(scenario, seed, shortcuts, robots, variant)
     silent = quiet or as_json
     with (
         StageDisplay(enabled=not silent) as progress,
         compilation_shown(progress, silent=silent) as compiled,
     ):
+        report = _checked(chosen, document, base, progress, silent=silent)
         tpg = None if plan is None else _saved_plan(plan, chosen, base)
         planned = None
         with run_folder(out, chosen.name) as folder:
@@ -109,14 +114,14 @@ def run(
 
                 planned = plan_scenario(chosen, base, progress)
                 tpg = planned.tpg
-            from twin.trial.trial import try_plan
+            from twin.trial.trial import Origin, try_plan
 
             trial = try_plan(
                 chosen,
                 tpg,
                 folder,
                 base=base,
-                planned=planned,
+                origin=Origin(planned, report.messages(report.warnings)),
                 recording=recording,
                 audit=audit,
                 progress=progress,
@@ -154,15 +159,16 @@ def _chosen(
     shortcuts: int | None,
     robots: int | None,
     variant: Variant,
-) -> Scenario:
-    """Return a scenario with what the options say in place of what the file says."""
+) -> tuple[Scenario, YamlDocument]:
+    """Return a scenario with what the options say in place of what the file says, and the file."""
     from twin.run.run_record import POLICIES
-    from twin.scenario.file import load_scenario
+    from twin.scenario.file import read_scenario
     from twin.scenario.sections.cell import choose_robots
     from twin.scenario.sections.scenario import resolved, restored
     from twin.scenario.variations import assign_variant
 
-    content = resolved(load_scenario(path))
+    loaded, document = read_scenario(path)
+    content = resolved(loaded)
     policy = variant.get("policy")
     if policy is not None and policy not in POLICIES:
         raise ScenarioError(f"policy: there is no {policy!r}", choices=POLICIES)
@@ -177,7 +183,27 @@ def _chosen(
     # Names of robots and files of times are looked at now, not after planning.
     names = tuple(robot.name for robot in chosen.cell.robots)
     chosen.execution.disturbances(names, path.parent)
-    return chosen
+    return chosen, document
+
+
+def _checked(
+    scenario: Scenario,
+    document: YamlDocument,
+    base: Path,
+    progress: Report,
+    *,
+    silent: bool,
+) -> CheckReport:
+    """Return what the check of the cell finds, and print its warnings; errors are raised."""
+    from twin.check.check import check_scenario, require_checked
+
+    progress("check of the cell", 0, 1)
+    report = check_scenario(scenario, document, base)
+    require_checked(report)
+    progress("check of the cell", 1, 1)
+    if report.warnings and not silent:
+        print_error(report.excerpts(report.warnings).report())
+    return report
 
 
 def _saved_plan(folder: Path, scenario: Scenario, base: Path) -> TemporalPlanGraph:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import dependency_edges
@@ -26,6 +27,7 @@ def summarise(
     planning_s: Mapping[str, float] | None = None,
     audit: Mapping[str, Any] | None = None,
     makespan_sequential_s: float | None = None,
+    warnings: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return the figures of a run, with the keys of ``summary.json``.
 
@@ -37,6 +39,7 @@ def summarise(
         audit: configurations, min_distance_m and violations, None when there was no audit.
         makespan_sequential_s: makespan of the plan before it became a TPG; by default that of
             the same nodes with the same durations, one robot at a time.
+        warnings: what the check before planning found doubtful.
     """
     if makespan_sequential_s is None:
         total_ns = sum(int(t.sum()) for t in (*run.duration_ns, *run.stall_ns))
@@ -61,6 +64,7 @@ def summarise(
         "type2_edges": len(tpg.edges),
         "planning_s": dict(planning_s or {}),
         "audit": None if audit is None else dict(audit),
+        "warnings": list(warnings),
     }
 
 
@@ -118,6 +122,8 @@ def print_summary(
             f"deep, from {entry['t_start']:.3f} s to {entry['t_end']:.3f} s {entry['detail']}",
             soft_wrap=True,
         )
+    for warning in summary.get("warnings", ()):
+        console.print("[yellow]warning[/yellow]:", Text(warning), soft_wrap=True)
     if summary.get("failure"):
         console.print(f"[red]failed[/red]: {summary['failure']}", soft_wrap=True)
     console.print(f"results: {folder}", soft_wrap=True)
@@ -145,6 +151,8 @@ def summary_rows(
         remark = "with compiling" if compiled else ""
         rows.append((label, f"{seconds:.2f} s", remark))
     rows.append(_audit_row(summary["audit"]))
+    if warnings := summary.get("warnings"):
+        rows.append(("warnings", str(len(warnings)), "of the cell, below"))
     return rows
 
 

@@ -26,6 +26,11 @@ def load_scenario(path: Path) -> Scenario:
     Raises:
         InvalidScenarioError: with every problem found, each at its line and column.
     """
+    return read_scenario(path)[0]
+
+
+def read_scenario(path: Path) -> tuple[Scenario, YamlDocument]:
+    """Read and check a scenario file as load_scenario does; return its text with places, too."""
     document, included = _include_structure(parsed(path, _read_text(path)))
     scenario = validated(document, Scenario, scenario_schema())
     if included is not None:
@@ -33,7 +38,7 @@ def load_scenario(path: Path) -> Scenario:
     problems = [*document.problems, *find_problems(scenario, document)]
     if problems:
         raise InvalidScenarioError(path, problems, document.lines)
-    return scenario
+    return scenario, document
 
 
 @cache

@@ -58,6 +58,7 @@ class Preparation:
         planning_s: wall-clock seconds of the planning stages.
         makespan_sequential_s: makespan of the plan, one task after another [s].
         plan_sha256: hash of the plan.
+        warnings: what the check before planning found doubtful.
     """
 
     base: str
@@ -66,6 +67,21 @@ class Preparation:
     planning_s: Mapping[str, float]
     makespan_sequential_s: float | None
     plan_sha256: str
+    warnings: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a plan comes from.
+
+    Attributes:
+        planned: how it was made, for the summary: seconds of the stages, and what to compare
+            with, one task after another; by default the plan itself.
+        warnings: what the check before planning found doubtful.
+    """
+
+    planned: Planned | None = None
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -115,7 +131,7 @@ def try_plan(
     folder: Path,
     *,
     base: Path = Path(),
-    planned: Planned | None = None,
+    origin: Origin = Origin(),  # noqa: B008 - frozen
     recording: bool = True,
     audit: bool = True,
     progress: Report = report_nothing,
@@ -127,8 +143,7 @@ def try_plan(
         tpg: the plan.
         folder: of the run, made by prepare_run_folder.
         base: where relative paths of the scenario start.
-        planned: how the plan was made, for the summary: seconds of the stages, and what to
-            compare with, one task after another; by default the plan itself.
+        origin: how the plan was made, and what is doubtful about the cell, for the summary.
         recording: write ``run.rrd``.
         audit: let PyBullet check what was executed.
         progress: told how far each stage has come.
@@ -137,6 +152,7 @@ def try_plan(
         IncompleteRunError: a file cannot be written.
         DeadlockError: no robot could go on.
     """
+    planned = origin.planned
     turns = (planned and planned.turns) or tpg
     about = Preparation(
         base=str(base.resolve()),
@@ -145,6 +161,7 @@ def try_plan(
         planning_s=dict(planned.planning_s if planned else {}),
         makespan_sequential_s=_sequential_s(scenario, turns, base),
         plan_sha256=plan_sha256(tpg),
+        warnings=origin.warnings,
     )
     set_aside(folder)
     with whole_or_failed(folder):
@@ -215,6 +232,7 @@ def _conclude(
         planning_s=about.planning_s,
         audit=audit,
         makespan_sequential_s=about.makespan_sequential_s if completed else None,
+        warnings=about.warnings,
     )
     write_json(folder / SUMMARY, summary)
     return Trial(folder, run, summary)

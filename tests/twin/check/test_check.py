@@ -1,0 +1,302 @@
+"""The check before planning: one planted mistake of each kind is found at its line."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from twin.check.check import CheckReport, check_scenario
+from twin.cli import app
+from twin.scenario.file import read_scenario
+
+ROOT = Path(__file__).parents[3]
+SHIPPED = sorted(ROOT.glob("scenarios/*/*.yaml"))
+
+CELL = """\
+version: 1
+name: own
+cell:
+  robots:
+    - name: left
+      model: panda
+      base: {xyz_m: [-0.6, 0, 0]}
+    - name: right
+      model: panda
+      base: {xyz_m: [0.6, 0, 0], rpy_deg: [0, 0, 180]}
+  fixtures:
+    - {name: table, size_m: [2, 2, 0.04], pose: {xyz_m: [0, 0, -0.02]}}
+    - {name: rack, size_m: [0.3, 0.3, 0.1], pose: {xyz_m: [0, 0.3, 0.05]}}
+assembly:
+  kind: pick-and-place
+  parts:
+    - name: a
+      size_m: [0.1, 0.03, 0.03]
+      start: {xyz_m: [-0.2, -0.2, 0.0155]}
+      goal: {xyz_m: [0, 0.3, 0.1155]}
+    - name: b
+      size_m: [0.1, 0.03, 0.03]
+      start: {xyz_m: [-0.2, -0.3, 0.0155]}
+      goal: {xyz_m: [0, 0.4, 0.1155]}
+  steps: [a, b]
+planning: {speed_model: joint}
+execution:
+  skills:
+    pick: {kind: fixed, value_s: 2}
+    place-down: {kind: fixed, value_s: 2}
+"""
+
+MISTAKES = {
+    "parts in each other": (
+        "[-0.2, -0.3, 0.0155]",
+        "[-0.2, -0.21, 0.0155]",
+        "error",
+        "a and b overlap by 20.0 mm at the start",
+        "start: {xyz_m: [-0.2, -0.2,",
+    ),
+    "part in a fixture": (
+        "[-0.2, -0.3, 0.0155]",
+        "[-0.2, -0.3, 0.005]",
+        "error",
+        "b and table overlap by 10.0 mm at the start",
+        None,
+    ),
+    "goals in each other": (
+        "[0, 0.4, 0.1155]",
+        "[0, 0.31, 0.1155]",
+        "error",
+        "b goes where a is by then: they would overlap by 20.0 mm",
+        None,
+    ),
+    "goal in the air": (
+        "[0, 0.4, 0.1155]",
+        "[0, 0.4, 0.15]",
+        "error",
+        "b would be left in the air",
+        None,
+    ),
+    "start in the air": (
+        "[-0.2, -0.3, 0.0155]",
+        "[-0.2, -0.3, 0.1]",
+        "warning",
+        "b hangs in the air at the start",
+        None,
+    ),
+    "start out of reach": (
+        "[-0.2, -0.3, 0.0155]",
+        "[0, -0.95, 0.0155]",
+        "error",
+        "no robot reaches b: where it lies",
+        None,
+    ),
+    "goal out of reach": (
+        "[0, 0.4, 0.1155]",
+        "[0, 0.95, 0.0155]",
+        "error",
+        "no robot reaches b: its place",
+        None,
+    ),
+    "fingers too narrow": (
+        "  steps: [a, b]",
+        "  grips: {opening_m: 0.005}\n  steps: [a, b]",
+        "error",
+        "no fingers span a: its shortest edge is 30.0 mm, and they open to 5.0 mm",
+        "size_m: [0.1, 0.03, 0.03]",
+    ),
+    "HOME in a fixture": (
+        "size_m: [0.3, 0.3, 0.1], pose: {xyz_m: [0, 0.3, 0.05]}",
+        "size_m: [0.3, 0.3, 0.9], pose: {xyz_m: [-0.3, 0.0, 0.45]}",
+        "error",
+        "left cannot stand at HOME: left/",
+        "base: {xyz_m: [-0.6, 0, 0]}",
+    ),
+    "HOME in itself": (
+        "base: {xyz_m: [-0.6, 0, 0]}",
+        "base: {xyz_m: [-0.6, 0, 0]}\n      home_deg: [0, 90, 0, -170, 0, 20, 45]",
+        "error",
+        "left cannot stand at HOME: left/",
+        "home_deg",
+    ),
+    "bases in each other": (
+        "[0.6, 0, 0]",
+        "[-0.5, 0, 0]",
+        "error",
+        "cannot stand at HOME",
+        "base: {xyz_m: [-0.6, 0, 0]}",
+    ),
+    "base in a fixture": (
+        "[0.6, 0, 0]",
+        "[0.6, 0, -0.03]",
+        "warning",
+        "the base of right is 30.0 mm deep in table",
+        None,
+    ),
+    "fixtures in each other": (
+        "    - {name: rack",
+        "    - {name: post, size_m: [0.1, 0.1, 0.3], pose: {xyz_m: [0.7, 0.7, 0.13]}}\n"
+        "    - {name: rack",
+        "warning",
+        "fixtures table and post overlap by 20.0 mm",
+        "{name: post",
+    ),
+    "tool frame beside the tool": (
+        "base: {xyz_m: [-0.6, 0, 0]}",
+        "base: {xyz_m: [-0.6, 0, 0]}\n      "
+        "frames: {tool: {xyz_m: [0.15, 0, 0.1], rpy_deg: [0, 0, -45]}}",
+        "warning",
+        "away from the tool",
+        "frames: {tool",
+    ),
+    "tool frame across the tool": (
+        "base: {xyz_m: [-0.6, 0, 0]}",
+        "base: {xyz_m: [-0.6, 0, 0]}\n      "
+        "frames: {tool: {xyz_m: [0, 0, 0.03], rpy_deg: [45, 90, 0]}}",
+        "warning",
+        "does not point out of the tool",
+        "frames: {tool",
+    ),
+    "no such tool frame": (
+        "  steps: [a, b]",
+        "  grips: {frame: hand}\n  steps: [a, b]",
+        "error",
+        "has no frame 'hand'",
+        "model: panda",
+    ),
+    "LEGO's timings": (
+        "    pick: {kind: fixed, value_s: 2}\n",
+        "",
+        "warning",
+        "packaged times of a LEGO tool with force control (pick",
+        "place-down: {kind",
+    ),
+    "speeds beyond the limits": (
+        "{speed_model: joint}",
+        "{speed_rad_s: 5.0}",
+        "warning",
+        "goes 2.30 times as fast as it can",
+        None,
+    ),
+}
+
+
+def checked(file: Path) -> CheckReport:
+    scenario, document = read_scenario(file)
+    return check_scenario(scenario, document, file.parent)
+
+
+def written(folder: Path, text: str) -> Path:
+    file = folder / "own.yaml"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def test_a_sound_cell_passes(tmp_path: Path) -> None:
+    assert checked(written(tmp_path, CELL)).findings == ()
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_found_at_its_line(mistake: str, tmp_path: Path) -> None:
+    old, new, level, words, line = MISTAKES[mistake]
+    assert old in CELL
+    if line is None:
+        line = new
+    text = CELL.replace(old, new, 1)
+    report = checked(written(tmp_path, text))
+    found = [item for item in report.findings if words in item.message]
+    assert found, [item.message for item in report.findings]
+    assert all(item.error == (level == "error") for item in found)
+    places = [text.splitlines()[report.problem(item).mark.line - 1] for item in found]
+    assert any(line.strip() in place for place in places), places
+    if level == "warning":
+        assert not report.errors
+
+
+def test_all_mistakes_are_found_at_once(tmp_path: Path) -> None:
+    text = CELL
+    planted = ("parts in each other", "goal in the air", "speeds beyond the limits")
+    for name in planted:
+        text = text.replace(*MISTAKES[name][:2], 1)
+    messages = " ".join(f.message for f in checked(written(tmp_path, text)).findings)
+    assert all(MISTAKES[name][3] in messages for name in planted)
+
+
+@pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.stem)
+def test_shipped_scenarios_have_no_errors(file: Path) -> None:
+    start = time.process_time()
+    report = checked(file)
+    assert not report.errors, [item.message for item in report.errors]
+    assert time.process_time() - start < 20.0  # one more where kernels are compiled
+
+
+def test_the_speeds_of_the_shipped_boat_are_called_too_high() -> None:
+    report = checked(ROOT / "scenarios" / "multi_arm" / "assembly.yaml")
+    assert any("2.30 times as fast" in item.message for item in report.warnings)
+
+
+def test_goals_that_no_arm_is_long_enough_for(tmp_path: Path) -> None:
+    text = (ROOT / "scenarios/multi_arm/multi_goal.yaml").read_text(encoding="utf-8")
+    old = "{robot: west, to: {xyz_m: [-0.35, 0.1, 0.21]"
+    assert old in text
+    far = written(tmp_path, text.replace(old, "{robot: west, to: {xyz_m: [3, 0, 0.2]"))
+    (error,) = checked(far).errors
+    assert "west does not reach (3.00, 0.00, 0.20) m" in error.message
+
+
+def test_bricks_that_no_robot_reaches(tmp_path: Path) -> None:
+    text = (ROOT / "scenarios/lego/cliff.yaml").read_text(encoding="utf-8")
+    old = "{xyz_m: [0.44, 0, 1.1145]}, studs: [48, 48]"
+    assert old in text
+    file = written(
+        tmp_path, text.replace(old, "{xyz_m: [0.44, 2.0, 1.1145]}, studs: [48, 48]")
+    )
+    report = checked(file)
+    assert len(report.errors) >= 6
+    assert "step 1" in report.errors[0].message
+    lines = file.read_text(encoding="utf-8").splitlines()
+    assert "# a" in lines[report.problem(report.errors[0]).mark.line - 1]
+
+
+def test_the_command_prints_places_and_draws_the_cell(tmp_path: Path) -> None:
+    file = written(
+        tmp_path, CELL.replace("[-0.2, -0.3, 0.0155]", "[-0.2, -0.21, 0.0155]")
+    )
+    out = tmp_path / "out"
+    done = CliRunner().invoke(app, ["check", str(file), "--out", str(out)])
+    assert done.exit_code == 2
+    assert "own.yaml:19:14: a and b overlap by 20.0 mm" in done.output
+    assert (out / "cell.png").stat().st_size > 10_000
+    done = CliRunner().invoke(app, ["check", str(file), "--json"])
+    content = json.loads(done.stdout)
+    assert not content["ok"]
+    assert content["findings"][0]["line"] == 19
+    assert content["findings"][0]["key"] == "assembly.parts.0.start"
+
+
+def test_a_run_ends_before_planning(tmp_path: Path) -> None:
+    file = written(
+        tmp_path, CELL.replace("[-0.2, -0.3, 0.0155]", "[-0.2, -0.21, 0.0155]")
+    )
+    out = tmp_path / "run"
+    done = CliRunner().invoke(app, ["run", str(file), "--out", str(out)])
+    assert done.exit_code == 2
+    assert "own.yaml:19:14: a and b overlap by 20.0 mm" in done.output
+    assert not out.exists()
+
+
+def test_a_run_keeps_warnings(tmp_path: Path) -> None:
+    text = CELL.replace(
+        "planning: {speed_model: joint}",
+        "planning: {speed_rad_s: 5.0, shortcut_candidates: 0}",
+    )
+    file, out = written(tmp_path, text), tmp_path / "run"
+    done = CliRunner().invoke(
+        app, ["run", str(file), "--out", str(out), "--no-audit", "--no-recording"]
+    )
+    assert done.exit_code == 0, done.output
+    assert "goes 2.30 times as fast" in done.output
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    (warning,) = summary["warnings"]
+    assert "goes 2.30 times as fast" in warning

@@ -1,0 +1,129 @@
+"""All checks of a scenario at once, and what they found, in the order of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from twin.check.finding import Finding, Findings, Subject
+from twin.check.lying import check_fixtures, check_goals, check_starts
+from twin.check.reach import check_reach
+from twin.check.robots import check_bases, check_homes, check_speeds
+from twin.check.times import check_skill_times
+from twin.check.tools import check_grips, check_tool_frames
+from twin.scenario.document.problems import InvalidScenarioError, Problem
+from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.sections.scenario import Scenario
+
+_CHECKS: tuple[Callable[[Subject], Findings], ...] = (
+    check_fixtures,
+    check_bases,
+    check_homes,
+    check_starts,
+    check_goals,
+    check_grips,
+    check_tool_frames,
+    check_skill_times,
+    check_speeds,
+)
+"""Quick checks; reach is looked at only where these found no error, as it takes what they check."""
+
+
+_ABSENT: KeyPath = ("assembly", "kind")
+"""Where a finding is shown whose section the file leaves out."""
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What the checks found.
+
+    Attributes:
+        subject: the scenario and its cell.
+        document: the file, for places.
+        findings: in the order of the file, each once.
+    """
+
+    subject: Subject
+    document: YamlDocument
+    findings: tuple[Finding, ...]
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """What makes a plan impossible or false."""
+        return tuple(item for item in self.findings if item.error)
+
+    @property
+    def warnings(self) -> tuple[Finding, ...]:
+        """What is doubtful."""
+        return tuple(item for item in self.findings if not item.error)
+
+    def problem(self, finding: Finding) -> Problem:
+        """Return a finding with its place in the text."""
+        label = "" if finding.error else "warning: "
+        at = finding.at if self.document.nearest(finding.at) else _ABSENT
+        mark = self.document.mark_of(at, key=at[-1:] == ("name",))
+        return Problem(mark, label + finding.message)
+
+    def excerpts(self, findings: tuple[Finding, ...]) -> InvalidScenarioError:
+        """Return some findings as an error, which words them with their places and lines."""
+        problems = [self.problem(item) for item in findings]
+        return InvalidScenarioError(self.document.path, problems, self.document.lines)
+
+    def messages(self, findings: tuple[Finding, ...]) -> tuple[str, ...]:
+        """Return findings in one line each, with the line of the file."""
+        return tuple(
+            f"line {self.problem(item).mark.line}: {item.message}" for item in findings
+        )
+
+    def content(self) -> dict[str, Any]:
+        """Return the report for JSON: findings with level, line, column, key and message."""
+        entries = []
+        for item in self.findings:
+            mark = self.problem(item).mark
+            entries.append(
+                {
+                    "level": "error" if item.error else "warning",
+                    "line": mark.line,
+                    "column": mark.column,
+                    "key": ".".join(str(part) for part in item.at),
+                    "message": item.message,
+                }
+            )
+        return {"ok": not self.errors, "findings": entries}
+
+
+def check_scenario(
+    scenario: Scenario, document: YamlDocument, folder: Path
+) -> CheckReport:
+    """Look at everything in a scenario that can be judged without planning.
+
+    Args:
+        scenario: passed the checks of its file; options may have changed it since.
+        document: the file, for places.
+        folder: where relative paths in it start.
+
+    Raises:
+        RobotModelError: a robot description cannot be used.
+    """
+    subject = Subject(scenario, folder)
+    found: list[Finding] = []
+    for check in _CHECKS:
+        found += check(subject)
+    if not any(item.error for item in found):
+        found += check_reach(subject)
+    report = CheckReport(subject, document, ())
+
+    def place(item: Finding) -> tuple[int, int]:
+        mark = report.problem(item).mark
+        return mark.line, mark.column
+
+    ordered = tuple(sorted(dict.fromkeys(found), key=place))
+    return CheckReport(subject, document, ordered)
+
+
+def require_checked(report: CheckReport) -> None:
+    """Raise InvalidScenarioError with the errors of a report, if there are any."""
+    if report.errors:
+        raise report.excerpts(report.errors)

@@ -1,0 +1,94 @@
+"""What a check finds, and the cell that it looks at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from planning.cell.workcell import Workcell
+from twin.planning.build_workcell import build_workcell
+from twin.planning.kind import AssemblyKind, assembly_kind
+from twin.scenario.document.yaml_text import KeyPath
+from twin.scenario.sections.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is wrong with a scenario, or that is doubtful.
+
+    Attributes:
+        at: key in the file.
+        message: what, and what to do about it.
+        error: whether it makes a plan impossible or false; a warning otherwise.
+    """
+
+    at: KeyPath
+    message: str
+    error: bool = False
+
+
+Findings = Iterator[Finding]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A scenario that is checked, with its cell, and where in the file things are named.
+
+    Attributes:
+        scenario: passed the checks of its file.
+        folder: where relative paths in it start.
+    """
+
+    scenario: Scenario
+    folder: Path
+
+    @cached_property
+    def cell(self) -> Workcell:
+        """The cell as it is before the first motion."""
+        return build_workcell(self.scenario, self.folder)
+
+    @cached_property
+    def kind(self) -> AssemblyKind:
+        """The kind of the assembly."""
+        return assembly_kind(self.scenario.assembly)
+
+    @cached_property
+    def own_fixtures(self) -> frozenset[str]:
+        """Names of the fixtures that the file lists; others come with the kind of assembly."""
+        return frozenset(item.name for item in self.scenario.cell.fixtures)
+
+    def robot_at(self, name: str, *keys: str) -> KeyPath:
+        """Return where a robot is in the file, or the first of some keys that it may have."""
+        listed = [robot.name for robot in self.scenario.cell.listed]
+        if name not in listed:
+            return ("cell", "team")
+        number = listed.index(name)
+        section = self.scenario.cell.listed[number]
+        key = next((k for k in keys if getattr(section, k)), "name")
+        return ("cell", "robots", number, key)
+
+    def thing_at(self, name: str, key: str = "name") -> KeyPath:
+        """Return where an object or a fixture is in the file."""
+        places = self._places
+        path = places.get(name) or places.get(name.rpartition(".")[0]) or ("assembly",)
+        return (*path[:-1], key) if path[-1] == "name" else path
+
+    @cached_property
+    def _places(self) -> dict[str, KeyPath]:
+        fixtures: dict[str, KeyPath] = {
+            item.name: ("cell", "fixtures", number, "name")
+            for number, item in enumerate(self.scenario.cell.fixtures)
+        }
+        return {name: path for path, name in self.kind.names()} | fixtures
+
+
+def millimetres(distance_m: float) -> str:
+    """Return a distance in words."""
+    return f"{distance_m * 1e3:.1f} mm"
+
+
+def position(pose_xyz: tuple[float, ...] | list[float]) -> str:
+    """Return a position in words."""
+    return f"({', '.join(f'{value:.2f}' for value in pose_xyz)}) m"

@@ -1,0 +1,159 @@
+"""Checks of what lies or stands somewhere: overlaps, and what hangs in the air."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from planning.parts.candidates import MOST_OVERLAP
+from planning.parts.contact_graph import Lying, near_to, standing
+from planning.transforms import Transform
+from twin.check.finding import Finding, Findings, Subject, millimetres
+from twin.scenario.sections.pick_place import PickPlaceSection
+
+_TOUCH = 0.002
+"""Distance up to which things touch where the scenario does not say [m]."""
+
+_MERGED = 0.005
+"""Fixtures of one piece of furniture may overlap by this [m]."""
+
+
+def check_starts(subject: Subject) -> Findings:
+    """Yield what overlaps at the start, and what lies on nothing."""
+    cell, touch = subject.cell, _touch(subject)
+    there = [item for item in cell.objects if not item.later]
+    lying: list[tuple[str, Lying]] = [(item.name, (item, item.start)) for item in there]
+    lying += list(standing(cell).items())
+    moved = {item.name for item in there if not item.fixed}
+    touched: dict[str, set[str]] = {}
+    for one, other, gap in close_pairs(lying, touch, first=len(there)):
+        if gap < -MOST_OVERLAP:
+            movable = one in moved or other in moved
+            yield Finding(
+                subject.thing_at(one, "start"),
+                f"{one} and {other} overlap by {millimetres(-gap)} at the start: no two things can"
+                " be in one place",
+                error=movable,
+            )
+        touched.setdefault(one, set()).add(other)
+        touched.setdefault(other, set()).add(one)
+    resting = {item.name for item in cell.fixtures}
+    ahead = list(resting)
+    while ahead:
+        for name in touched.get(ahead.pop(), set()) - resting:
+            resting.add(name)
+            ahead.append(name)
+    for item in there:
+        if item.name not in resting:
+            yield Finding(
+                subject.thing_at(item.name, "start"),
+                f"{item.name} hangs in the air at the start: nothing that stands on a fixture is"
+                f" within {millimetres(touch)} of it{_below(lying, item.name)}",
+            )
+
+
+def check_goals(subject: Subject) -> Findings:
+    """Yield parts of a pick-and-place assembly that overlap, or hang in the air, in their places."""
+    section = subject.scenario.assembly
+    if not isinstance(section, PickPlaceSection):
+        return
+    from twin.planning.pick_place import build_pick_place
+
+    cell, goals = subject.cell, build_pick_place(section).goals
+    where: dict[str, Transform] = {item.name: item.start for item in cell.objects}
+    for name in section.steps:
+        lying: dict[str, Lying] = standing(cell)
+        lying |= {
+            item.name: (item, where[item.name])
+            for item in cell.objects
+            if item.name != name
+        }
+        part, at = cell.object(name), subject.thing_at(name, "goal")
+        touched = near_to((part, goals[name]), lying, section.touch_m)
+        for other, gap in touched.items():
+            if gap < -MOST_OVERLAP:
+                when = "is" if where.get(other) is not None else "stands"
+                yield Finding(
+                    at,
+                    f"{name} goes where {other} {when} by then: they would overlap by"
+                    f" {millimetres(-gap)}",
+                    error=True,
+                )
+        if not touched:
+            yield Finding(
+                at,
+                f"{name} would be left in the air: in its place it touches neither a fixture nor a"
+                f" part that is there by then (touch_m {section.touch_m:g})",
+                error=True,
+            )
+        where[name] = goals[name]
+
+
+def check_fixtures(subject: Subject) -> Findings:
+    """Yield fixtures of the file that are in each other; boxes of one thing may be, a little."""
+    lying = [
+        (name, item)
+        for name, item in standing(subject.cell).items()
+        if name in subject.own_fixtures
+    ]
+    for one, other, gap in close_pairs(lying, 0.0):
+        if gap < -_MERGED:
+            yield Finding(
+                subject.thing_at(other),
+                f"fixtures {one} and {other} overlap by {millimetres(-gap)}: harmless if they are one"
+                " thing, a mistake if not",
+            )
+
+
+def close_pairs(
+    lying: Sequence[tuple[str, Lying]], within: float, *, first: int | None = None
+) -> Iterator[tuple[str, str, float]]:
+    """Yield what is near each other, with the distance, negative for overlap [m].
+
+    Args:
+        lying: names, and what lies where.
+        within: greatest distance [m].
+        first: one of each pair is among so many first ones; by default any.
+    """
+    if not lying:
+        return
+    centre = np.array([pose[:3, 3] for _, (_, pose) in lying])
+    half = np.array(
+        [
+            np.abs(pose[:3, :3]) @ (0.5 * np.asarray(item.size))
+            for _, (item, pose) in lying
+        ]
+    )
+    for i in range(len(lying) if first is None else first):
+        apart = np.abs(centre[i + 1 :] - centre[i]) - half[i + 1 :] - half[i]
+        near = i + 1 + np.flatnonzero(np.all(apart <= within, axis=1))
+        others = dict(lying[j] for j in near.tolist())
+        for other, gap in near_to(lying[i][1], others, within).items():
+            yield lying[i][0], other, gap
+
+
+def _touch(subject: Subject) -> float:
+    section = subject.scenario.assembly
+    return section.touch_m if isinstance(section, PickPlaceSection) else _TOUCH
+
+
+def _below(lying: Sequence[tuple[str, Lying]], name: str) -> str:
+    """Return what is below a thing, and how far, in words."""
+    things: Mapping[str, Lying] = dict(lying)
+    low, high = _bounds(things[name])
+    best: tuple[float, str] | None = None
+    for other, item in things.items():
+        other_low, other_high = _bounds(item)
+        beside = np.any(low[:2] > other_high[:2]) or np.any(high[:2] < other_low[:2])
+        drop = float(low[2] - other_high[2])
+        if other == name or beside or drop < 0.0:
+            continue
+        if best is None or drop < best[0]:
+            best = drop, other
+    return "" if best is None else f"; {best[1]} is {millimetres(best[0])} below"
+
+
+def _bounds(item: Lying) -> tuple[np.ndarray, np.ndarray]:
+    reach = np.abs(item[1][:3, :3]) @ (0.5 * np.asarray(item[0].size))
+    return item[1][:3, 3] - reach, item[1][:3, 3] + reach

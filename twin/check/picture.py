@@ -1,0 +1,304 @@
+"""A picture of the cell before the first motion, from above and from the side.
+
+Robots are drawn by their collision hulls at HOME, with the reach of their tool frames; fixtures
+and objects where they are at the start, and the places that objects go to as outlines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle, Polygon
+from scipy.spatial import ConvexHull, QhullError
+
+from planning.cell.workcell import PlacedRobot
+from planning.errors import OutputError
+from planning.kinematics.kinematics import frame_pose, joint_poses_of
+from planning.transforms import Array
+from twin.check.finding import Subject
+from twin.check.places import goal_boxes
+from twin.host.pictures import FRAME, INK, new_picture, save_png, style_axes
+
+PICTURE = "cell.png"
+"""Name of the picture in a folder."""
+
+_ROBOTS = ("#2f6db5", "#d9822b", "#3d9a50", "#8e5bb5", "#c23b54", "#2a9d9d")
+_FIXTURE, _FIXTURE_EDGE, _GOAL = "#dfe3e8", "#a7afb9", "#5b6470"
+_AXES = ("#d62728", "#2ca02c", "#1f4fd6")
+_FIXTURE_NAME = "#6b7480"
+_NAME_SIZE = 6
+_SAMPLES = 1500
+
+_CAPTION = (
+    "robots at HOME by their collision hulls; dashed circles: reach of their tools at any height;"
+    " coloured axes: tool frames (x red, y green, z blue, out of the hand);"
+    " dashed outlines: where things are put"
+)
+
+_ARROW = 0.1
+"""Length of the axes of a tool frame, x red, y green, z blue [m]."""
+
+
+@dataclass(frozen=True)
+class _View:
+    """A projection: the axes of the world that go right and up, and the one towards the eye."""
+
+    title: str
+    right: int
+    up: int
+    eye: int
+    towards: float
+
+
+_VIEWS = (
+    _View("from above", 0, 1, 2, 1.0),
+    _View("from the side (-y)", 0, 2, 1, -1.0),
+)
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """A convex hull to draw: corners in the world, and how."""
+
+    corners: Array
+    face: object
+    edge: object
+    alpha: float
+    counts: bool = True
+
+
+def draw_cell(subject: Subject, folder: Path) -> Path:
+    """Draw the cell as it is planned to start, in two views at one scale.
+
+    Args:
+        subject: the scenario and its cell.
+        folder: of the picture; it is made where it is missing.
+
+    Returns:
+        The file.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    path = folder / PICTURE
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made: {error}") from error
+    shapes = list(_shapes(subject))
+    reaches = {r.name: reach_radius(r, _frame(r)) for r in subject.cell.robots}
+    least, most = _extent(subject, shapes, reaches)
+    size = np.maximum(most - least, 0.1)
+    total = float(2.0 * size[0])
+    height = float(np.clip(13.6 / total * max(size[1], size[2]) + 1.3, 4.0, 11.0))
+    picture = new_picture(15.0, height, dpi=110)
+    axes = picture.subplots(1, 2)
+    for view, area in zip(_VIEWS, axes, strict=True):
+        style_axes(area)
+        area.set_title(view.title, color=INK, fontsize=10, loc="left")
+        area.set_aspect("equal")
+        area.set_xlabel("xyz"[view.right] + " [m]", color=INK)
+        area.set_ylabel("xyz"[view.up] + " [m]", color=INK)
+        for shape in sorted(
+            shapes, key=lambda s: float((view.towards * s.corners[:, view.eye]).max())
+        ):
+            _draw_shape(area, view, shape)
+        _draw_goals(area, view, subject)
+        _draw_robots(area, view, subject, reaches)
+        _draw_names(area, view, subject, total / (15.0 * 72.0))
+        area.set_xlim(least[view.right], most[view.right])
+        area.set_ylim(least[view.up], most[view.up])
+    picture.suptitle(
+        f"{subject.scenario.name}: the cell before the first motion",
+        color=INK,
+        fontsize=12,
+    )
+    picture.supxlabel(_CAPTION, color=INK, fontsize=8)
+    save_png(picture, path)
+    return path
+
+
+def reach_radius(robot: PlacedRobot, frame: str) -> float | None:
+    """Return how far from its base axis a robot's tool comes [m]; None for one that drives.
+
+    It is measured at random configurations, so it falls short by a few per cent.
+    """
+    model = robot.model
+    if model.is_mobile:
+        return None
+    rng = np.random.default_rng(0)
+    drawn = rng.uniform(model.lower, model.upper, (_SAMPLES, model.dof))
+    base = robot.base[:3, 3]
+    return max(
+        float(np.linalg.norm((frame_pose(robot, q, frame)[:3, 3] - base)[:2]))
+        for q in drawn
+    )
+
+
+def _shapes(subject: Subject) -> Iterator[_Shape]:
+    cell = subject.cell
+    for item in cell.fixtures:
+        corners = _placed(item.body.vertices, item.pose)
+        counts = item.name in subject.own_fixtures or float(np.max(item.size)) < 5.0
+        yield _Shape(corners, _FIXTURE, _FIXTURE_EDGE, 1.0, counts)
+    for thing in cell.objects:
+        if not thing.later:
+            face = tuple(value / 255.0 for value in thing.colour)
+            yield _Shape(_placed(thing.body.vertices, thing.start), face, INK, 0.95)
+    for number, robot in enumerate(cell.robots):
+        colour = _ROBOTS[number % len(_ROBOTS)]
+        poses = joint_poses_of(robot, robot.home)
+        for part in robot.model.parts:
+            corners = _placed(part.body.vertices, poses[part.joint + 1])
+            alpha = 0.9 if part.group == "tool" else 0.55
+            yield _Shape(corners, colour, colour, alpha)
+
+
+def _extent(
+    subject: Subject, shapes: list[_Shape], reaches: Mapping[str, float | None]
+) -> tuple[Array, Array]:
+    corners = [shape.corners for shape in shapes if shape.counts]
+    corners += [box for _, box in goal_boxes(subject)]
+    for robot in subject.cell.robots:
+        radius = reaches[robot.name]
+        if radius is not None and radius < 20.0:
+            reach = np.array([radius, radius, 0.0])
+            corners.append(robot.base[:3, 3] + np.array([-reach, reach]))
+    every = np.vstack(corners)
+    least, most = every.min(axis=0), every.max(axis=0)
+    margin = 0.05 * float((most - least).max())
+    return least - margin, most + margin
+
+
+def _draw_shape(area: Axes, view: _View, shape: _Shape) -> None:
+    outline = _outline(shape.corners[:, [view.right, view.up]])
+    area.add_patch(
+        Polygon(
+            outline,
+            closed=True,
+            facecolor=shape.face,
+            edgecolor=shape.edge,
+            alpha=shape.alpha,
+            linewidth=0.5,
+        )
+    )
+
+
+def _draw_goals(area: Axes, view: _View, subject: Subject) -> None:
+    for _, corners in goal_boxes(subject):
+        area.add_patch(
+            Polygon(
+                _outline(corners[:, [view.right, view.up]]),
+                closed=True,
+                fill=False,
+                edgecolor=_GOAL,
+                linewidth=0.6,
+                linestyle=(0, (3, 2)),
+            )
+        )
+
+
+def _draw_robots(
+    area: Axes, view: _View, subject: Subject, reaches: Mapping[str, float | None]
+) -> None:
+    for number, robot in enumerate(subject.cell.robots):
+        colour = _ROBOTS[number % len(_ROBOTS)]
+        base = robot.base[:3, 3]
+        radius = reaches[robot.name]
+        if view.eye == 2 and radius is not None:
+            area.add_patch(
+                Circle(
+                    (float(base[0]), float(base[1])),
+                    radius,
+                    fill=False,
+                    edgecolor=colour,
+                    linestyle=(0, (5, 3)),
+                    linewidth=1.0,
+                )
+            )
+        tool = frame_pose(robot, robot.home, _frame(robot))
+        for axis, line in enumerate(_AXES):
+            tip = tool[:3, 3] + _ARROW * tool[:3, axis]
+            area.plot(
+                [tool[view.right, 3], tip[view.right]],
+                [tool[view.up, 3], tip[view.up]],
+                color=line,
+                linewidth=1.8,
+                zorder=5,
+            )
+        foot = joint_poses_of(robot, robot.home)[min(3, robot.model.dof)]
+        at = foot[:3, 3] if robot.model.is_mobile else base
+        _label(area, (at[view.right], at[view.up]), robot.name, colour, 9, bold=True)
+
+
+def _draw_names(
+    area: Axes, view: _View, subject: Subject, metres_per_point: float
+) -> None:
+    """Write names of fixtures and objects where there is room for them, objects first."""
+    cell = subject.cell
+    named = [
+        (o.name, o.start, INK, float(np.max(o.size)))
+        for o in cell.objects
+        if not o.later
+    ]
+    named += [
+        (f.name, f.pose, _FIXTURE_NAME, np.inf)
+        for f in cell.fixtures
+        if f.name in subject.own_fixtures
+    ]
+    taken: list[tuple[float, float, float]] = []
+    for name, pose, colour, long in named:
+        x, y = float(pose[view.right, 3]), float(pose[view.up, 3])
+        half = 0.3 * _NAME_SIZE * len(name) * metres_per_point
+        high = 1.4 * _NAME_SIZE * metres_per_point
+        if half > long:  # it would hide what it names
+            continue
+        if any(abs(x - u) < half + w and abs(y - v) < high for u, v, w in taken):
+            continue
+        taken.append((x, y, half))
+        _label(area, (x, y), name, colour, _NAME_SIZE)
+
+
+def _label(
+    area: Axes,
+    at: tuple[float, float],
+    text: str,
+    colour: str,
+    size: int,
+    *,
+    bold: bool = False,
+) -> None:
+    area.text(
+        float(at[0]),
+        float(at[1]),
+        text,
+        color=colour,
+        fontsize=size,
+        fontweight="bold" if bold else "normal",
+        ha="center",
+        va="center",
+        zorder=6,
+        clip_on=True,
+        bbox={"facecolor": "white", "edgecolor": FRAME, "alpha": 0.75, "pad": 1.0}
+        if bold
+        else {"facecolor": "white", "edgecolor": "none", "alpha": 0.55, "pad": 0.5},
+    )
+
+
+def _frame(robot: PlacedRobot) -> str:
+    return "tool" if "tool" in robot.model.frames else "flange"
+
+
+def _placed(points: Array, pose: Array) -> Array:
+    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
+
+
+def _outline(points: Array) -> Array:
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except QhullError:  # seen edge-on
+        return points

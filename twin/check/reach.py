@@ -1,0 +1,193 @@
+"""Checks of reach: what no robot of the cell comes to, by the planner's own inverse kinematics."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from planning.cell.workcell import CellObject, PlacedRobot
+from planning.errors import ConstructionError, InfeasibleStepError, ScenarioError
+from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
+from planning.parts.assembly import Grip, PickPlaceAssembly, box_grips
+from planning.parts.targets import pick_targets, place_targets
+from planning.skills.joint_paths import SkillPath, skill_postures
+from planning.skills.subgoals import SkillTargets
+from planning.transforms import Transform
+from twin.check.finding import Finding, Findings, Subject, position
+from twin.scenario.sections.construction import ConstructionSection
+from twin.scenario.sections.goals import GoalsSection
+from twin.scenario.sections.lego import LegoSection
+from twin.scenario.sections.pick_place import PickPlaceSection
+
+_MOST_GRIPS = 40
+"""Grips of a part that are tried by each robot."""
+
+_STEP = re.compile(r"step (\d+) \(")
+
+
+def check_reach(subject: Subject) -> Findings:
+    """Yield what no robot reaches: an error where the planner would find none either."""
+    section = subject.scenario.assembly
+    if isinstance(section, PickPlaceSection):
+        yield from _check_parts(subject, section)
+    elif isinstance(section, GoalsSection):
+        yield from _check_moves(subject, section)
+    elif isinstance(section, LegoSection) and section.structure is None:
+        yield from _check_bricks(subject, section)
+    elif isinstance(section, ConstructionSection):
+        yield from _check_construction(subject)
+
+
+def reach_bound(robot: PlacedRobot, frame: str) -> float:
+    """Return a distance from its first joint that a robot's frame never exceeds [m]."""
+    model = robot.model
+    lengths = np.linalg.norm(model.chain.placement[1:, :3, 3], axis=1).sum()
+    tip = np.linalg.norm(frame_in_last_joint(model, frame)[:3, 3])
+    slide = np.maximum(np.abs(model.lower), np.abs(model.upper))
+    return float(lengths + tip + slide[model.chain.prismatic].sum())
+
+
+def too_far(robot: PlacedRobot, frame: str, target: Transform) -> bool:
+    """Tell whether a pose is beyond the arm's length, however it is bent."""
+    first = robot.base @ placed_first(robot)
+    away = float(np.linalg.norm(target[:3, 3] - first[:3, 3]))
+    return away > reach_bound(robot, frame) + 1e-3
+
+
+def placed_first(robot: PlacedRobot) -> Transform:
+    """Return the pose of the first joint in the frame of the base."""
+    return np.asarray(robot.model.chain.placement[0])
+
+
+def _check_parts(subject: Subject, section: PickPlaceSection) -> Findings:
+    from twin.planning.pick_place import build_pick_place
+
+    assembly, cell = build_pick_place(section), subject.cell
+    robots = [
+        robot
+        for robot in cell.robots
+        if assembly.grips.frame in {"flange", *robot.model.frames}
+    ]
+    if len(robots) < len(cell.robots):
+        return  # said elsewhere: a robot has no such frame
+    for name in dict.fromkeys(assembly.steps):
+        part, goal = cell.object(name), assembly.goals[name]
+        grips = box_grips(part.size, part.start, goal, assembly.grips)
+        if not grips:
+            continue
+        picks, places = set[str](), set[str]()
+        if any(
+            _handles(robot, part, assembly, grips[:_MOST_GRIPS], (picks, places))
+            for robot in robots
+        ):
+            continue
+        key, words = (
+            "start",
+            f"where it lies, at {position(part.start[:3, 3].tolist())}",
+        )
+        if picks and not places:
+            key, words = "goal", f"its place, at {position(goal[:3, 3].tolist())}"
+        elif picks:
+            words = f"both, with one grip: {_list(picks)} where it lies, {_list(places)} its place"
+        yield Finding(
+            subject.thing_at(name, key),
+            f"no robot reaches {name}: {words}; tried {min(len(grips), _MOST_GRIPS)} grips, with"
+            f" approach_m {assembly.approach:g} and leave_m {assembly.leave:g}",
+            error=len(grips) <= _MOST_GRIPS,
+        )
+
+
+def _handles(
+    robot: PlacedRobot,
+    part: CellObject,
+    assembly: PickPlaceAssembly,
+    grips: list[Grip],
+    reached: tuple[set[str], set[str]],
+) -> bool:
+    """Tell whether a robot picks and places a part with one of some grips; note which it does."""
+    frame, approach, leave = assembly.grips.frame, assembly.approach, assembly.leave
+    picks, places = reached
+    for grip in grips:
+        start, goal = part.start @ grip.pose, assembly.goals[part.name] @ grip.pose
+        pick = not too_far(robot, frame, start) and _does(
+            robot, pick_targets(frame, start, approach, leave)
+        )
+        place = not too_far(robot, frame, goal) and _does(
+            robot, place_targets(frame, goal, approach, leave)
+        )
+        if pick:
+            picks.add(robot.name)
+        if place:
+            places.add(robot.name)
+        if pick and place:
+            return True
+    return False
+
+
+def _does(robot: PlacedRobot, targets: SkillTargets) -> bool:
+    """Tell whether a skill is possible in some posture, with nothing around."""
+    return any(isinstance(way, SkillPath) for way in skill_postures(robot, targets))
+
+
+def _check_moves(subject: Subject, section: GoalsSection) -> Findings:
+    from twin.scenario.sections.poses import build_transform
+
+    for number, move in enumerate(section.moves):
+        robot = subject.cell.robot(move.robot)
+        if move.to is None or move.frame not in {"flange", *robot.model.frames}:
+            continue
+        pose = build_transform(move.to)
+        at = ("assembly", "moves", number, "to")
+        where = position(list(move.to.xyz_m))
+        if too_far(robot, move.frame, pose):
+            yield Finding(
+                at,
+                f"{robot.name} does not reach {where}: it is farther away than its arm is long",
+                error=True,
+            )
+        elif not inverse_kinematics(robot, move.frame, pose, robot.home):
+            yield Finding(
+                at,
+                f"{robot.name} does not seem to reach {where} as turned: none of 41 tries of inverse"
+                " kinematics found a configuration",
+            )
+
+
+def _check_bricks(subject: Subject, section: LegoSection) -> Findings:
+    from planning.lego.sequencing.reachability import check_reach as check_steps
+    from twin.planning.lego import build_lego
+
+    try:
+        check_steps(subject.cell, build_lego(section))
+    except InfeasibleStepError as error:
+        last = 0
+        for line in error.message.splitlines():
+            found = _STEP.match(line)
+            if found is None:  # so many more
+                yield Finding(("assembly", "steps", last), line, error=True)
+                continue
+            last = int(found[1]) - 1
+            yield Finding(("assembly", "steps", last), line, error=True)
+
+
+def _check_construction(subject: Subject) -> Findings:
+    """Ask the planner of constructions for the first thing that its lower bounds rule out."""
+    from twin.planning.construction import ConstructionKind
+    from twin.planning.pipeline import motion_settings
+
+    kind, cell = subject.kind, subject.cell
+    assert isinstance(kind, ConstructionKind)
+    try:
+        kind.problem(cell, motion_settings(subject.scenario, cell, subject.folder))
+    except (ConstructionError, ScenarioError) as error:
+        names = {item.name for item in cell.objects}
+        named = next(
+            (word for word in re.findall(r"[\w.-]+", error.message) if word in names),
+            "",
+        )
+        yield Finding(subject.thing_at(named, "goal"), error.message, error=True)
+
+
+def _list(names: set[str]) -> str:
+    return ", ".join(sorted(names)) or "nobody"

@@ -1,0 +1,142 @@
+"""Checks of tools: fingers that open wide enough, and tool frames that are at the tool."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from planning.cell.body import ConvexBody
+from planning.cell.robot_model import RobotModel
+from planning.geometry.exact import Solid, distance_at
+from planning.parts.assembly import box_grips
+from planning.transforms import Array, readonly
+from twin.check.finding import Finding, Findings, Subject, millimetres
+from twin.scenario.sections.construction import ConstructionSection
+from twin.scenario.sections.goals import GoalsSection
+from twin.scenario.sections.pick_place import PickPlaceSection
+
+_FAR = 0.02
+"""A tool frame is at the tool if it is no farther from it than this [m]."""
+
+_IN_FRONT, _SHARE = 0.03, 1.0 / 3.0
+"""So much of a tool may be in front of its frame [m], and so much of what is behind it."""
+
+_NOWHERE = np.zeros(0)
+
+
+def check_grips(subject: Subject) -> Findings:
+    """Yield parts that the fingers cannot span, or cannot hold both at the start and in place."""
+    section = subject.scenario.assembly
+    if not isinstance(section, PickPlaceSection):
+        return
+    from twin.planning.pick_place import build_pick_place
+
+    assembly = build_pick_place(section)
+    for name in dict.fromkeys(assembly.steps):
+        part = subject.cell.object(name)
+        least, opening = float(np.min(part.size)), assembly.grips.opening
+        if least > opening:
+            yield Finding(
+                subject.thing_at(name, "size_m"),
+                f"no fingers span {name}: its shortest edge is {millimetres(least)}, and they open to"
+                f" {millimetres(opening)} (assembly.grips.opening_m)",
+                error=True,
+            )
+        elif not box_grips(part.size, part.start, assembly.goals[name], assembly.grips):
+            steepest = np.degrees(assembly.grips.steepest)
+            yield Finding(
+                subject.thing_at(name, "goal"),
+                f"no face of {name} can be gripped both at its start and in its place: fingers open to"
+                f" {millimetres(opening)} and the tool leans at most {steepest:.0f} deg from"
+                " assembly.grips.directions; turn the part, or allow more of opening_m, directions or"
+                " steepest_deg",
+                error=True,
+            )
+
+
+def check_tool_frames(subject: Subject) -> Findings:
+    """Yield tool frames that are beside the tool, or do not point out of it."""
+    seen: set[tuple[str, bytes]] = set()
+    for name, frame in _frames(subject):
+        model = subject.cell.robot(name).model
+        if frame != "flange" and frame not in model.frames:
+            choices = ", ".join(("flange", *model.frames))
+            yield Finding(
+                subject.robot_at(name, "frames", "model"),
+                f"{name} ({model.name}) has no frame {frame!r} (valid: {choices})",
+                error=True,
+            )
+            continue
+        pose = np.eye(4) if frame == "flange" else model.frames[frame]
+        key = (model.name, pose.tobytes())
+        if key in seen:
+            continue
+        seen.add(key)
+        at = subject.robot_at(name, "frames", "model")
+        for words in _misplaced(model, readonly(pose)):
+            yield Finding(at, f"frame {frame!r} of {name} ({model.name}) {words}")
+
+
+def _frames(subject: Subject) -> Iterator[tuple[str, str]]:
+    """Yield the tool frames that are used, each with its robot."""
+    section = subject.scenario.assembly
+    robots = [robot.name for robot in subject.cell.robots]
+    if isinstance(section, GoalsSection):
+        for move in section.moves:
+            if move.to is not None:
+                yield move.robot, move.frame
+        return
+    frame = "tool"
+    if isinstance(section, PickPlaceSection | ConstructionSection):
+        frame = section.grips.frame
+    for robot in robots:
+        yield robot, frame
+
+
+def _misplaced(model: RobotModel, frame: Array) -> Iterator[str]:
+    """Yield in words what is doubtful about a frame, a pose in the flange frame."""
+    bodies = tool_bodies(model)
+    if not bodies:
+        return
+    tip = model.flange @ frame
+    point = Solid("tip", _point(tip[:3, 3]), np.eye(4))
+    gaps = [
+        distance_at(point, _NOWHERE, Solid(body.name, body, np.eye(4)), _NOWHERE)
+        for body in bodies
+    ]
+    nearest = int(np.argmin(gaps))
+    if gaps[nearest] > _FAR:
+        yield (
+            f"is {millimetres(gaps[nearest])} away from the tool (nearest: {bodies[nearest].name}):"
+            " parts would hang beside it; give the robot 'frames' with the point between its fingers,"
+            " or a description with the tool on its flange"
+        )
+        return
+    corners = np.vstack([body.vertices for body in bodies])
+    heights = (corners - tip[:3, 3]) @ tip[:3, 2]
+    front, behind = float(heights.max()), float(-heights.min())
+    if front > _IN_FRONT and front > _SHARE * behind:
+        yield (
+            f"does not point out of the tool: {millimetres(front)} of it are in front of the frame"
+            f" along z and {millimetres(behind)} behind, so parts would be held at its side; z must"
+            " point out of the hand (fingers close along y): give the robot 'frames' with another"
+            " rpy_deg"
+        )
+
+
+def tool_bodies(model: RobotModel) -> list[ConvexBody]:
+    """Return the bodies of the tool, in the last joint's frame; without a tool, of the last link."""
+    last = model.dof - 1
+    tool = [
+        part.body for part in model.parts if part.group == "tool" and part.joint == last
+    ]
+    return tool or [part.body for part in model.parts if part.joint == last]
+
+
+def _point(at: Array) -> ConvexBody:
+    """Return a body as small as a point: hulls need a volume."""
+    from planning.cell.cover import box_body
+
+    grain = box_body("tip", (1e-5, 1e-5, 1e-5))
+    return ConvexBody("tip", grain.vertices + at, grain.capsules)
