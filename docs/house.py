@@ -29,7 +29,7 @@ FLOORS = ("twin", "scheduling", "planning")
 """Packages from top to bottom: each imports those below."""
 
 WAY = {
-    "load_scenario": "read and check the file",
+    "read_scenario": "read and check the file",
     "plan_scenario": "go on, stage by stage, to a graph",
     "build_workcell": "make the cell",
     "assembly_kind": "find who could do which step, and how",

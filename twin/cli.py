@@ -7,7 +7,6 @@ import sys
 
 import typer
 
-from twin.commands.check import check
 from twin.commands.cluster import app as cluster_app
 from twin.commands.compare import compare
 from twin.commands.doctor import doctor
@@ -20,7 +19,7 @@ from twin.commands.robots import robots
 from twin.commands.run import resume, run
 from twin.commands.sequence import sequence
 from twin.commands.study import study
-from twin.commands.validate import schema, validate
+from twin.commands.validate import check, schema, validate
 from twin.commands.verify import verify
 from twin.host.guard import FAILED, INTERRUPTED, print_error
 

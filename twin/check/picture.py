@@ -31,6 +31,7 @@ _FIXTURE, _FIXTURE_EDGE, _GOAL = "#dfe3e8", "#a7afb9", "#5b6470"
 _AXES = ("#d62728", "#2ca02c", "#1f4fd6")
 _FIXTURE_NAME = "#6b7480"
 _NAME_SIZE = 6
+_MOST_ASIDE = 12
 _SAMPLES = 1500
 
 _CAPTION = (
@@ -238,29 +239,40 @@ def _draw_robots(
 def _draw_names(
     area: Axes, view: _View, subject: Subject, metres_per_point: float
 ) -> None:
-    """Write names of fixtures and objects where there is room for them, objects first."""
+    """Write names of objects and fixtures where there is room for them, small things first."""
     cell = subject.cell
     named = [
-        (o.name, o.start, INK, float(np.max(o.size)))
+        (o.name, _placed(o.body.vertices, o.start), INK)
         for o in cell.objects
         if not o.later
     ]
-    named += [
-        (f.name, f.pose, _FIXTURE_NAME, np.inf)
+    fixtures = [
+        (f.name, _placed(f.body.vertices, f.pose), _FIXTURE_NAME)
         for f in cell.fixtures
         if f.name in subject.own_fixtures
     ]
+    named += sorted(fixtures, key=lambda entry: float(np.ptp(entry[1], axis=0).max()))
+    if view.eye != 2 and len(named) > _MOST_ASIDE:
+        return  # they stand behind each other
     taken: list[tuple[float, float, float]] = []
-    for name, pose, colour, long in named:
-        x, y = float(pose[view.right, 3]), float(pose[view.up, 3])
+    high = 1.4 * _NAME_SIZE * metres_per_point
+    for name, corners, colour in named:
+        flat = corners[:, [view.right, view.up]]
+        low, top = flat.min(axis=0), flat.max(axis=0)
         half = 0.3 * _NAME_SIZE * len(name) * metres_per_point
-        high = 1.4 * _NAME_SIZE * metres_per_point
-        if half > long:  # it would hide what it names
+        if 0.5 * half > float((top - low).max()):  # it would hide what it names
             continue
-        if any(abs(x - u) < half + w and abs(y - v) < high for u, v, w in taken):
-            continue
-        taken.append((x, y, half))
-        _label(area, (x, y), name, colour, _NAME_SIZE)
+        places = [0.5 * (low + top)]
+        if colour == _FIXTURE_NAME:
+            inset = np.array([1.2 * half, high])
+            places += [low + inset, top - inset]
+        for x, y in places:
+            if not any(
+                abs(x - u) < half + w and abs(y - v) < high for u, v, w in taken
+            ):
+                taken.append((float(x), float(y), half))
+                _label(area, (float(x), float(y)), name, colour, _NAME_SIZE)
+                break
 
 
 def _label(
@@ -281,7 +293,7 @@ def _label(
         fontweight="bold" if bold else "normal",
         ha="center",
         va="center",
-        zorder=6,
+        zorder=7 if bold else 6,
         clip_on=True,
         bbox={"facecolor": "white", "edgecolor": FRAME, "alpha": 0.75, "pad": 1.0}
         if bold

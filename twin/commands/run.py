@@ -89,9 +89,8 @@ def run(
     quiet: Quiet = False,
 ) -> int:
     """Plan a scenario, execute it in the twin, check it, and show the figures."""
-    from twin.host.atomic import write_json
     from twin.host.progress import StageDisplay, compilation_shown
-    from twin.run.folder import CHECK, run_folder
+    from twin.run.folder import run_folder
 
     base = scenario.parent
     given = {"policy": policy, "stalls.count_per_robot": stalls}

@@ -1,13 +1,14 @@
-"""``twin validate`` and ``twin schema``: check scenario files, and say what they may hold."""
+"""``twin validate``, ``twin check`` and ``twin schema``: files, the cells in them, and what they may hold."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from planning.errors import ScenarioError
+from twin.commands.options import AsJson, Quiet, ScenarioFile
 from twin.host.guard import (
     BAD_INPUT,
     COMPLETED,
@@ -17,10 +18,17 @@ from twin.host.guard import (
     print_json,
 )
 
+if TYPE_CHECKING:
+    from twin.check.check import CheckReport
+
 Files = Annotated[list[Path], typer.Argument(help="Scenario files.", metavar="FILE...")]
 Resolved = Annotated[
     bool,
     typer.Option("--resolved", help="Print each scenario with all defaults, as JSON."),
+]
+Picture = Annotated[
+    Path | None,
+    typer.Option("--out", help="Folder for the picture cell.png.", metavar="DIR"),
 ]
 
 
@@ -48,6 +56,49 @@ def validate(files: Files, resolved: Resolved = False) -> int:
                 f"{assembly.supply()})"
             )
     return code
+
+
+@guarded
+def check(
+    scenario: ScenarioFile,
+    out: Picture = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Check a cell before planning: overlaps, reach, HOME, grippers, tool frames and speeds.
+
+    Errors make every plan impossible or false and end with code 2; warnings do not.
+    """
+    from twin.check.check import check_scenario
+    from twin.scenario.file import read_scenario
+
+    loaded, document = read_scenario(scenario)
+    report = check_scenario(loaded, document, scenario.parent)
+    picture = None
+    if out is not None:
+        from twin.check.picture import draw_cell
+
+        picture = draw_cell(report.subject, out)
+    if as_json:
+        drawn = None if picture is None else str(picture)
+        print_json({**report.content(), "picture": drawn})
+    else:
+        if report.errors or (report.warnings and not quiet):
+            shown = report.errors if quiet else report.findings
+            print_error(report.excerpts(shown).report())
+        if not quiet:
+            typer.echo(f"{scenario}: {verdict(report)}")
+            if picture is not None:
+                typer.echo(f"picture: {picture}")
+    return BAD_INPUT if report.errors else COMPLETED
+
+
+def verdict(report: CheckReport) -> str:
+    """Return in words how many errors and warnings there are."""
+    if not report.findings:
+        return "nothing found"
+    counts = (len(report.errors), "error"), (len(report.warnings), "warning")
+    return ", ".join(f"{n} {word}{'s' * (n != 1)}" for n, word in counts if n)
 
 
 @guarded

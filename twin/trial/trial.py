@@ -131,7 +131,7 @@ def try_plan(
     folder: Path,
     *,
     base: Path = Path(),
-    origin: Origin = Origin(),  # noqa: B008 - frozen
+    origin: Origin = Origin(),
     recording: bool = True,
     audit: bool = True,
     progress: Report = report_nothing,

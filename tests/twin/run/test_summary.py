@@ -38,6 +38,7 @@ def test_figures_of_a_small_run() -> None:
         "type2_edges": 1,
         "planning_s": {"motion": 0.5},
         "audit": None,
+        "warnings": [],
     }
     assert json.loads(json.dumps(summary)) == summary
 

@@ -14,7 +14,7 @@ from twin.planning.pipeline import Planned, plan_scenario
 from twin.scenario.document.problems import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
-from twin.trial.trial import try_plan
+from twin.trial.trial import Origin, try_plan
 
 FOLDER = Path(__file__).parents[3] / "scenarios" / "multi_arm"
 NAMES = ("rearrangement", "multi_goal")
@@ -49,7 +49,7 @@ def test_stalled_runs_are_clean(
     content["execution"]["policy"] = policy
     content["execution"]["stalls"]["count_per_robot"] = 2
     changed = type(scenario).model_validate(content, strict=False)
-    trial = try_plan(changed, plan.tpg, tmp_path, planned=plan, recording=False)
+    trial = try_plan(changed, plan.tpg, tmp_path, origin=Origin(plan), recording=False)
     assert trial.passed
     assert trial.summary["makespan_s"] < trial.summary["makespan_sequential_s"]
     if policy == "synchronous":
