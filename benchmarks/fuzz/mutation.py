@@ -111,6 +111,9 @@ def mutate_array(values: npt.NDArray[Any], rng: random.Random) -> npt.NDArray[An
             entry = rng.choice(
                 (np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-300, 1e6, -1.0, 0.0)
             )
+        limits = np.iinfo(out.dtype) if out.dtype.kind in "iu" else None
+        if limits is not None:
+            entry = min(max(entry, limits.min), limits.max)
         if rng.random() < 0.2:
             flat[:] = entry
         else:

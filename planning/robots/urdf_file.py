@@ -119,6 +119,7 @@ def read_urdf(
     if not root.findall("joint"):
         raise RobotModelError(f"{path} has no joints")
     dirs = (path.parent, *package_dirs, *list(path.resolve().parents)[1:3])
+    _check_numbers(root, path)
     _check_meshes(root, path, dirs)
 
     links = {_attribute(e, "name", path) for e in root.findall("link")}
@@ -170,6 +171,50 @@ def _reject_xacro(root: ElementTree.Element, path: Path) -> None:
                 f"{path} still holds xacro macros; expand it to plain URDF first "
                 "(xacro robot.urdf.xacro > robot.urdf)"
             )
+
+
+# What a link may measure and how far from its joint it may be [m], [rad]: libraries crash,
+# or never end, on bodies of 1e300 m and of no size at all.
+_SIZES = {
+    "size": (1e-6, 1000.0, 3),
+    "radius": (1e-6, 1000.0, 1),
+    "length": (1e-6, 1000.0, 1),
+    "scale": (1e-9, 1e6, 3),
+}
+_PLACES = {"xyz": (0.0, 1000.0, 3), "rpy": (0.0, 1e4, 3)}
+
+
+def _check_numbers(root: ElementTree.Element, path: Path) -> None:
+    """Require every number of the geometry to be one, and of a magnitude that bodies have."""
+    for joint in root.findall("joint"):
+        _check_values(joint.find("origin"), _PLACES, path)
+        _check_values(joint.find("axis"), _PLACES, path)
+    for body in root.findall(".//collision"):
+        _check_values(body.find("origin"), _PLACES, path)
+        for shape in body.findall("geometry/*"):
+            _check_values(shape, _SIZES, path)
+
+
+def _check_values(
+    element: ElementTree.Element | None,
+    ranges: Mapping[str, tuple[float, float, int]],
+    path: Path,
+) -> None:
+    if element is None:
+        return
+    for key in sorted(ranges.keys() & set(element.keys())):
+        least, most, count = ranges[key]
+        where, text = f"{path}: {key} of a <{element.tag}>", element.get(key, "")
+        values = [_number(part, where) for part in text.split()]
+        if len(values) != count:
+            raise RobotModelError(f"{where} must be {count} numbers, is {text[:60]!r}")
+        for value in values:
+            # A mirrored mesh has a negative scale.
+            size = abs(value) if key in ("scale", "xyz", "rpy") else value
+            if not least <= size <= most:
+                raise RobotModelError(
+                    f"{where} must be {least:g} to {most:g}, is {value:g}"
+                )
 
 
 def _check_meshes(

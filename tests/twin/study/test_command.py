@@ -185,3 +185,57 @@ def test_a_deadline_that_nothing_can_meet_is_refused(
     code, output = _twin("study", "--resume", folder, "--workers", "0")
     assert code == 2
     assert "a deadline of 5 s is impossible" in " ".join(output.split())
+
+
+def test_damaged_and_stray_blocks_are_set_aside_and_computed_anew(
+    study: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "damaged"
+    shutil.copytree(study, folder)
+    for name in (*TABLES, "report.html"):
+        (folder / name).unlink()
+    blocks = sorted((folder / "blocks").glob("*.npz"))
+    content = [path.read_bytes() for path in blocks]
+    blocks[0].write_bytes(content[0][: len(content[0]) // 2])  # torn
+    blocks[1].write_bytes(content[2])  # another block's
+    middle = len(content[3]) // 2
+    flipped = bytes(255 - byte for byte in content[3][middle : middle + 40])
+    blocks[3].write_bytes(content[3][:middle] + flipped + content[3][middle + 40 :])
+    stray = folder / "blocks" / "0-3000-500.npz"
+    stray.write_bytes(content[0])
+    said = subprocess.run(
+        [
+            *(sys.executable, "-m", "twin.cli", "study"),
+            *("--resume", str(folder), "--workers", "0", "-q"),
+        ],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stderr
+    for path in (blocks[0], blocks[1], blocks[3]):
+        assert f"{path}: is no block of a study" in said
+    assert "is no block of this study and counts for nothing" in said
+    assert not stray.exists()
+    assert len(list((folder / "blocks" / "set-aside").iterdir())) == 4
+    for name in TABLES:
+        assert (folder / name).read_bytes() == (study / name).read_bytes(), name
+
+
+def test_a_study_of_something_else_is_not_gone_on_with(
+    study: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "other"
+    shutil.copytree(study, folder)
+    path = folder / "manifest.json"
+    manifest = json.loads(path.read_text())
+    path.write_text(json.dumps({**manifest, "versions": {"numpy": "0.1"}}))
+    code, said = _twin("study", "--resume", folder, "-q")
+    assert code == 2
+    assert "numpy was 0.1 and is" in said
+    changed = json.loads(json.dumps(manifest))
+    changed["scenario"]["execution"]["stalls"]["rate_per_h"] = 10.0
+    path.write_text(json.dumps(changed))
+    code, said = _twin("study", "--resume", folder, "-q")
+    assert code == 2
+    assert "is not the one of scenario_sha256" in said

@@ -5,8 +5,9 @@ A file is whole or not there: what a killed study goes on from.
 
 from __future__ import annotations
 
+import hashlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
@@ -43,6 +44,7 @@ KEPT = 500
 
 _LARGEST = 1 << 30  # bytes of a block: some thousand times the largest one
 
+_SEAL = "made_from_and_sha256"
 _NAME = re.compile(r"(\d+)-(\d+)-(\d+)\.npz")
 _TEXTS = ("outcome", "error")
 _ROWS = ("replication", "makespan_ns", "busy_ns", "waited_ns")
@@ -224,7 +226,8 @@ def write_block(folder: Path, result: BlockResult, made_from: str = "") -> None:
     arrays: dict[str, Any] = {**vars(result.rows), **vars(result.tally)}
     arrays |= {name: arrays[name].astype(str) for name in _TEXTS}
     arrays["robots"] = np.array(result.rows.robots, dtype=str)
-    arrays["made_from"] = np.array([made_from, str(block.cell)])
+    arrays = {name: np.asarray(values) for name, values in arrays.items()}
+    arrays[_SEAL] = np.array([made_from, _digest(arrays, block, made_from)])
     with replacing(_path(folder, block)) as temporary:
         np.savez_compressed(temporary, **arrays)
 
@@ -243,6 +246,9 @@ def read_block(folder: Path, block: Block, made_from: str | None = None) -> Bloc
     path = _path(folder, block)
     try:
         arrays = read_npz(read_file(path, _LARGEST), kinds="iU", most=_LARGEST)
+        origin, digest = arrays.pop(_SEAL).tolist()
+        if digest != _digest(arrays, block, origin):
+            raise ValueError("its content is not what was written, or of another block")
         rows = ReplicationRows(
             **{name: arrays[name] for name in _ROWS},
             **{name: arrays[name].astype(object) for name in _TEXTS},
@@ -252,37 +258,24 @@ def read_block(folder: Path, block: Block, made_from: str | None = None) -> Bloc
         tally = TaskTally(
             int(arrays["count"]), **{name: arrays[name] for name in _TALLY}
         )
-        origin, cell = arrays["made_from"].tolist()
-        _check_shapes(block, rows, tally)
     except NPZ_ERRORS as error:
         raise OutputError(f"{path}: is no block of a study: {error}") from error
-    if cell != str(block.cell) or made_from not in (None, origin):
+    if made_from not in (None, origin):
         raise OutputError(
             f"{path}: was made from another scenario, plan, policy, variant or version of a package"
         )
     return BlockResult(block, rows, tally)
 
 
-def _check_shapes(block: Block, rows: ReplicationRows, tally: TaskTally) -> None:
-    """Require rows and sums to belong to a block, with a ValueError."""
-    count, robots, tasks = block.count, len(rows.robots), len(tally.critical)
-    expected = {
-        (count,): (rows.replication, rows.makespan_ns, rows.outcome, rows.error),
-        (robots, count): (rows.busy_ns,),
-        (len(WAIT_COLUMNS), count): (rows.waited_ns,),
-        (tasks,): (tally.critical, tally.slack_ns),
-        (len(tally.start_ns), tasks): (tally.start_ns, tally.end_ns),
-    }
-    for shape, group in expected.items():
-        for values in group:
-            if values.shape != shape or values.dtype not in (np.int64, object):
-                raise ValueError(f"{values.dtype} of shape {values.shape} for {shape}")
-    if (
-        len(tally.start_ns) > count
-        or rows.replication.tolist() != list(block.replications)
-        or tally.count > count
-    ):
-        raise ValueError("other replications")
+def _digest(
+    arrays: Mapping[str, npt.NDArray[Any]], block: Block, made_from: str
+) -> str:
+    """Return a hash of what a block holds, which it is, and what it was made from."""
+    digest = hashlib.sha256(f"{block} {made_from}".encode())
+    for name in sorted(arrays):
+        digest.update(f" {name} {arrays[name].dtype} {arrays[name].shape} ".encode())
+        digest.update(np.ascontiguousarray(arrays[name]).tobytes())
+    return digest.hexdigest()
 
 
 def put_aside(folder: Path, block: Block) -> Path:

@@ -1,0 +1,43 @@
+"""Whatever bytes a command is given, it ends in a sentence: a few hundred mutated files of each kind.
+
+``python -m benchmarks.fuzz`` tries many more of them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.fuzz.targets import TARGETS
+from benchmarks.fuzz.worker import Worker
+
+CASES = {
+    "scenarios": 500,
+    "plans": 30,
+    "logs": 60,
+    "blocks": 10,
+    "urdfs": 60,
+    "csvs": 40,
+    "tasks": 40,
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_mutated_files_end_in_a_sentence(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(Path(__file__).parents[2])
+    target, _ = TARGETS[name]
+    worker = Worker(target(tmp_path, 1))
+    endings = [worker.run(case) for case in range(CASES[name])]
+    worker.stop()
+    bad = {
+        ending.case: f"{ending.bad}: {ending.said[-500:]}"
+        for ending in endings
+        if ending.bad
+    }
+    assert not bad
+    # The mutations are neither all harmless nor all fatal.
+    codes = {ending.code for ending in endings}
+    assert len(codes) > 1 or name == "blocks"
