@@ -24,13 +24,20 @@ class L1Speed:
 
     Attributes:
         speed: sum of joint travels per second [rad/s].
+        velocity: joint speed limits that no joint exceeds, shape (n,), None for none; a motion
+            takes as long as the slowest joint needs where that is longer [rad/s or m/s].
     """
 
     speed: float = 1.0
+    velocity: Array | None = None
 
     def duration(self, q_a: Array, q_b: Array) -> float:
-        """Return the L1 joint distance over the speed [s]."""
-        return float(np.sum(np.abs(q_b - q_a))) / self.speed
+        """Return the L1 joint distance over the speed, or what a limit makes it [s]."""
+        travel = np.abs(q_b - q_a)
+        seconds = float(np.sum(travel)) / self.speed
+        if self.velocity is None:
+            return seconds
+        return max(seconds, float(np.max(travel / self.velocity)))
 
 
 @dataclass(frozen=True)

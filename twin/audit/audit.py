@@ -8,8 +8,9 @@ only names, files, sizes and first poses are read: no hull, no capsule, no kinem
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from pathlib import Path
 
@@ -19,36 +20,21 @@ from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.accepted_overlaps import ContactRule
 from twin.audit.bullet_world import AuditWorld, overlapping_at_home
+from twin.audit.edge_order import edge_violations, logged_spans, moved_spans
 from twin.audit.executed import Recording, read_recording
+from twin.audit.joint_checks import joint_violations
 from twin.audit.pairs import gaps
 from twin.audit.sampling import Stretch, stretches, travel
+from twin.audit.violation import Violation
 from twin.host.progress import Report, report_nothing
 
 JUMP = 0.001
 """An object may move this far when it changes hands [m]."""
 
+_EVENTS = "events.jsonl"
+
 AUDIT = "audit"
 """Name of the stage for progress displays."""
-
-
-@dataclass(frozen=True)
-class Violation:
-    """Two things overlapped, or an object jumped, though nothing allows it.
-
-    Attributes:
-        t_start, t_end: first and last sample at which it was seen [s].
-        first, second: entities, such as ``"left/arm"``, ``"right/tool"``, ``"b3"``, ``"plate"``;
-            ``second`` is ``"jump"`` for an object that is not where it was when it changes hands.
-        depth_m: greatest overlap; for a jump its length; 0 for robots that just touch [m].
-        detail: the links that overlapped most.
-    """
-
-    t_start: float
-    t_end: float
-    first: str
-    second: str
-    depth_m: float
-    detail: str = ""
 
 
 @dataclass(frozen=True)
@@ -67,19 +53,30 @@ class AuditReport:
     violations: tuple[Violation, ...]
 
 
-def audit_run(folder: Path, progress: Report = report_nothing) -> AuditReport:
+def audit_run(
+    folder: Path, progress: Report = report_nothing, *, ordered: bool = True
+) -> AuditReport:
     """Audit a run that was written to a folder.
 
     Args:
-        folder: with ``plan.npz``, ``plan.json``, ``trajectory.parquet``, ``objects.parquet``.
+        folder: with ``plan.npz``, ``plan.json``, ``trajectory.parquet``, ``objects.parquet``;
+            ``events.jsonl`` is looked at where it is there.
         progress: told how far the audit has come.
+        ordered: whether the run had to keep the plan's type-2 edges, as all policies but
+            open-loop do.
 
     Raises:
         OutputError: a file is missing or does not fit the others.
     """
     tpg = load_plan(folder)
     with Auditor(tpg) as auditor:
-        return auditor.audit(read_recording(folder, tpg.cell), progress)
+        report = auditor.audit(
+            read_recording(folder, tpg.cell), progress, ordered=ordered
+        )
+    if not (ordered and (folder / _EVENTS).exists()):
+        return report
+    logged = edge_violations(tpg, logged_spans(tpg, folder / _EVENTS), _EVENTS)
+    return replace(report, violations=_by_time([*report.violations, *logged]))
 
 
 class Auditor(AbstractContextManager["Auditor"]):
@@ -104,6 +101,7 @@ class Auditor(AbstractContextManager["Auditor"]):
         progress: Report = report_nothing,
         *,
         within: float = math.inf,
+        ordered: bool = True,
     ) -> AuditReport:
         """Audit an execution.
 
@@ -115,13 +113,18 @@ class Auditor(AbstractContextManager["Auditor"]):
             progress: told how far the audit has come.
             within: robots further apart than this are not measured; the least distance in the
                 report is at most this [m].
+            ordered: whether type-2 edges had to be kept.
         """
         rule = ContactRule(self._tpg, recording)
         watch = _Watch(self._world, rule, self._exempt, within)
         for stretch in stretches(self._world, recording):
             watch.look(stretch)
             progress(AUDIT, float(stretch.t[-1]), recording.end)
-        return watch.report()
+        found = list(joint_violations(recording.robots, self._world.limits))
+        if ordered:
+            moved = moved_spans(self._tpg, recording.robots)
+            found += edge_violations(self._tpg, moved, "trajectory.parquet")
+        return watch.report(found)
 
 
 class _Watch:
@@ -192,16 +195,21 @@ class _Watch:
             ends = np.stack([old, tracks[1][box.name].pose(0)])
             jump = float(travel(ends[:, :3, :3], ends[:, :3, 3], shape.radius)[0])
             if jump > JUMP:
-                self._jumped.append(Violation(t, t, box.name, "jump", jump))
+                self._jumped.append(
+                    Violation(t, t, box.name, "jump", jump, kind="jump")
+                )
 
-    def report(self) -> AuditReport:
-        """Return everything seen so far."""
-        found = list(self._jumped)
+    def report(self, besides: Sequence[Violation] = ()) -> AuditReport:
+        """Return everything seen so far, and what was found besides."""
+        found = [*besides, *self._jumped]
         for pair, seen in self._overlaps.items():
             numbers = np.array(sorted(seen))
             for run in np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1):
                 rows = [seen[number] for number in run.tolist()]
                 _, depth, detail = max(rows, key=itemgetter(1))
                 found.append(Violation(rows[0][0], rows[-1][0], *pair, depth, detail))
-        found.sort(key=lambda v: (v.t_start, v.first, v.second))
-        return AuditReport(self._configurations, self._least, tuple(found))
+        return AuditReport(self._configurations, self._least, _by_time(found))
+
+
+def _by_time(found: Iterable[Violation]) -> tuple[Violation, ...]:
+    return tuple(sorted(found, key=lambda v: (v.t_start, v.first, v.second)))

@@ -22,6 +22,7 @@ from planning.errors import RobotModelError
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform, quat_wxyz
 from twin.audit.exact_urdf import one_shape_a_link
+from twin.audit.joint_checks import JointLimits
 from twin.host.silence import silenced
 
 with silenced():  # it greets on standard error
@@ -69,6 +70,7 @@ class AuditWorld:
         robot_shapes: all shapes of all robots.
         fixtures: one shape a fixture.
         objects: one shape an object, in the order of the cell.
+        limits: what the joints of each robot allow.
     """
 
     def __init__(self, cell: Workcell) -> None:
@@ -80,6 +82,7 @@ class AuditWorld:
         self._bodies: list[int] = []
         self._moved: list[list[int]] = []
         self.robot_shapes: list[Shape] = []
+        self.limits: dict[str, JointLimits] = {}
         for index, robot in enumerate(cell.robots):
             self._load(index, robot)
         self.fixtures = [self._box(f.name, f.size, f.pose) for f in cell.fixtures]
@@ -110,6 +113,7 @@ class AuditWorld:
         moved = [joints[name] for name in model.joint_names]
         self._bodies.append(body)
         self._moved.append(moved)
+        self.limits[robot.name] = self._limits(body, moved, model.name)
         entry = ROBOTS.get(model.name)
         for name, value in (entry.frozen if entry else {}).items():
             self._bullet.resetJointState(body, joints[name], value)
@@ -136,6 +140,23 @@ class AuditWorld:
                 entity, detail, body, link, index, joint, centre, radius, shape.margin
             )
             self.robot_shapes.append(watched)
+
+    def _limits(self, body: int, moved: list[int], model: str) -> JointLimits:
+        """Return the limits that the URDF gives the joints, or the registry in its place."""
+        infos = [self._bullet.getJointInfo(body, j) for j in moved]
+        lower, upper, speed = np.array([(i[8], i[9], i[11]) for i in infos]).T
+        # Bullet says of a continuous joint that its range is empty.
+        free = lower > upper
+        entry = ROBOTS.get(model)
+        if entry and entry.velocity is not None:
+            speed = np.asarray(entry.velocity, dtype=float)
+        return JointLimits(
+            tuple(info[1].decode() for info in infos),
+            np.where(free, -np.inf, lower),
+            np.where(free, np.inf, upper),
+            speed,
+            tuple("m" if i[2] == pybullet.JOINT_PRISMATIC else "rad" for i in infos),
+        )
 
     def _urdf_body(self, text: str, base: Transform) -> int:
         """Load a description, fixed at a pose; return Bullet's number for it."""

@@ -57,10 +57,14 @@ def verify(
         for problem in report.problems:
             typer.echo(problem.message)
         for state, violation in standing.violations if standing else ():
+            what = f"{violation.first} and {violation.second} overlap by "
+            what += f"{1000 * violation.depth_m:.2f} mm"
+            if violation.kind != "contact":
+                what = f"{violation.kind} of {violation.first}: {violation.second} "
+                what += violation.detail
             typer.echo(
                 f"if {state.robot} stops {'after' if state.at_end else 'before'} the motion of "
-                f"node {state.node}: {violation.first} and {violation.second} overlap by "
-                f"{1000 * violation.depth_m:.2f} mm"
+                f"node {state.node}: {what}"
             )
         verdict = "safe for any delays" if ok else "not safe"
         stops = f", {standing.states} standing states audited" if standing else ""

@@ -129,6 +129,7 @@ class Simulator:
                 for k, node in enumerate(failed)
                 if node >= 0
             ),
+            raised_skills=times.raised,
         )
         if outcome == "failed" and not execution.failed:
             raise DeadlockError(execution.deadlock(), run)

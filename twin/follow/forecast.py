@@ -27,6 +27,7 @@ from twin.engine.bulk.policy_graph import policy_graph
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.follow.state import FollowedRun, RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
+from twin.uncertainty.least_durations import least_ns
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, Standstill
 
 SAMPLES = 200
@@ -95,6 +96,7 @@ class Forecaster:
             self._messages = model.messages._replace(queue_depth=1)
         self._durations = model.durations
         self._disturbances = model.disturbances
+        self._least = least_ns(tpg)
         nodes = len(self._graph.order)
         fits = max(_FEWEST, _MOST_VALUES // max(nodes, 1))
         self._samples = max(1, min(samples, fits))
@@ -200,7 +202,8 @@ class Forecaster:
             return None
         u = self._uniforms(chain.robot, task.index, task.kind, "duration")
         seconds = conditional_quantiles(model, worked / NANOSECONDS / share, u)
-        return to_nanoseconds(seconds * share)
+        least = int(self._least[k][node])
+        return np.asarray(np.maximum(to_nanoseconds(seconds * share), least))
 
     def _retries(self, k: int, robot: RobotProgress, node: int) -> Nanoseconds:
         """Return what further attempts at the skill under way will cost [ns]."""

@@ -246,4 +246,7 @@ def _speeds(scenario: Scenario, cell: Workcell) -> dict[str, SpeedModel]:
     at_once = assembly_kind(scenario.assembly).at_once
     if section.speed_model == "joint" or at_once:
         return {robot.name: JointSpeed(robot.model.velocity) for robot in cell.robots}
-    return {robot.name: L1Speed(section.speed_rad_s) for robot in cell.robots}
+    return {
+        robot.name: L1Speed(section.speed_rad_s, robot.model.velocity)
+        for robot in cell.robots
+    }

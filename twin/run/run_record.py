@@ -53,6 +53,8 @@ class Run:
             start and end, without overlaps, one entry a chain [ns]. Node times include this.
         failed_nodes: the node at which each robot failed for good, -1 for none.
         failure: what failed, for people; empty when nothing did.
+        raised_skills: number of skills that were drawn shorter than their joints' speed limits
+            allow, and took what these allow.
     """
 
     outcome: Outcome
@@ -68,6 +70,7 @@ class Run:
     halts_ns: tuple[tuple[tuple[int, int], ...], ...]
     failed_nodes: tuple[int, ...]
     failure: str
+    raised_skills: int = 0
 
     @property
     def makespan_s(self) -> float:

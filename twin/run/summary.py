@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -60,6 +61,7 @@ def summarise(
         "stall_s": seconds(run.stalled_ns),
         "stopped_s": seconds(lambda k: run.halted_ns(k, run.makespan_ns)),
         "failure": run.failure or None,
+        "raised_skills": run.raised_skills,
         "nodes": sum(len(chain) for chain in tpg.chains),
         "type2_edges": len(tpg.edges),
         "planning_s": dict(planning_s or {}),
@@ -83,6 +85,14 @@ def lower_bound_s(tpg: TemporalPlanGraph, run: Run) -> float:
 
 
 _MOST_VIOLATIONS = 10
+
+_MILLIMETRES = {
+    "contact": "deep",
+    "jump": "far",
+    "grip": "away",
+    "floating": "above anything",
+}
+"""What the depth of a violation of a kind is; other kinds have none."""
 
 _STAGES = {
     "sequence": "which brick when",
@@ -117,9 +127,13 @@ def print_summary(
     console.print(table)
     audit = summary["audit"]
     for entry in (audit or {}).get("violations", [])[:_MOST_VIOLATIONS]:
+        millimetres = _MILLIMETRES.get(entry["kind"])
+        length = (
+            f"{1000 * entry['depth_m']:.2f} mm {millimetres}, " if millimetres else ""
+        )
         console.print(
-            f"[red]{entry['first']} - {entry['second']}[/red]: {1000 * entry['depth_m']:.2f} mm "
-            f"deep, from {entry['t_start']:.3f} s to {entry['t_end']:.3f} s {entry['detail']}",
+            f"[red]{entry['kind']}: {entry['first']} - {entry['second']}[/red]: {length}"
+            f"from {entry['t_start']:.3f} s to {entry['t_end']:.3f} s {entry['detail']}",
             soft_wrap=True,
         )
     for warning in summary.get("warnings", ()):
@@ -144,6 +158,10 @@ def summary_rows(
     for robot, seconds in summary["wait_s"].items():
         share = f"{100 * seconds / makespan:.1f} % of the time" if makespan > 0 else ""
         rows.append((f"wait of {robot}", f"{seconds:.2f} s", share))
+    if summary.get("raised_skills"):
+        rows.append(
+            ("raised skills", str(summary["raised_skills"]), "to their joints' limits")
+        )
     rows.append(("nodes", str(summary["nodes"]), ""))
     rows.append(("type-2 edges", str(summary["type2_edges"]), ""))
     for stage, seconds in summary["planning_s"].items():
@@ -178,5 +196,7 @@ def _audit_row(audit: Mapping[str, Any] | None) -> tuple[str, str, str]:
     remark = f"{audit['configurations']} configurations"
     if least is not None:
         remark += f", robots at least {1000 * least:.1f} mm apart"
-    verdict = "clean" if count == 0 else f"{count} violations"
+    kinds = Counter(entry["kind"] for entry in audit["violations"])
+    by_kind = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
+    verdict = "clean" if count == 0 else f"{count} violations ({by_kind})"
     return ("audit", verdict, remark)

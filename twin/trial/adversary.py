@@ -15,8 +15,9 @@ import numpy as np
 
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.audit import Auditor, Violation
+from twin.audit.audit import Auditor
 from twin.audit.executed import ObjectRow, Recording, RobotRows
+from twin.audit.violation import Violation
 from twin.host.progress import Report, report_nothing
 
 STOPPING = "robots that stop"
@@ -119,7 +120,9 @@ def audit_standing_states(
     least, found = math.inf, []
     with Auditor(tpg) as auditor:
         for k, state in enumerate(states):
-            report = auditor.audit(standing_recording(tpg, state), within=least)
+            report = auditor.audit(
+                standing_recording(tpg, state), within=least, ordered=False
+            )
             least = report.min_distance_m
             found += [(state, violation) for violation in report.violations]
             progress(STOPPING, k + 1, len(states))

@@ -224,7 +224,7 @@ def _conclude(
         progress(RECORDS, total, total)
     completed = run.outcome == "completed"
     ended = run.outcome != "aborted"
-    audit = _audit(folder, progress) if about.audit and ended else None
+    audit = _audit(folder, run, progress) if about.audit and ended else None
     summary = summarise(
         tpg,
         run,
@@ -273,10 +273,10 @@ def execute(
     return Simulator(tpg, model).run(seed=scenario.seed, recorders=recorders)
 
 
-def _audit(folder: Path, progress: Report) -> dict[str, Any]:
+def _audit(folder: Path, run: Run, progress: Report) -> dict[str, Any]:
     from twin.audit.audit import audit_run
 
-    report = audit_run(folder, progress)
+    report = audit_run(folder, progress, ordered=run.policy != "open-loop")
     return {
         "configurations": report.configurations,
         "min_distance_m": finite(report.min_distance_m),

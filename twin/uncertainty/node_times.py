@@ -21,7 +21,8 @@ from twin.uncertainty.chain_draws import Cause, ChainDraws, Standstills, TaskNod
 from twin.uncertainty.contraction import Contraction
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.halts import Halts, sample_halts
-from twin.uncertainty.skill_durations import SkillDurations
+from twin.uncertainty.least_durations import least_ns
+from twin.uncertainty.skill_durations import SkillDurations, nominal_ns
 
 _MOST_VALUES = 4_000_000
 
@@ -54,6 +55,7 @@ class NodeTimes:
         failed: the first node whose task fails for good, -1 for none. It never moves and is
             never complete: it has failed when its standstills are over.
         halts: stops at times of the run's clock, None when nobody can ever stop.
+        raised: skills that were drawn shorter than their joints' speed limits allow.
     """
 
     motion: tuple[Nanoseconds, ...]
@@ -61,6 +63,7 @@ class NodeTimes:
     standstills: tuple[tuple[Standstill, ...], ...]
     failed: tuple[int, ...]
     halts: tuple[Halts, ...] | None = None
+    raised: int = 0
 
     @cached_property
     def busy(self) -> tuple[Nanoseconds, ...]:
@@ -120,6 +123,13 @@ class NodeTimeSampler:
         self._skills = durations.bind(tpg)
         self._disturbances = disturbances
         self._chains = [TaskNodes(tpg, chain) for chain in tpg.chains]
+        # A transit that is drawn quicker than planned stays within its joints' speed limits.
+        self._floor = [
+            np.where(chain.skill, 0, np.minimum(least, nominal))
+            for chain, least, nominal in zip(
+                tpg.chains, least_ns(tpg), nominal_ns(tpg), strict=True
+            )
+        ]
         nodes = max((len(chain) for chain in tpg.chains), default=1)
         self._most_replications = max(_MOST_VALUES // max(nodes, 1), 1)
 
@@ -147,7 +157,12 @@ class NodeTimeSampler:
             self._tpg, self._disturbances, seed=seed, replication=replication
         )
         return NodeTimes(
-            tuple(moves), tuple(stalls), tuple(stands), tuple(fails), halts
+            tuple(moves),
+            tuple(stalls),
+            tuple(stands),
+            tuple(fails),
+            halts,
+            self._skills.raised(seed=seed, replication=replication),
         )
 
     def sample_segments(
@@ -186,9 +201,9 @@ class NodeTimeSampler:
     ) -> Iterator[tuple[Nanoseconds, list[Standstills], Indices]]:
         """Yield motion, standstills, and the nodes that fail for good, of each robot."""
         planned = self._skills.durations(seed=seed, replications=numbers)
-        for tasks, own in zip(self._chains, planned, strict=True):
+        for tasks, own, floor in zip(self._chains, planned, self._floor, strict=True):
             draws = ChainDraws(tasks, seed, numbers, self._disturbances)
-            motion = draws.motion(own)
+            motion = np.maximum(draws.motion(own), floor[:, None])
             found = draws.standstills(motion)
             attempts, failed = draws.failures(motion)
             yield motion, found + attempts, failed

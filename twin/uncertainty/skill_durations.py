@@ -13,6 +13,7 @@ from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import DurationModel, Nanoseconds, SkillOverride, to_nanoseconds
 from twin.uncertainty.draws import uniforms
+from twin.uncertainty.least_durations import least_ns
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,8 @@ class SkillDurations:
     """Duration models of skills; motions take their nominal time.
 
     A duration belongs to the task, not to the run: the same task has the same draw under every
-    policy and however its nodes were cut.
+    policy and however its nodes were cut. A draw that is shorter than the reference path takes
+    at the joints' speed limits is raised to that.
 
     Attributes:
         models: duration model of each skill; a skill without one keeps its nominal duration.
@@ -59,6 +61,7 @@ class SkillDurations:
             parts = np.split(nodes, first)[1:]
             for task, own in zip(tasks.tolist(), parts, strict=True):
                 place[task] = (k, own, chain.duration[own])
+        least = least_ns(tpg)
         varying: list[int] = []
         groups: dict[DurationModel, list[int]] = {}
         for index in sorted(place):
@@ -78,6 +81,13 @@ class SkillDurations:
                 for model, rows in groups.items()
             ),
             nodes=tuple(place[index] for index in varying),
+            least=np.array(
+                [
+                    _least_total(least[k][own], w)
+                    for k, own, w in (place[index] for index in varying)
+                ],
+                dtype=np.int64,
+            ),
             antithetic=self.antithetic,
         )
 
@@ -93,6 +103,8 @@ class SkillDraws:
         skills: skill of each of them.
         groups: each model, and the positions in ``tasks`` that draw from it.
         nodes: chain, skill nodes and their nominal durations [s] of each of the tasks.
+        least: the duration of each of the tasks that its joints' speed limits allow; what is
+            drawn shorter is raised to it, shape (s,) [ns].
         antithetic: replications 2k and 2k + 1 draw u and 1 - u.
     """
 
@@ -102,14 +114,27 @@ class SkillDraws:
     skills: list[str]
     groups: tuple[tuple[DurationModel, Indices], ...]
     nodes: tuple[tuple[int, Indices, Array], ...]
+    least: Nanoseconds
     antithetic: bool
 
     def totals(self, *, seed: int, replications: npt.ArrayLike) -> Nanoseconds:
         """Return the duration of every task that varies, shape (s, replications) [ns].
 
+        No joint is faster than its limit then.
+
         A task of several skill nodes shares its total among them by
         ``share_duration(total, nominal durations of its skill nodes)``.
         """
+        drawn = self._drawn(seed, replications)
+        return np.maximum(drawn, self.least[:, None])
+
+    def raised(self, *, seed: int, replication: int) -> int:
+        """Return how many skills of a replication were drawn shorter than joints allow."""
+        drawn = self._drawn(seed, [replication])
+        return int(np.count_nonzero(drawn[:, 0] < self.least))
+
+    def _drawn(self, seed: int, replications: npt.ArrayLike) -> Nanoseconds:
+        """Return what the models say, shape (s, replications) [ns]."""
         numbers = np.asarray(replications, dtype=np.int64)
         keys = numbers & ~1 if self.antithetic else numbers
         u = uniforms(seed, keys, self.robots, self.tasks, self.skills, "duration")
@@ -135,6 +160,13 @@ class SkillDraws:
         for total, (chain, nodes, weights) in zip(totals, self.nodes, strict=True):
             out[chain][nodes] = share_duration(total, weights)
         return out
+
+
+def _least_total(least: Nanoseconds, weights: Array) -> int:
+    """Return the least total of which each skill node of a task gets its least share [ns]."""
+    shares = np.diff(cumulative_shares(weights), prepend=0.0)
+    asks = np.divide(least, shares, out=np.zeros(len(shares)), where=shares > 0.0)
+    return int(np.ceil(asks.max(initial=0.0) * (1.0 - 1e-12)))
 
 
 def nominal_ns(tpg: TemporalPlanGraph) -> tuple[Nanoseconds, ...]:

@@ -103,6 +103,8 @@ class HandWrittenRun:
         default_factory=list
     )
 
+    edges: list[tuple[int, int, int, int]] = field(default_factory=list)
+
     def move(self, robot: str, times: Sequence[float], q: Array) -> None:
         """Let a robot pass configurations at times; the k-th row (from 1) ends node k - 1."""
         self.motions[robot] = (np.asarray(times, dtype=float), np.asarray(q))
@@ -138,8 +140,8 @@ class HandWrittenRun:
             self.cell,
             tuple(tasks),
             tuple(chains),
-            np.empty((0, 4), dtype=np.int64),
-            np.empty(0, dtype=np.uint8),
+            np.array(self.edges, dtype=np.int64).reshape(-1, 4),
+            np.zeros(len(self.edges), dtype=np.uint8),
             (),
             tuple(self.allowed),
         )

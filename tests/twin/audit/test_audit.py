@@ -364,6 +364,8 @@ def test_skipping_measurements_changes_nothing(tmp_path: Path, seed: int) -> Non
     expected = {pair: d for pair, d in deepest.items() if d > SLACK}
     seen: dict[tuple[str, str], float] = {}
     for v in report.violations:
+        if v.kind != "contact":  # random motions are quick, and go beyond limits
+            continue
         seen[v.first, v.second] = max(seen.get((v.first, v.second), 0.0), v.depth_m)
     assert seen.keys() == expected.keys()
     assert seen == pytest.approx(expected, abs=1e-6)

@@ -34,6 +34,7 @@ def test_figures_of_a_small_run() -> None:
         "stall_s": {"robot_0": 0.0, "robot_1": 0.0},
         "stopped_s": {"robot_0": 0.0, "robot_1": 0.0},
         "failure": None,
+        "raised_skills": 0,
         "nodes": 6,
         "type2_edges": 1,
         "planning_s": {"motion": 0.5},

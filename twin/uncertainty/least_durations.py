@@ -1,0 +1,49 @@
+"""How quick the nodes of a plan can be at all: no joint moves faster than its limit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planning.cell.robot_model import RobotModel
+from planning.transforms import Array
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from twin.durations import NANOSECONDS, Nanoseconds
+
+_ROUNDING = 1e-9
+"""Share of a duration by which rounding may have lengthened what a path asks for."""
+
+
+def least_seconds(chain: NodeChain, model: RobotModel) -> Array:
+    """Return the least duration of every node that joint speeds allow, shape (nodes,) [s].
+
+    The time of a node passes from waypoint to waypoint as its fractions say; the stretch that
+    is the quickest for its length decides.
+    """
+    before = np.vstack([chain.start[None], chain.waypoints[:-1]])
+    passed = np.concatenate([[0.0], chain.fraction[:-1]])
+    counts = np.diff(chain.first)
+    passed[chain.first[:-1][counts > 0]] = 0.0
+    share = chain.fraction - passed
+    needed = np.max(
+        np.abs(chain.waypoints - before) / model.velocity, axis=1, initial=0.0
+    )
+    # A stretch without time of its own cannot be made slower by a longer node.
+    seconds = np.divide(needed, share, out=np.zeros_like(needed), where=share > 0.0)
+    least = np.zeros(len(chain))
+    np.maximum.at(least, np.repeat(np.arange(len(chain)), counts), seconds)
+    return least
+
+
+def least_ns(tpg: TemporalPlanGraph) -> tuple[Nanoseconds, ...]:
+    """Return the least duration of every node that joint speeds allow, one array a chain [ns].
+
+    It is 0 for a robot that the cell does not describe, as in graphs kept without geometry.
+    """
+    models = {robot.name: robot.model for robot in tpg.cell.robots}
+    out = []
+    for chain in tpg.chains:
+        model = models.get(chain.robot)
+        seconds = np.zeros(len(chain)) if model is None else least_seconds(chain, model)
+        nanoseconds = seconds * NANOSECONDS * (1.0 - _ROUNDING)
+        out.append(np.ceil(nanoseconds).astype(np.int64))
+    return tuple(out)
