@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from planning.errors import OutputError
@@ -30,8 +32,14 @@ def test_a_joint_beyond_its_limit(tmp_path: Path) -> None:
     model = two_arm_cell().robot("left").model
     beyond = model.upper[0] + 0.01
     run = HandWrittenRun(two_arm_cell())
-    run.move("left", [0.0, 5.0, 10.0, 15.0], turning(0, [0.0, beyond, beyond, 0.0]))
-    (found,) = found_in(run, tmp_path)
+    times = [0.0, 5.0, 10.0, 15.0]
+    run.move("left", times, turning(0, [0.0, 0.1, 0.1, 0.0]))
+    folder = run.write(tmp_path)
+    rows = pq.read_table(folder / "trajectory.parquet")
+    q = pa.array([0.0, beyond, beyond, 0.0])
+    rows = rows.set_column(rows.column_names.index("q_0"), "q_0", q)
+    pq.write_table(rows, folder / "trajectory.parquet")
+    (found,) = audit_run(folder).violations
     assert (found.kind, found.first, found.second) == (
         "joint-limit",
         "left",
