@@ -148,17 +148,18 @@ def test_violations_end_with_code_1_and_are_listed(
     plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from twin.audit import audit
+    from twin.audit.violation import Violation
 
-    found = audit.Violation(1.0, 2.0, "left/arm", "right/arm", 0.004, "link_3 - link_4")
+    found = Violation(1.0, 2.0, "left/arm", "right/arm", 0.004, "link_3 - link_4")
     report = audit.AuditReport(100, -0.004, (found,))
-    monkeypatch.setattr(audit, "audit_run", lambda *_: report)
+    monkeypatch.setattr(audit, "audit_run", lambda *_, **__: report)
     out = tmp_path / "run"
     result = invoke(
         "run", plan / "two.yaml", "--plan", plan, "--out", out, "--no-recording"
     )
     assert result.exit_code == 1
-    assert "1 violations" in result.stdout
-    assert "left/arm - right/arm: 4.00 mm deep" in result.stdout
+    assert "1 violations (1 contact)" in " ".join(result.stdout.split())
+    assert "contact: left/arm - right/arm: 4.00 mm deep" in result.stdout
 
 
 def test_an_interrupt_in_the_twin_leaves_a_readable_log_and_code_130(
