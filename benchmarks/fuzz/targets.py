@@ -20,6 +20,16 @@ SCENARIOS = Path("scenarios")
 
 
 def scenario_target(folder: Path, seed: int) -> Case:
+    """Mutate the shipped scenarios, and validate them."""
+    return _scenarios(folder, seed, "validate")
+
+
+def cell_target(folder: Path, seed: int) -> Case:
+    """Mutate the shipped scenarios, and check the cells of those that are still valid."""
+    return _scenarios(folder, seed, "check")
+
+
+def _scenarios(folder: Path, seed: int, command: str) -> Case:
     """Mutate the shipped scenarios: values for the greater part, and bytes."""
     sources = sorted(SCENARIOS.glob("*/*.yaml"))
     texts = [path.read_bytes() for path in sources]
@@ -34,7 +44,7 @@ def scenario_target(folder: Path, seed: int) -> Case:
         else:
             changed = mutate_document(documents[k], rng)
             path.write_text(_yaml(changed), encoding="utf-8", errors="replace")
-        return [("validate", str(path))]
+        return [(command, str(path))]
 
     return prepare
 
@@ -265,6 +275,7 @@ def task_target(folder: Path, seed: int) -> Case:
 Target = Callable[[Path, int], Case]
 TARGETS: dict[str, tuple[Target, int]] = {
     "scenarios": (scenario_target, 20_000),
+    "cells": (cell_target, 3_000),
     "plans": (plan_target, 2_000),
     "logs": (log_target, 2_000),
     "blocks": (block_target, 500),

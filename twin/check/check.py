@@ -31,6 +31,9 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
 """Quick checks; reach is looked at only where these found no error, as it takes what they check."""
 
 
+_MOST = 5
+"""Findings of one check that are told at one key."""
+
 _ABSENT: KeyPath = ("assembly", "kind")
 """Where a finding is shown whose section the file leaves out."""
 
@@ -110,9 +113,9 @@ def check_scenario(
     subject = Subject(scenario, folder)
     found: list[Finding] = []
     for check in _CHECKS:
-        found += check(subject)
+        found += _few(check(subject))
     if not any(item.error for item in found):
-        found += check_reach(subject)
+        found += _few(check_reach(subject))
     report = CheckReport(subject, document, ())
 
     def place(item: Finding) -> tuple[int, int]:
@@ -121,6 +124,20 @@ def check_scenario(
 
     ordered = tuple(sorted(dict.fromkeys(found), key=place))
     return CheckReport(subject, document, ordered)
+
+
+def _few(findings: Findings) -> list[Finding]:
+    """Return the first findings of each key, and how many more there are."""
+    by_key: dict[tuple[KeyPath, bool], list[Finding]] = {}
+    for item in findings:
+        by_key.setdefault((item.at, item.error), []).append(item)
+    out: list[Finding] = []
+    for (at, error), items in by_key.items():
+        out += items[:_MOST]
+        if len(items) > _MOST:
+            more = f"and {len(items) - _MOST} more like these"
+            out.append(Finding(at, more, error))
+    return out
 
 
 def require_checked(report: CheckReport) -> None:

@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from planning.errors import TwinError
 from twin.check.check import CheckReport, check_scenario
 from twin.cli import app
+from twin.planning.pipeline import plan_scenario
 from twin.scenario.file import read_scenario
 
 ROOT = Path(__file__).parents[3]
@@ -212,6 +214,31 @@ def test_a_mistake_is_found_at_its_line(mistake: str, tmp_path: Path) -> None:
     assert any(line.strip() in place for place in places), places
     if level == "warning":
         assert not report.errors
+
+
+PHYSICAL = ("parts in each other", "part in a fixture")
+"""Mistakes that the planner does not look at: it would plan what cannot be."""
+
+
+@pytest.mark.parametrize(
+    "mistake", [k for k, v in MISTAKES.items() if v[2] == "error" and k not in PHYSICAL]
+)
+def test_what_is_refused_could_not_be_planned(mistake: str, tmp_path: Path) -> None:
+    old, new, *_ = MISTAKES[mistake]
+    text = CELL.replace(old, new, 1).replace(
+        "planning: {", "planning: {shortcut_candidates: 0, attempts: 1, "
+    )
+    file = written(tmp_path, text)
+    with pytest.raises(TwinError):
+        plan_scenario(read_scenario(file)[0], tmp_path)
+
+
+def test_many_findings_at_one_place_are_counted(tmp_path: Path) -> None:
+    text = (ROOT / "scenarios/construction/wall.yaml").read_text(encoding="utf-8")
+    file = written(tmp_path, text.replace("growth_m: 0.05", "growth_m: 0.0"))
+    messages = [item.message for item in checked(file).errors]
+    assert len(messages) == 6
+    assert messages[-1].startswith("and ")
 
 
 def test_all_mistakes_are_found_at_once(tmp_path: Path) -> None:
