@@ -7,7 +7,12 @@ import re
 import numpy as np
 
 from planning.cell.workcell import CellObject, PlacedRobot
-from planning.errors import ConstructionError, InfeasibleStepError, ScenarioError
+from planning.errors import (
+    ConstructionError,
+    InfeasibleStepError,
+    RobotModelError,
+    ScenarioError,
+)
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
 from planning.parts.assembly import Grip, PickPlaceAssembly, box_grips
 from planning.parts.targets import pick_targets, place_targets
@@ -160,6 +165,8 @@ def _check_bricks(subject: Subject, section: LegoSection) -> Findings:
 
     try:
         check_steps(subject.cell, build_lego(section))
+    except RobotModelError as error:  # a frame of the LEGO tool is missing
+        yield Finding(("assembly", "kind"), error.args[0], error=True)
     except InfeasibleStepError as error:
         last = 0
         for line in error.message.splitlines():

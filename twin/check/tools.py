@@ -19,7 +19,7 @@ from twin.scenario.sections.pick_place import PickPlaceSection
 _FAR = 0.02
 """A tool frame is at the tool if it is no farther from it than this [m]."""
 
-_IN_FRONT, _SHARE = 0.03, 1.0 / 3.0
+_IN_FRONT, _SHARE = 0.01, 1.0 / 3.0
 """So much of a tool may be in front of its frame [m], and so much of what is behind it."""
 
 _NOWHERE = np.zeros(0)
@@ -74,7 +74,7 @@ def check_tool_frames(subject: Subject) -> Findings:
             continue
         seen.add(key)
         at = subject.robot_at(name, "frames", "model")
-        for words in _misplaced(model, readonly(pose)):
+        for words in misplaced(model, readonly(pose)):
             yield Finding(at, f"frame {frame!r} of {name} ({model.name}) {words}")
 
 
@@ -94,7 +94,7 @@ def _frames(subject: Subject) -> Iterator[tuple[str, str]]:
         yield robot, frame
 
 
-def _misplaced(model: RobotModel, frame: Array) -> Iterator[str]:
+def misplaced(model: RobotModel, frame: Array) -> Iterator[str]:
     """Yield in words what is doubtful about a frame, a pose in the flange frame."""
     bodies = tool_bodies(model)
     if not bodies:
@@ -116,7 +116,15 @@ def _misplaced(model: RobotModel, frame: Array) -> Iterator[str]:
     corners = np.vstack([body.vertices for body in bodies])
     heights = (corners - tip[:3, 3]) @ tip[:3, 2]
     front, behind = float(heights.max()), float(-heights.min())
-    if front > _IN_FRONT and front > _SHARE * behind:
+    if front <= _IN_FRONT or front <= _SHARE * behind:
+        return
+    if behind <= _SHARE * front:
+        yield (
+            f"lies behind the tool, {millimetres(front)} of which are in front of it along z: parts"
+            " would be held in the middle of it; give the robot 'frames' with the point between its"
+            " fingers"
+        )
+    else:
         yield (
             f"does not point out of the tool: {millimetres(front)} of it are in front of the frame"
             f" along z and {millimetres(behind)} behind, so parts would be held at its side; z must"
