@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import importlib
 import logging
-from collections.abc import Iterator
-from concurrent.futures import CancelledError, Executor
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 from planning.errors import RequestError, TwinError
 from twin.cluster.address import Cluster
@@ -15,6 +15,9 @@ from twin.cluster.certificates import Certificates
 
 ANSWER_WITHIN_S = 10.0
 """A scheduler that has not answered by then is taken to be absent [s]."""
+
+
+T = TypeVar("T")
 
 
 class ClusterError(RequestError):
@@ -57,10 +60,45 @@ def security(certificates: Certificates, role: str) -> Any:
     )
 
 
+class ClusterExecutor(Executor):
+    """Executor whose calls run on a cluster; every call ends, also when the cluster does.
+
+    Dask has one of its own, whose futures stay pending for ever when the scheduler goes away
+    between the end of a call and the fetching of its result.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        """Have a function called by a worker."""
+        # The same call with the same arguments is always wanted again: nothing is cached.
+        called = self._client.submit(fn, *args, pure=False, **kwargs)
+        future: Future[T] = Future()
+        self._client.loop.add_callback(_carry, called, future)
+        return future
+
+    def threads(self) -> int:
+        """Return how many calls the cluster works on at once."""
+        return sum(self._client.nthreads().values())
+
+
+async def _carry(called: Any, future: Future[T]) -> None:
+    """Hand the outcome of a call to who waits for it."""
+    try:
+        result = await called
+    except BaseException as error:
+        if future.set_running_or_notify_cancel():
+            future.set_exception(error)
+    else:
+        if future.set_running_or_notify_cancel():
+            future.set_result(result)
+
+
 @contextmanager
 def cluster_executor(
     cluster: Cluster, answer_within_s: float = ANSWER_WITHIN_S
-) -> Iterator[Executor]:
+) -> Iterator[ClusterExecutor]:
     """Give an executor whose calls run on a cluster; it ends with the context.
 
     Args:
@@ -77,8 +115,7 @@ def cluster_executor(
     client = _client(cluster, answer_within_s)
     try:
         _require_workers(client, cluster)
-        # The same call with the same arguments is always wanted again: nothing is cached.
-        yield client.get_executor(pure=False)
+        yield ClusterExecutor(client)
     except lost as error:
         raise _lost(cluster, error) from error
     finally:
@@ -88,7 +125,7 @@ def cluster_executor(
 def _client(cluster: Cluster, answer_within_s: float) -> Any:
     dask = distributed()
     # What Dask has to say about a connection that is lost is said by the errors of this room.
-    for name in ("distributed.client", "distributed.comm", "distributed.core"):
+    for name in ("distributed", "distributed.client", "tornado.application"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     held = cluster.certificates
     try:

@@ -17,6 +17,7 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
+import dask
 import distributed
 from distributed.worker import Worker
 
@@ -31,6 +32,10 @@ JOINED_WITHIN_S = 60.0
 
 NO_WORKER_FOR = "5 minutes"
 """A scheduler without workers for so long fails what it was asked to do."""
+
+
+WORKERS_A_CALL = 10
+"""Workers that may die with a call before they are taken to have died of it."""
 
 
 class _Scheduler(distributed.Scheduler):
@@ -82,9 +87,11 @@ def serve_cluster(
         say(f"{scheduler.address} with {workers} workers: Ctrl-C ends it")
         return [scheduler]
 
-    import dask
-
-    with dask.config.set({"distributed.scheduler.no-workers-timeout": NO_WORKER_FOR}):
+    patience = {
+        "distributed.scheduler.no-workers-timeout": NO_WORKER_FOR,
+        "distributed.scheduler.allowed-failures": WORKERS_A_CALL,
+    }
+    with dask.config.set(patience):
         asyncio.run(_until_signalled(serve))
 
 
@@ -165,9 +172,11 @@ async def _until_signalled(
         if not starting.done():
             starting.cancel()
             return True
-        ended = asyncio.gather(*(server.finished() for server in starting.result()))
+        ends = [asyncio.ensure_future(s.finished()) for s in starting.result()]
+        ended = asyncio.ensure_future(asyncio.wait(ends)) if ends else waiting
         await asyncio.wait((waiting, ended), return_when=asyncio.FIRST_COMPLETED)
-        ended.cancel()
+        for task in (waiting, ended, *ends):
+            task.cancel()
         return told.is_set()
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Awaitable, Callable, Generator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -15,7 +18,7 @@ from typer.testing import CliRunner
 from twin.cli import app
 from twin.cluster.address import Cluster
 from twin.cluster.certificates import make_certificates
-from twin.cluster.client import ClusterLostError
+from twin.cluster.client import ClusterExecutor, ClusterLostError
 from twin.study.replications.executors import open_executor
 
 pytest.importorskip("distributed")
@@ -101,3 +104,30 @@ def test_work_that_kills_every_worker_is_given_up(tmp_path: Path) -> None:
     scheduler.terminate()
     scheduler.communicate(timeout=WITHIN_S)
     assert scheduler.returncode == 0
+
+
+class _Gone:
+    """A call whose scheduler goes away before its result is fetched."""
+
+    def __await__(self) -> Generator[None, None, int]:
+        yield
+        raise asyncio.CancelledError
+
+
+class _Client:
+    """A client that submits to nobody."""
+
+    def __init__(self) -> None:
+        self.loop = self
+
+    def submit(self, *_: Any, **__: Any) -> _Gone:
+        return _Gone()
+
+    def add_callback(self, fn: Callable[..., Awaitable[None]], *args: Any) -> None:
+        asyncio.run(fn(*args))  # type: ignore[arg-type]
+
+
+def test_a_result_that_cannot_be_fetched_ends_its_call() -> None:
+    future = ClusterExecutor(_Client()).submit(int)
+    assert future.done()
+    assert isinstance(future.exception(), asyncio.CancelledError)

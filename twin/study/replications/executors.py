@@ -75,8 +75,6 @@ def check_cluster(cluster: Cluster) -> None:
 
 def parallelism(executor: Executor) -> int:
     """Return how many calls an executor works on at once, as far as it tells; at least 1."""
-    workers = getattr(executor, "_max_workers", None)
-    client = getattr(executor, "_client", None)
-    if client is not None:
-        workers = sum(client.nthreads().values())
-    return max(1, int(workers or 1))
+    threads = getattr(executor, "threads", None)
+    workers = threads() if callable(threads) else getattr(executor, "_max_workers", 1)
+    return max(1, int(workers))

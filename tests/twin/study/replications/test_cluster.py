@@ -100,7 +100,7 @@ class _Killing(Executor):
 
     def __init__(self, executor: Executor, victim: subprocess.Popen[bytes]) -> None:
         self.executor, self.victim, self.left = executor, victim, 5
-        self._client = executor._client  # type: ignore[attr-defined]
+        self.threads = executor.threads  # type: ignore[attr-defined]
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kw: Any) -> Future[Any]:
         self.left -= 1
