@@ -71,7 +71,7 @@ def check_bases(subject: Subject) -> Findings:
 
 
 def check_speeds(subject: Subject) -> Findings:
-    """Yield a planning speed at which joints move faster than they can."""
+    """Yield a planning speed that is beyond the limits of joints, which then set the times."""
     planning = subject.scenario.planning
     if planning.speed_model != "l1" or subject.kind.at_once:
         return
@@ -91,9 +91,10 @@ def check_speeds(subject: Subject) -> Findings:
         )
         yield Finding(
             ("planning", "speed_rad_s"),
-            f"at speed_rad_s {speed:g} a joint that moves alone goes {speed / least:.2f} times as fast"
-            f" as it can, so times of this plan are too short ({listing}): use speed_model joint, or"
-            f" at most speed_rad_s {least:.3g}",
+            f"speed_rad_s {speed:g} is {speed / least:.2f} times what a joint can do ({listing}): where one"
+            " joint has most of the way, its limit sets the time and not this speed, and the joint is at"
+            " full speed throughout; use speed_model joint to plan by the limits, or at most"
+            f" speed_rad_s {least:.3g}",
         )
 
 
