@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Sequence
 from datetime import datetime
 from decimal import Decimal, InvalidOperation
@@ -16,6 +17,8 @@ Columns = str | tuple[str, str]
 """Column of durations [s], or columns of the time stamps at which they start and end."""
 
 _DELIMITERS = ",;\t"
+# A file that is no table at all is not quoted.
+_COLUMN = re.compile(r"[\w .-]{1,60}")
 _SHOWN = 20  # names of columns in a message
 _LONGEST = 40  # characters of such a name, and of a cell
 
@@ -49,7 +52,7 @@ def read_durations(
             if name not in names:
                 raise ScenarioError(
                     f"{path}: no column {name[:_LONGEST]!r}",
-                    choices=tuple(n[:_LONGEST] for n in names[:_SHOWN]),
+                    choices=tuple(n for n in names[:_SHOWN] if _COLUMN.fullmatch(n)),
                 )
         comma = reader.reader.dialect.delimiter != ","
         for row in reader:

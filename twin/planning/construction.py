@@ -34,6 +34,10 @@ CHECKS, PARTS = "what can be built", "parts"
 """Names of the stages for progress displays."""
 
 
+SHORTEST = 1e-4
+"""Shortest edge of a part [m]."""
+
+
 @dataclass(frozen=True)
 class ConstructionKind(AssemblyKind):
     """A construction of a scenario.
@@ -168,11 +172,22 @@ class ConstructionKind(AssemblyKind):
 
 
 def model_parts(section: ModelSection) -> tuple[ModelPart, ...]:
-    """Return the parts of a model: the function of its name knows them."""
+    """Return the parts of a model: the function of its name knows them.
+
+    Raises:
+        ScenarioError: a part has an edge of no length.
+    """
     from planning.construction.problem import models
 
     sizes = {key.removesuffix("_m"): value for key, value in section if key != "name"}
     parts: tuple[ModelPart, ...] = getattr(models, section.name)(**sizes)
+    for part in parts:
+        if min(part.size) < SHORTEST:
+            size = " x ".join(f"{edge:.4g}" for edge in part.size)
+            raise ScenarioError(
+                f"model {section.name!r}: {part.name} would measure {size} m: the joint leaves"
+                " nothing of it"
+            )
     return parts
 
 

@@ -26,6 +26,10 @@ def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
         document: where it was read from, for places and relative paths.
     """
     folder = document.path.parent
+    try:
+        assembly_kind(scenario.assembly).steps()
+    except ScenarioError as error:  # then it has no names and places to be checked
+        return mark_problems(document, [(("assembly", "model"), str(error))])
     found: list[tuple[KeyPath, str]] = []
     found += _check_robots(scenario.cell, folder)
     found += _check_names(scenario)

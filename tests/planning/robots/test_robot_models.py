@@ -357,3 +357,24 @@ def test_models_cannot_be_changed() -> None:
         model.name = "gp5"  # type: ignore[misc]
     with pytest.raises(ValueError, match="read-only"):
         model.lower[0] = 0.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('size="0.1 0.1 0.4"', 'size="0.1 0.1 1e300"', "size of a <box> must be 1e-06"),
+        ('size="0.1 0.1 0.4"', 'size="0.1 0 0.4"', "size of a <box> must be 1e-06"),
+        ('size="0.1 0.1 0.4"', 'size="0.1 0.4"', "must be 3 numbers"),
+        ('size="0.1 0.1 0.4"', 'size="0.1 nan 0.4"', "must be a finite number"),
+    ],
+)
+def test_numbers_that_no_body_has_are_refused(
+    tmp_path: Path, old: str, new: str, words: str
+) -> None:
+    write(tmp_path, joint("spin", "a", "b", "revolute"), links="ab")
+    path = tmp_path / "arm.urdf"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(RobotModelError, match=words):
+        robot_model("arm.urdf", tmp_path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from planning.cell.robot_model import RobotModel
 from planning.errors import OutputError
 from scheduling.build_tpg import build_tpg
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.plan_files import load_plan, save_plan
+from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from tests.scheduling.mini_world import random_plan
@@ -147,3 +148,81 @@ def test_a_plan_of_another_version_is_to_be_made_again(
     (tmp_path / "plan.json").write_text(json.dumps(document))
     with pytest.raises(OutputError, match=f"no '{key}': .*another version.*plan again"):
         load_plan(tmp_path, _models(tpg))
+
+
+Numbers = dict[str, "np.ndarray[Any, Any]"]
+
+
+def _spoilt(name: str, place: int, value: float) -> Callable[[Numbers], None]:
+    def spoil(arrays: Numbers) -> None:
+        arrays[name].reshape(-1)[place] = value
+
+    return spoil
+
+
+def _replaced(name: str, make: Callable[[Any], Any]) -> Callable[[Numbers], None]:
+    def spoil(arrays: Numbers) -> None:
+        arrays[name] = make(arrays[name])
+
+    return spoil
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (_spoilt("chain_0_duration", 0, -50.0), r"duration\[0\] is -50.0: must be at"),
+        (_spoilt("chain_0_waypoints", 1, np.nan), "is nan: is not finite"),
+        (_spoilt("chain_0_waypoints", 1, 99.0), "is 99.0: is beyond a limit of"),
+        (_spoilt("chain_0_planned_start", 0, 1e300), "is beyond 1e"),
+        (_spoilt("chain_0_first", 1, 0), "does not rise"),
+        (_spoilt("chain_0_task", 0, 10**6), "must be 0 to"),
+        (_spoilt("chain_0_fraction", 0, 1.5), "must be 0 to 1"),
+        (_spoilt("edges", 1, 10**6), "is the index of no node"),
+        (_spoilt("edges", 0, 77), "is the index of no chain"),
+        (_spoilt("cause", 0, 9), "must be 0 or 1"),
+        (_spoilt("robot_0_base", 0, 2.0), "is no pose"),
+        (_spoilt("object_size", 0, 0.0), "must be greater than 0"),
+        (_replaced("edges", lambda a: a[:, :2]), "is int64 of shape"),
+        (_replaced("cause", lambda a: a.astype(float)), "is float64 of shape"),
+        (_replaced("chain_0_skill", lambda a: a[:-1]), "chain_0_skill is bool of"),
+        (_replaced("slots", lambda a: a.astype(str)), "holds <U21"),
+    ],
+)
+def test_numbers_that_no_plan_has_are_refused(
+    tpg: TemporalPlanGraph,
+    tmp_path: Path,
+    spoil: Callable[[Numbers], None],
+    words: str,
+) -> None:
+    save_plan(tpg, tmp_path)
+    with np.load(tmp_path / "plan.npz") as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    spoil(arrays)
+    np.savez_compressed(tmp_path / "plan.npz", **arrays)
+    document = json.loads((tmp_path / "plan.json").read_text())
+    document["arrays_sha256"] = sha256((tmp_path / "plan.npz").read_bytes()).hexdigest()
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    with pytest.raises(OutputError, match=words):
+        load_plan(tmp_path, _models(tpg))
+
+
+def test_arrays_that_unpack_to_more_than_a_plan_has_are_not_unpacked(
+    tpg: TemporalPlanGraph, tmp_path: Path
+) -> None:
+    save_plan(tpg, tmp_path)
+    np.savez_compressed(tmp_path / "plan.npz", edges=np.zeros(2**28))
+    document = json.loads((tmp_path / "plan.json").read_text())
+    document["arrays_sha256"] = sha256((tmp_path / "plan.npz").read_bytes()).hexdigest()
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    with pytest.raises(OutputError, match="take more than 1024 MiB"):
+        load_plan(tmp_path, _models(tpg))
+
+
+def test_the_hash_of_a_plan_is_that_of_its_content(
+    tpg: TemporalPlanGraph, tmp_path: Path
+) -> None:
+    save_plan(tpg, tmp_path)
+    again = load_plan(tmp_path, _models(tpg))
+    assert plan_sha256(again) == plan_sha256(tpg)
+    other = dataclasses.replace(tpg, cause=1 - tpg.cause)
+    assert plan_sha256(other) != plan_sha256(tpg)

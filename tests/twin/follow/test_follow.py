@@ -329,3 +329,12 @@ def test_the_recording_holds_motion_forecasts_and_events(
     assert moved == sorted(moved)
     assert 0.5 * makespan < max(moved) / 1e9 <= makespan
     assert "/lanes/left" in rows
+
+
+def test_a_log_that_calls_an_unfinished_run_completed_is_not_believed() -> None:
+    line = '{"t_s": 47, "robot": "", "kind": "finished", "detail": "completed"}'
+    run, seen = followed(iter([line]))
+    assert run.outcome == "incomplete"
+    assert len(run.violations) == 1
+    assert "nodes are not complete" in run.violations[0].text
+    assert seen[-1]["outcome"] == "incomplete"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from typer.testing import CliRunner
 
 from planning.construction.problem.problem import ConstructionProblem, SkillSeconds
@@ -340,3 +341,17 @@ def test_more_robots_than_there_are_is_refused() -> None:
     result = CliRunner().invoke(app, ["run", str(file), "--robots", "3"])
     assert result.exit_code == 2
     assert "--robots 3: the cell has 2 robots and no team" in result.output
+
+
+def test_a_model_whose_joints_leave_nothing_of_a_part_is_refused(
+    tmp_path: Path,
+) -> None:
+    text = (FOLDER / "pavilion.yaml").read_text()
+    content = yaml.safe_load(text)
+    content["assembly"]["model"]["joint_m"] = 0.4
+    path = tmp_path / "wide.yaml"
+    path.write_text(yaml.safe_dump(content))
+    with pytest.raises(
+        ScenarioError, match=r"cassette\d+_\d+ would measure .* the joint"
+    ):
+        load_scenario(path)
