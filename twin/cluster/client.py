@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import importlib
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from planning.errors import RequestError, TwinError
+from planning.errors import RequestError, TwinError, listed
 from twin.cluster.address import Cluster
 from twin.cluster.certificates import Certificates
+from twin.host.versions import versions
 
 ANSWER_WITHIN_S = 10.0
 """A scheduler that has not answered by then is taken to be absent [s]."""
@@ -106,7 +107,8 @@ def cluster_executor(
         answer_within_s: how long the scheduler may take to answer [s].
 
     Raises:
-        ClusterError: the scheduler does not answer, has no workers, or Dask is not installed.
+        ClusterError: the scheduler does not answer, has no workers or some with other versions,
+            or Dask is not installed.
         ClusterLostError: the scheduler went away while the context was open, or workers died
             again and again.
         RequestError: a worker would be spoken to in the clear.
@@ -151,6 +153,36 @@ def _require_workers(client: Any, cluster: Cluster) -> None:
         )
     for address in workers:
         cluster.require_private(address)
+    require_same_versions(client.run(versions, on_error="return"), versions())
+
+
+def require_same_versions(found: Mapping[str, Any], here: Mapping[str, str]) -> None:
+    """Refuse workers whose results could differ from those of this machine.
+
+    Args:
+        found: versions of Python and packages by the address of a worker, or the error with
+            which it could not tell.
+        here: those of this machine.
+
+    Raises:
+        ClusterError: a worker has other versions, or no ``assembly-twin``.
+    """
+    for address, there in sorted(found.items()):
+        if isinstance(there, BaseException):
+            raise ClusterError(
+                f"the worker at {address} cannot work for this version of assembly-twin:"
+                f" {there}"
+            )
+        other = [
+            f"{name} is {there.get(name, 'missing')} there and {version} here"
+            for name, version in here.items()
+            if there.get(name) != version
+        ]
+        if other:
+            raise ClusterError(
+                f"the worker at {address} has other versions, so results could differ:"
+                f" {listed(other)}"
+            )
 
 
 def _losses() -> tuple[type[BaseException], ...]:
