@@ -11,11 +11,11 @@ import numpy as np
 from benchmarks import apex_mr_paper as paper
 from twin.comparison.comparison import (
     ASYNCHRONOUS,
-    ASYNCHRONOUS_SHORTCUT,
+    ASYNCHRONOUS_SHORTCUTS,
     BASELINES,
     SEQUENTIAL,
     SYNCHRONOUS,
-    SYNCHRONOUS_SHORTCUT,
+    SYNCHRONOUS_SHORTCUTS,
     SYNCHRONOUS_TPG,
     TOTAL,
 )
@@ -62,7 +62,7 @@ def averages(lego: Mapping[str, Measured]) -> list[str]:
             for one in lego.values()
         ]
 
-    best, slots = ASYNCHRONOUS_SHORTCUT, SYNCHRONOUS_SHORTCUT
+    best, slots = ASYNCHRONOUS_SHORTCUTS, SYNCHRONOUS_SHORTCUTS
     rows = [
         (
             f"{best}: makespan below {SEQUENTIAL}",
@@ -164,7 +164,7 @@ def planning(lego: Mapping[str, Measured]) -> list[str]:
             f"| {theirs.shortcut:.0f} |"
         )
         out.append(
-            _ours(one, ASYNCHRONOUS_SHORTCUT, "here, asynchronous", theirs.total)
+            _ours(one, ASYNCHRONOUS_SHORTCUTS, "here, asynchronous", theirs.total)
         )
         out.append(
             f"| | paper, synchronous | {theirs.synchronous_task:.1f} "
@@ -172,7 +172,7 @@ def planning(lego: Mapping[str, Measured]) -> list[str]:
             f"| {theirs.synchronous_total:.1f} | | {theirs.shortcut:.0f} |"
         )
         total = theirs.synchronous_total
-        out.append(_ours(one, SYNCHRONOUS_SHORTCUT, "here, synchronous", total))
+        out.append(_ours(one, SYNCHRONOUS_SHORTCUTS, "here, synchronous", total))
     return [
         *out,
         "",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from planning.errors import ScenarioError, listed
+from planning.errors import RequestError, ScenarioError
 from twin.commands.options import AsJson, Out, Quiet, ScenarioFile, Seed, Shortcuts
 from twin.host.guard import (
     COMPLETED,
@@ -19,12 +19,13 @@ from twin.host.guard import (
 )
 
 if TYPE_CHECKING:
-    from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
     from twin.check.check import CheckReport
     from twin.host.progress import Report
+    from twin.planning.pipeline import Planned
     from twin.scenario.document.yaml_text import YamlDocument
     from twin.scenario.sections.scenario import Scenario
     from twin.scenario.variations import Variant
+    from twin.trial.saved_plan import SavedPlan
 
 Plan = Annotated[
     Path | None,
@@ -103,21 +104,23 @@ def run(
         compilation_shown(progress, silent=silent) as compiled,
     ):
         report = _checked(chosen, document, base, progress, silent=silent)
-        tpg = None if plan is None else _saved_plan(plan, chosen, base)
-        planned = None
+        planned: Planned | SavedPlan | None = None
+        if plan is not None:
+            from twin.trial.saved_plan import read_saved_plan
+
+            planned = read_saved_plan(plan, chosen, base)
         with run_folder(out, chosen.name) as folder:
             if not silent:
                 _announce(chosen, folder)
-            if tpg is None:
+            if planned is None:
                 from twin.planning.pipeline import plan_scenario
 
                 planned = plan_scenario(chosen, base, progress)
-                tpg = planned.tpg
             from twin.trial.trial import Origin, try_plan
 
             trial = try_plan(
                 chosen,
-                tpg,
+                planned.tpg,
                 folder,
                 base=base,
                 origin=Origin(planned, report.messages(report.warnings)),
@@ -170,7 +173,7 @@ def _chosen(
     content = resolved(loaded)
     policy = variant.get("policy")
     if policy is not None and policy not in POLICIES:
-        raise ScenarioError(f"policy: there is no {policy!r}", choices=POLICIES)
+        _refuse_policy(str(policy))
     if robots is not None:
         choose_robots(content["cell"], robots)
     if seed is not None:
@@ -205,20 +208,20 @@ def _checked(
     return report
 
 
-def _saved_plan(folder: Path, scenario: Scenario, base: Path) -> TemporalPlanGraph:
-    from planning.cell.differences import cell_differences
-    from scheduling.graph.plan_files import load_plan
-    from twin.planning.build_workcell import build_workcell
+def _refuse_policy(text: str) -> None:
+    """Refuse a policy that is no way to release nodes, with the way to have it."""
+    from twin.run.policies import NAMED_POLICIES, policy_named
+    from twin.run.run_record import POLICIES
 
-    tpg = load_plan(folder)
-    cell = build_workcell(scenario, base)
-    found = cell_differences(tpg.cell, cell)
-    if found:
-        raise ScenarioError(
-            f"the plan in {folder} is not for the cell of scenario {scenario.name!r}: "
-            + listed(found, most=4)
-        )
-    return tpg
+    try:
+        name = policy_named(text)
+    except RequestError:
+        raise ScenarioError(f"policy: there is no {text!r}", choices=POLICIES) from None
+    plan, release = NAMED_POLICIES[name]
+    raise ScenarioError(
+        f"policy {name!r} is {release} of the plan {plan}: give --policy {release}; --shortcuts"
+        " and the scenario's coordination say which plan it is"
+    )
 
 
 def _announce(scenario: Scenario, folder: Path) -> None:

@@ -11,11 +11,14 @@ import typer
 from planning.errors import RequestError
 from twin.commands.options import AsJson, Out, Quiet, Seed, Shortcuts
 from twin.host.guard import COMPLETED, guarded, print_json
+from twin.run.policies import ASYNCHRONOUS, OPEN_LOOP, SEQUENTIAL
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from twin.cluster.address import Cluster
+    from twin.scenario.sections.scenario import Scenario
+    from twin.study.plans import Plans
 
 File = Annotated[Path | None, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
 Replications = Annotated[
@@ -42,8 +45,9 @@ Confidence = Annotated[
 PolicyNames = Annotated[
     list[str] | None,
     typer.Option(
-        help="sequential, synchronous, asynchronous, asynchronous+shortcut or open-loop;"
-        " give it again for more. Default: sequential and asynchronous."
+        help="sequential, synchronous, 'synchronous + TPG', 'synchronous + TPG + shortcuts',"
+        " asynchronous, 'asynchronous + shortcuts' or open-loop; give it again for more."
+        " Default: sequential and asynchronous; of a given plan sequential and its own."
     ),
 ]
 Vary = Annotated[
@@ -97,6 +101,14 @@ Insecure = Annotated[
         "--insecure", help="Use a tcp:// scheduler on another machine, unprotected."
     ),
 ]
+PlanOf = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR",
+        help="Study the plan in this folder of a run, instead of planning. Without SCENARIO that"
+        " of the run is taken.",
+    ),
+]
 Resume = Annotated[
     Path | None,
     typer.Option(metavar="DIR", help="Go on with the study in this folder."),
@@ -123,6 +135,7 @@ def study(
     scheduler: Scheduler = None,
     certificates: CertificatesOf = None,
     insecure: Insecure = False,
+    plan: PlanOf = None,
     resume: Resume = None,
     out: Out = None,
     as_json: AsJson = False,
@@ -140,6 +153,7 @@ def study(
         TimeRemainingColumn,
     )
 
+    from twin.comparison.comparison import shortcut_budget
     from twin.host.progress import StageDisplay
     from twin.run.folder import locked, run_folder
     from twin.scenario.file import load_scenario
@@ -164,33 +178,39 @@ def study(
             with locked(resume):
                 result = resume_study(resume, executor, progress)
         else:
-            from twin.comparison.comparison import shortcut_budget
             from twin.scenario.variations import parse_variation, variants
             from twin.study.replications.experiment import Experiment
             from twin.study.replications.statistics import Precision
 
-            policies = policy or ("sequential", "asynchronous")
+            chosen, base = _scenario(scenario, plan)
+            if seed is not None:
+                chosen = chosen.model_copy(update={"seed": seed})
+            if plan is None:
+                plans, names = None, _named(policy) or (SEQUENTIAL, ASYNCHRONOUS)
+            else:
+                if shortcuts is not None:
+                    raise RequestError("--shortcuts is for planning, not for --plan")
+                plans, names = _plans(plan, chosen, base, _named(policy))
             experiment = Experiment(
-                policies=tuple(name.replace(" ", "") for name in policies),
+                policies=names,
                 variants=variants([parse_variation(text) for text in vary or ()]),
                 replications=replications,
                 precision=Precision(precision, least, most, confidence),
                 antithetic=antithetic,
                 audited=audit_sample,
             )
-            if scenario is None:
-                raise RequestError("give a scenario file, or --resume DIR")
-            chosen = load_scenario(scenario)
-            if seed is not None:
-                chosen = chosen.model_copy(update={"seed": seed})
-            if shortcuts is None:
-                shortcuts = shortcut_budget(chosen)
             request = StudyRequest(
-                chosen, scenario.parent, experiment, shortcuts, deadline, sobol
+                chosen,
+                base,
+                experiment,
+                shortcut_budget(chosen) if shortcuts is None else shortcuts,
+                deadline,
+                sobol,
+                "" if plan is None else str(plan.resolve()),
             )
             require_no_study(out, request.scenario)
             with run_folder(out, f"study-{request.scenario.name}") as folder:
-                result = start_study(request, folder, executor, progress)
+                result = start_study(request, folder, executor, progress, plans)
         from twin.study.report.report import write_report
 
         write_report(result, progress)
@@ -201,6 +221,40 @@ def study(
 
         print_study(result)
     return COMPLETED
+
+
+def _named(policies: list[str] | None) -> tuple[str, ...]:
+    from twin.run.policies import policy_named
+
+    return tuple(map(policy_named, policies or ()))
+
+
+def _scenario(path: Path | None, plan: Path | None) -> tuple[Scenario, Path]:
+    """Return the scenario of a file or of the run that a plan is of, and where it was."""
+    from twin.scenario.file import load_scenario
+    from twin.scenario.manifest import read_manifest
+
+    if path is not None:
+        return load_scenario(path), path.parent
+    if plan is None:
+        raise RequestError("give a scenario file, --plan DIR or --resume DIR")
+    scenario, manifest = read_manifest(plan, "run whose plan is studied")
+    return scenario, Path(manifest.get("run", {}).get("base", "."))
+
+
+def _plans(
+    folder: Path, scenario: Scenario, base: Path, policies: tuple[str, ...]
+) -> tuple[Plans, tuple[str, ...]]:
+    """Return the plans of a run, and the policies under which they are studied."""
+    from twin.study.plans import given_plans, possible_policies
+    from twin.trial.saved_plan import read_saved_plan
+
+    saved = read_saved_plan(folder, scenario, base)
+    if not policies:
+        possible = [p for p in possible_policies(saved) if p != OPEN_LOOP]
+        policies = tuple(dict.fromkeys((SEQUENTIAL, possible[-1])))
+        policies = tuple(p for p in policies if p in possible)
+    return given_plans(saved, policies), policies
 
 
 def _cluster(

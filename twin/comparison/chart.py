@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from twin.comparison.comparison import ASYNCHRONOUS, COMPARED, SEQUENTIAL, STAGES, TOTAL
+from twin.comparison.comparison import COMPARED, STAGES, TOTAL
 from twin.host.pictures import INK, save_png, style_axes
+from twin.run.policies import ASYNCHRONOUS, SEQUENTIAL
 
 Figures = Mapping[str, Mapping[str, Any]]
 """The figures of one scenario, as in ``compare.json``."""

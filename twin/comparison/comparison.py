@@ -26,26 +26,21 @@ from twin.planning.pipeline import (
     planned_shortcuts,
     shorten,
 )
-from twin.run.run_record import Policy
+from twin.run.policies import (
+    ASYNCHRONOUS,
+    ASYNCHRONOUS_SHORTCUTS,
+    NAMED_POLICIES,
+    OPEN_LOOP,
+    SEQUENTIAL,
+    SYNCHRONOUS,
+    SYNCHRONOUS_SHORTCUTS,
+    SYNCHRONOUS_TPG,
+)
 from twin.run.summary import lower_bound_s
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.trial import execute
 
-SEQUENTIAL = "sequential"
-SYNCHRONOUS = "synchronous"
-SYNCHRONOUS_TPG = "synchronous + TPG"
-SYNCHRONOUS_SHORTCUT = "synchronous + TPG + shortcut"
-ASYNCHRONOUS = "asynchronous"
-ASYNCHRONOUS_SHORTCUT = "asynchronous + shortcut"
-
-COMPARED = (
-    SEQUENTIAL,
-    SYNCHRONOUS,
-    SYNCHRONOUS_TPG,
-    SYNCHRONOUS_SHORTCUT,
-    ASYNCHRONOUS,
-    ASYNCHRONOUS_SHORTCUT,
-)
+COMPARED = tuple(name for name in NAMED_POLICIES if name != OPEN_LOOP)
 """Names of what is compared, in the order of tables and charts."""
 
 SEEDS = "seeds"
@@ -57,7 +52,7 @@ STAGES = ("sequence", "assignment", "motion", "synchronous", "tpg", "shortcut")
 TOTAL = "total"
 """Name of the sum of all stages."""
 
-BASELINES: dict[str, Policy] = {SEQUENTIAL: "sequential", SYNCHRONOUS: "synchronous"}
+BASELINES = (SEQUENTIAL, SYNCHRONOUS)
 """Those that others are measured against; these alone are not executed asynchronously."""
 
 
@@ -128,8 +123,8 @@ def measure_policies(
     def measure(
         name: str, tpg: TemporalPlanGraph, planning_s: Mapping[str, float]
     ) -> None:
-        run = execute(scenario, tpg, base, BASELINES.get(name, "asynchronous"))
-        merged = name in (SYNCHRONOUS_SHORTCUT, ASYNCHRONOUS_SHORTCUT)
+        run = execute(scenario, tpg, base, NAMED_POLICIES[name].release)
+        merged = name in (SYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS_SHORTCUTS)
         ratio = None
         if name in BASELINES:
             ratio = straight_line_ratio(tpg, run, settings.speeds)
@@ -164,13 +159,13 @@ def measure_policies(
     measure(SYNCHRONOUS, tpg, of_slots)
     of_slots = {**of_slots, **ordering.seconds}
     measure(SYNCHRONOUS_TPG, tpg, of_slots)
-    measure_shortened(SYNCHRONOUS_SHORTCUT, tpg, of_slots)
+    measure_shortened(SYNCHRONOUS_SHORTCUTS, tpg, of_slots)
 
     ordering = StageWatch(progress)
     tpg = order_motions(turns.motion_plan, ordering)
     of_turns = {**watch.seconds, **ordering.seconds}
     measure(ASYNCHRONOUS, tpg, of_turns)
-    measure_shortened(ASYNCHRONOUS_SHORTCUT, tpg, of_turns)
+    measure_shortened(ASYNCHRONOUS_SHORTCUTS, tpg, of_turns)
     return found
 
 

@@ -28,6 +28,13 @@ from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.host.progress import Report, StageWatch, report_nothing
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import PlannedMotions, assembly_kind
+from twin.run.policies import (
+    AT_ONCE,
+    IN_SLOTS,
+    IN_TURNS,
+    SHORTENED,
+    SLOTS_SHORTENED,
+)
 from twin.scenario.sections.scenario import Scenario
 
 SLOTS, ORDER = "who moves at once", "what waits for what"
@@ -50,11 +57,13 @@ class Planned(PlannedMotions):
             construction checks, search, keyframes, path, tpg.
         turns: nodes of the sequential plan, where the plan is made in slots or shortened;
             None where ``tpg`` has the same nodes.
+        variant: which plan ``tpg`` is: a plan of twin.run.policies.
     """
 
     tpg: TemporalPlanGraph
     planning_s: Mapping[str, float]
     turns: TemporalPlanGraph | None = None
+    variant: str = IN_TURNS
 
 
 def plan_scenario(
@@ -77,14 +86,16 @@ def plan_scenario(
     watch = StageWatch(progress)
     first = plan_motions(scenario, folder, watch)
     motion_plan, slots, turns = first.motion_plan, None, None
+    variant = AT_ONCE if assembly_kind(scenario.assembly).at_once else IN_TURNS
     if scenario.planning.coordination == "synchronous":
         synchronous = plan_in_slots(first, watch)
         motion_plan, slots = synchronous.motion_plan, synchronous.slot_of_task
-        turns = build_nodes(first.motion_plan)
+        turns, variant = build_nodes(first.motion_plan), IN_SLOTS
     tpg = order_motions(motion_plan, watch, slots)
     candidates = planned_shortcuts(scenario)
     if candidates:
         turns = turns or tpg
+        variant = SHORTENED if variant != IN_SLOTS else SLOTS_SHORTENED
         tpg = shorten(
             tpg,
             first.settings,
@@ -102,6 +113,7 @@ def plan_scenario(
         tpg,
         watch.seconds,
         turns,
+        variant,
     )
 
 

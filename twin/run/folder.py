@@ -19,9 +19,12 @@ GANTT = "gantt.png"
 SUMMARY = "summary.json"
 COMPARISON = "compare.json"
 CHART = "compare.png"
+TURNS = "in-turns"
+"""Folder of the plan in turns, where another plan was made of it."""
 
 _RESULTS = (
     *(
+        TURNS,
         "manifest.json",
         "plan.json",
         "plan.npz",
@@ -163,6 +166,7 @@ def recover(folder: Path) -> None:
         if any((folder / name).exists() for name in _LAST):
             keep_new(folder)
             return
+        shutil.rmtree(folder / TURNS, ignore_errors=True)
         for name in _RESULTS:
             (folder / name).unlink(missing_ok=True)
         (folder / _BEFORE).replace(folder / _ASIDE)

@@ -37,6 +37,7 @@ def draw_gantt(
     events: Sequence[Event],
     *,
     title: str = "",
+    policy: str = "",
 ) -> None:
     """Draw what every robot did when, as a PNG picture.
 
@@ -48,7 +49,8 @@ def draw_gantt(
         tpg: what was executed.
         run: how.
         events: of the run.
-        title: first line of the heading.
+        title: first words of the heading.
+        policy: name of the policy; by default how nodes were released.
 
     Raises:
         OutputError: the picture cannot be written.
@@ -92,7 +94,7 @@ def draw_gantt(
     figure.text(
         0.075,
         1 - 0.36 / height,
-        f"{heading}{run.policy}, "
+        f"{heading}{policy or run.policy}, "
         + ("makespan" if run.outcome == "completed" else f"{run.outcome} after")
         + f" {run.makespan_s:.2f} s",
         color=INK,

@@ -17,6 +17,7 @@ from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
 from twin.durations import NANOSECONDS
+from twin.run.policies import IN_TURNS, SEQUENTIAL, policy_name
 from twin.run.run_record import Run
 
 
@@ -25,6 +26,7 @@ def summarise(
     run: Run,
     *,
     scenario: str,
+    plan: str = IN_TURNS,
     planning_s: Mapping[str, float] | None = None,
     audit: Mapping[str, Any] | None = None,
     makespan_sequential_s: float | None = None,
@@ -36,10 +38,11 @@ def summarise(
         tpg: what was executed.
         run: how.
         scenario: its name.
+        plan: which plan ``tpg`` is.
         planning_s: wall-clock seconds of the planning stages.
         audit: configurations, min_distance_m and violations, None when there was no audit.
-        makespan_sequential_s: makespan of the plan before it became a TPG; by default that of
-            the same nodes with the same durations, one robot at a time.
+        makespan_sequential_s: makespan of the plan in turns, one task after another; by default that of the
+            same nodes with the same durations, one robot at a time.
         warnings: what the check before planning found doubtful.
     """
     if makespan_sequential_s is None:
@@ -52,7 +55,8 @@ def summarise(
     return {
         "scenario": scenario,
         "seed": run.seed,
-        "policy": run.policy,
+        "policy": policy_name(plan, run.policy),
+        "plan": plan,
         "outcome": run.outcome,
         "makespan_s": run.makespan_s,
         "makespan_sequential_s": makespan_sequential_s,
@@ -178,8 +182,8 @@ def _makespan_rows(
     summary: Mapping[str, Any], makespan: float
 ) -> list[tuple[str, str, str]]:
     sequential = float(summary["makespan_sequential_s"])
-    rows = [("makespan, one task at a time", f"{sequential:.2f} s", "")]
-    if summary["policy"] != "sequential":
+    rows = [(f"makespan, {SEQUENTIAL}", f"{sequential:.2f} s", "one task at a time")]
+    if summary["policy"] != SEQUENTIAL:
         below = 100 * (1 - makespan / sequential) if sequential > 0 else 0.0
         label = f"makespan, {summary['policy']}"
         rows.append((label, f"{makespan:.2f} s", f"{below:.1f} % below"))

@@ -40,6 +40,7 @@ class StudyRequest:
         candidates: shortcuts tried, where a policy takes them.
         deadline_s: ask how likely the run is over by then [s], None not to.
         sobol_points: of the sample for Sobol indices, 0 for none.
+        plan: folder of the run whose plan is studied; empty where it was planned for the study.
 
     Raises:
         RequestError: the deadline is no positive time, or the points are no power of 2.
@@ -51,6 +52,7 @@ class StudyRequest:
     candidates: int
     deadline_s: float | None = None
     sobol_points: int = 0
+    plan: str = ""
 
     def __post_init__(self) -> None:
         deadline_s = self.deadline_s
@@ -79,6 +81,7 @@ def write_request(folder: Path, request: StudyRequest, cell: Workcell) -> None:
         "shortcut_candidates": request.candidates,
         "deadline_s": request.deadline_s,
         "sobol_points": request.sobol_points,
+        "plan": request.plan,
     }
     write_manifest(folder, request.scenario, cell, request.base, study=study)
 
@@ -103,6 +106,7 @@ def read_request(folder: Path) -> StudyRequest:
             int(study["shortcut_candidates"]),
             study["deadline_s"],
             int(study["sobol_points"]),
+            str(study.get("plan", "")),
         )
     except (ValueError, KeyError, TypeError, ValidationError) as error:
         path = folder / MANIFEST

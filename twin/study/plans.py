@@ -7,22 +7,31 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+from planning.errors import RequestError
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import Report, StageWatch
 from twin.host.versions import versions
 from twin.planning.pipeline import order_motions, plan_in_slots, plan_motions, shorten
+from twin.run.policies import (
+    AT_ONCE,
+    IN_SLOTS,
+    IN_TURNS,
+    NAMED_POLICIES,
+    SHORTENED,
+    SLOTS_SHORTENED,
+    plan_folder,
+)
 from twin.scenario.manifest import file_hashes, scenario_sha256
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import varied
-from twin.study.replications.experiment import PLAN_OF_POLICY, Experiment
+from twin.study.replications.experiment import Experiment
 from twin.study.replications.workload import Workload, timing_graph
+from twin.trial.saved_plan import SavedPlan
 from twin.trial.simulation import scenario_execution
 
-TURNS, SLOTS, SHORTENED = "turns", "slots", "shortened"
-
 Plans = Mapping[str, TemporalPlanGraph]
-"""Plans by the names that PLAN_OF_POLICY uses."""
+"""Plans by their names in twin.run.policies."""
 
 
 def plan_for_study(
@@ -38,43 +47,90 @@ def plan_for_study(
     Args:
         scenario: a checked scenario.
         base: where relative paths in it start.
-        policies: keys of PLAN_OF_POLICY.
+        policies: names of twin.run.policies.
         candidates: shortcuts tried, where a policy takes them.
         progress: told how far each stage has come.
 
     Raises:
         TwinError: the scenario cannot be planned; see plan_scenario.
     """
-    needed = {PLAN_OF_POLICY[policy][0] for policy in policies}
+    needed = {NAMED_POLICIES[policy].plan for policy in policies}
     watch = StageWatch(progress)
     turns = plan_motions(scenario, base, watch)
     plans = {}
-    if needed & {TURNS, SHORTENED}:
-        plans[TURNS] = order_motions(turns.motion_plan, watch)
+    if needed & {IN_TURNS, SHORTENED}:
+        plans[IN_TURNS] = order_motions(turns.motion_plan, watch)
     if SHORTENED in needed:
         plans[SHORTENED] = shorten(
-            plans[TURNS],
+            plans[IN_TURNS],
             turns.settings,
             watch,
             candidates=candidates,
             seed=scenario.seed,
         )
-    if SLOTS in needed:
+    if needed & {IN_SLOTS, SLOTS_SHORTENED}:
         slots = plan_in_slots(turns, watch)
-        plans[SLOTS] = order_motions(slots.motion_plan, watch, slots.slot_of_task)
+        plans[IN_SLOTS] = order_motions(slots.motion_plan, watch, slots.slot_of_task)
+    if SLOTS_SHORTENED in needed:
+        plans[SLOTS_SHORTENED] = shorten(
+            plans[IN_SLOTS],
+            turns.settings,
+            watch,
+            candidates=candidates,
+            seed=scenario.seed,
+        )
     return {name: plan for name, plan in plans.items() if name in needed}
+
+
+def given_plans(saved: SavedPlan, policies: tuple[str, ...]) -> Plans:
+    """Return the plans that some policies need, of those that a run left.
+
+    Raises:
+        RequestError: a policy needs another plan; names those that do not.
+    """
+    could = possible_policies(saved)
+    for policy in policies:
+        if policy not in could:
+            raise RequestError(
+                f"policy {policy!r} needs the plan {NAMED_POLICIES[policy].plan}, the given one"
+                f" is {saved.variant}",
+                choices=could,
+            )
+    there = _plans_of(saved)
+    return {
+        name: there[name]
+        for name in dict.fromkeys(NAMED_POLICIES[policy].plan for policy in policies)
+    }
+
+
+def possible_policies(saved: SavedPlan) -> tuple[str, ...]:
+    """Return the policies that a plan left by a run can be studied under."""
+    there = _plans_of(saved)
+    # What is left of the plan in turns beside one in slots is its tasks, not what waits for what.
+    bare = {IN_TURNS} if saved.variant in (IN_SLOTS, SLOTS_SHORTENED) else set()
+    return tuple(
+        name
+        for name, (plan, release) in NAMED_POLICIES.items()
+        if plan in there and (plan not in bare or release == "sequential")
+    )
+
+
+def _plans_of(saved: SavedPlan) -> Plans:
+    variant = IN_TURNS if saved.variant == AT_ONCE else saved.variant
+    plans = {variant: saved.tpg}
+    return plans if saved.turns is None else {IN_TURNS: saved.turns, **plans}
 
 
 def save_plans(plans: Plans, folder: Path) -> None:
     """Write every plan into a folder of its name."""
     for name, plan in plans.items():
-        save_plan(plan, folder / name)
+        save_plan(plan, folder / plan_folder(name))
 
 
 def load_plans(folder: Path, policies: tuple[str, ...]) -> Plans:
     """Return the plans that some policies need; OutputError when one is missing."""
-    needed = dict.fromkeys(PLAN_OF_POLICY[policy][0] for policy in policies)
-    return {name: load_plan(folder / name) for name in needed}
+    needed = dict.fromkeys(NAMED_POLICIES[policy].plan for policy in policies)
+    return {name: load_plan(folder / plan_folder(name)) for name in needed}
 
 
 def workloads(
@@ -91,7 +147,7 @@ def workloads(
     loads = []
     for policy, variant in experiment.cells:
         own = varied(scenario, variant)
-        plan, release = PLAN_OF_POLICY[policy]
+        plan, release = NAMED_POLICIES[policy]
         model = scenario_execution(
             own, base, policy=release, antithetic=experiment.antithetic
         )

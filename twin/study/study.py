@@ -22,6 +22,7 @@ from twin.host.atomic import write_json
 from twin.host.progress import Report, report_nothing
 from twin.planning.build_workcell import build_workcell
 from twin.recorders.motion_tables import write_motion
+from twin.run.policies import NAMED_POLICIES, OPEN_LOOP
 from twin.scenario.variations import varied
 from twin.study.folder import (
     AUDITS,
@@ -37,7 +38,7 @@ from twin.study.folder import (
 )
 from twin.study.plans import Plans, load_plans, plan_for_study, save_plans, workloads
 from twin.study.replications.block_results import cell_tally
-from twin.study.replications.experiment import PLAN_OF_POLICY, Experiment
+from twin.study.replications.experiment import Experiment
 from twin.study.replications.runner import OpenExecutor, run_replications
 from twin.study.replications.workload import Workload
 from twin.study.summary import summarise_study
@@ -49,8 +50,6 @@ from twin.study.tables import (
 )
 from twin.trial.simulation import skill_durations
 from twin.uncertainty.disturbances import Speed
-
-OPEN_LOOP = "open-loop"
 
 CHECKING = "open-loop audit"
 """Name of the stage for progress displays."""
@@ -76,6 +75,7 @@ def start_study(
     folder: Path,
     open_executor: OpenExecutor,
     progress: Report = report_nothing,
+    plans: Plans | None = None,
 ) -> StudyResult:
     """Plan what is to be studied, and run the study into a folder.
 
@@ -84,6 +84,7 @@ def start_study(
         folder: of the study, which exists and is empty.
         open_executor: gives who computes.
         progress: told how far each stage has come.
+        plans: what is studied, where it is there already.
 
     Raises:
         ScenarioError: a varied input does not fit the scenario.
@@ -93,7 +94,7 @@ def start_study(
     # Refuses what does not fit before the time that planning takes is spent.
     for variant in experiment.variants:
         skill_durations(varied(scenario, variant), request.base)
-    plans = plan_for_study(
+    plans = plans or plan_for_study(
         scenario,
         request.base,
         experiment.policies,
@@ -168,7 +169,7 @@ def _audits(
     found: dict[int, list[int]] = {}
     for k, cell in enumerate(cells if count else ()):
         found[cell] = []
-        drawn = replace(loads[cell], tpg=plans[PLAN_OF_POLICY[OPEN_LOOP][0]])
+        drawn = replace(loads[cell], tpg=plans[NAMED_POLICIES[OPEN_LOOP].plan])
         for collisions in _audit_open_loop(drawn, folder / AUDITS / str(cell), count):
             found[cell].append(collisions)
             progress(CHECKING, k * count + len(found[cell]), len(cells) * count)

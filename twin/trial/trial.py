@@ -30,14 +30,17 @@ from twin.run.folder import (
     GANTT,
     RECORDING,
     SUMMARY,
+    TURNS,
     keep_new,
     set_aside,
 )
 from twin.run.gantt import draw_gantt
+from twin.run.policies import policy_name
 from twin.run.run_record import DeadlockError, Policy, Run
 from twin.run.summary import summarise
 from twin.scenario.manifest import read_manifest, require_same_files, write_manifest
 from twin.scenario.sections.scenario import Scenario
+from twin.trial.saved_plan import SavedPlan, plan_variant
 from twin.trial.simulation import scenario_execution
 
 if TYPE_CHECKING:
@@ -56,9 +59,11 @@ class Preparation:
         recording: whether ``run.rrd`` is wanted.
         audit: whether PyBullet is to check what was executed.
         planning_s: wall-clock seconds of the planning stages.
-        makespan_sequential_s: makespan of the plan, one task after another [s].
+        makespan_sequential_s: makespan of the plan in turns, one task after another [s].
         plan_sha256: hash of the plan.
         warnings: what the check before planning found doubtful.
+        plan: which plan it is: a plan of twin.run.policies.
+        turns_sha256: hash of the plan in turns, where it is another one.
     """
 
     base: str
@@ -67,6 +72,8 @@ class Preparation:
     planning_s: Mapping[str, float]
     makespan_sequential_s: float | None
     plan_sha256: str
+    plan: str
+    turns_sha256: str | None
     warnings: Sequence[str] = ()
 
 
@@ -75,12 +82,12 @@ class Origin:
     """Where a plan comes from.
 
     Attributes:
-        planned: how it was made, for the summary: seconds of the stages, and what to compare
-            with, one task after another; by default the plan itself.
+        planned: how it was made, for the summary: which it is, seconds of the stages, and
+            what to compare with, one task after another; by default the plan itself.
         warnings: what the check before planning found doubtful.
     """
 
-    planned: Planned | None = None
+    planned: Planned | SavedPlan | None = None
     warnings: tuple[str, ...] = ()
 
 
@@ -153,20 +160,24 @@ def try_plan(
         DeadlockError: no robot could go on.
     """
     planned = origin.planned
-    turns = (planned and planned.turns) or tpg
+    turns = None if planned is None else planned.turns
     about = Preparation(
         base=str(base.resolve()),
         recording=recording,
         audit=audit,
         planning_s=dict(planned.planning_s if planned else {}),
-        makespan_sequential_s=_sequential_s(scenario, turns, base),
+        makespan_sequential_s=_sequential_s(scenario, turns or tpg, base),
         plan_sha256=plan_sha256(tpg),
         warnings=origin.warnings,
+        plan=plan_variant(tpg) if planned is None else planned.variant,
+        turns_sha256=None if turns is None else plan_sha256(turns),
     )
     set_aside(folder)
     with whole_or_failed(folder):
         write_manifest(folder, scenario, tpg.cell, base, run=asdict(about))
         save_plan(tpg, folder)
+        if turns is not None:
+            save_plan(turns, folder / TURNS)
         progress(SIMULATION, 0, 1)
         memory = MemoryRecorder()
         log = JsonlRecorder(folder / EVENTS)
@@ -215,7 +226,9 @@ def _conclude(
     progress(RECORDS, 0, total)
     write_motion(folder, tpg, run)
     progress(RECORDS, 2, total)
-    draw_gantt(folder / GANTT, tpg, run, events, title=scenario.name)
+    policy = policy_name(about.plan, run.policy)
+    title = scenario.name
+    draw_gantt(folder / GANTT, tpg, run, events, title=title, policy=policy)
     progress(RECORDS, 3, total)
     if about.recording:
         from twin.recorders.rerun.recorder import write_recording
@@ -229,6 +242,7 @@ def _conclude(
         tpg,
         run,
         scenario=scenario.name,
+        plan=about.plan,
         planning_s=about.planning_s,
         audit=audit,
         makespan_sequential_s=about.makespan_sequential_s if completed else None,

@@ -15,12 +15,12 @@ from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.cli import app
 from twin.comparison.comparison import (
     ASYNCHRONOUS,
-    ASYNCHRONOUS_SHORTCUT,
+    ASYNCHRONOUS_SHORTCUTS,
     BASELINES,
     COMPARED,
     SEQUENTIAL,
     SYNCHRONOUS,
-    SYNCHRONOUS_SHORTCUT,
+    SYNCHRONOUS_SHORTCUTS,
     SYNCHRONOUS_TPG,
     Measurement,
     measure_policies,
@@ -70,8 +70,8 @@ def test_waiting_less_takes_less_time(cliff: Mapping[str, Measurement]) -> None:
     assert tuple(cliff) == COMPARED
     time = {name: cliff[name].makespan_s for name in COMPARED}
     assert time[SEQUENTIAL] > time[SYNCHRONOUS] > time[SYNCHRONOUS_TPG]
-    assert time[SYNCHRONOUS_TPG] > time[SYNCHRONOUS_SHORTCUT]
-    assert time[SEQUENTIAL] > time[ASYNCHRONOUS] > time[ASYNCHRONOUS_SHORTCUT]
+    assert time[SYNCHRONOUS_TPG] > time[SYNCHRONOUS_SHORTCUTS]
+    assert time[SEQUENTIAL] > time[ASYNCHRONOUS] > time[ASYNCHRONOUS_SHORTCUTS]
     assert cliff[SEQUENTIAL].wait_s > cliff[SYNCHRONOUS].wait_s
     assert cliff[SYNCHRONOUS].wait_s > cliff[SYNCHRONOUS_TPG].wait_s
 
@@ -97,9 +97,9 @@ def test_every_policy_pays_for_the_stages_it_needs(
         SEQUENTIAL: turns,
         SYNCHRONOUS: slots,
         SYNCHRONOUS_TPG: slots | {"tpg"},
-        SYNCHRONOUS_SHORTCUT: slots | {"tpg", "shortcut"},
+        SYNCHRONOUS_SHORTCUTS: slots | {"tpg", "shortcut"},
         ASYNCHRONOUS: turns | {"tpg"},
-        ASYNCHRONOUS_SHORTCUT: turns | {"tpg", "shortcut"},
+        ASYNCHRONOUS_SHORTCUTS: turns | {"tpg", "shortcut"},
     }
     shared = {row.planning_s["motion"] for row in cliff.values()}
     assert len(shared) == 1
@@ -201,7 +201,7 @@ def test_every_key_is_documented(goals: Path, tmp_path: Path) -> None:
     result = invoke("compare", goals, "--seeds", 1, "--out", tmp_path / "run", "--json")
     page = Path(__file__).parents[3] / "docs" / "reference" / "formats.md"
     text = page.read_text()
-    row = json.loads(result.stdout)[SYNCHRONOUS_SHORTCUT]
+    row = json.loads(result.stdout)[SYNCHRONOUS_SHORTCUTS]
     keys = {*row, *row["makespan_s"], *row["planning_s"]}
     missing = {key for key in keys if f"`{key}`" not in text}
     assert missing == set()

@@ -26,6 +26,7 @@ def test_figures_of_a_small_run() -> None:
         "scenario": "toy",
         "seed": 4,
         "policy": "asynchronous",
+        "plan": "in turns",
         "outcome": "completed",
         "makespan_s": 5.0,
         "makespan_sequential_s": 6.0,

@@ -7,18 +7,9 @@ from dataclasses import dataclass, field
 from math import ceil
 
 from planning.errors import RequestError
-from twin.run.run_record import Policy
+from twin.run.policies import NAMED_POLICIES
 from twin.scenario.variations import Variant
 from twin.study.replications.statistics import Precision
-
-PLAN_OF_POLICY: dict[str, tuple[str, Policy]] = {
-    "sequential": ("turns", "sequential"),
-    "synchronous": ("slots", "synchronous"),
-    "asynchronous": ("turns", "asynchronous"),
-    "asynchronous+shortcut": ("shortened", "asynchronous"),
-    "open-loop": ("turns", "open-loop"),
-}
-"""Policies of a study: the plan that each of them executes, and how its nodes are released."""
 
 GROWTH = 1.5
 """By how much the number of replications grows until the mean is known well enough."""
@@ -48,7 +39,7 @@ class Experiment:
     """The design of a study.
 
     Attributes:
-        policies: keys of PLAN_OF_POLICY, the first being the reference of differences.
+        policies: names of twin.run.policies, the first being the reference of differences.
         variants: values of the varied inputs, at least one (empty when nothing is varied).
         replications: of every policy and variant; None to go on until ``precision``.
         precision: when replications are enough, where no number of them is given.
@@ -65,9 +56,9 @@ class Experiment:
 
     def __post_init__(self) -> None:
         for policy in self.policies:
-            if policy not in PLAN_OF_POLICY:
+            if policy not in NAMED_POLICIES:
                 raise RequestError(
-                    f"no policy {policy!r}", choices=tuple(PLAN_OF_POLICY)
+                    f"no policy {policy!r}", choices=tuple(NAMED_POLICIES)
                 )
         if len(set(self.policies)) < len(self.policies) or not self.policies:
             raise RequestError(

@@ -17,10 +17,10 @@ from twin.host.atomic import write_text
 from twin.host.pictures import save_png
 from twin.host.progress import Report
 from twin.host.versions import versions
+from twin.run.policies import ASYNCHRONOUS, ASYNCHRONOUS_SHORTCUTS, NAMED_POLICIES
 from twin.study.folder import BLOCKS, PLANS, REPORT
 from twin.study.plans import load_plans, workloads
 from twin.study.replications.block_results import cell_blocks, cell_tally
-from twin.study.replications.experiment import PLAN_OF_POLICY
 from twin.study.report.figures import (
     draw_bands,
     draw_ecdf,
@@ -104,7 +104,7 @@ def makespans_s(result: StudyResult, cell: int) -> Array:
 
 def _shown_cell(policies: Sequence[str]) -> int:
     """Return the cell whose tasks are shown: of the policy that coordinates best."""
-    order = ("asynchronous+shortcut", "asynchronous", *PLAN_OF_POLICY)
+    order = (ASYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS, *NAMED_POLICIES)
     return policies.index(next(policy for policy in order if policy in policies))
 
 

@@ -1,0 +1,143 @@
+"""Run, its plan executed again, and studies of it agree on names, plans and baselines."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner, Result
+
+from tests.twin.planning.test_pipeline import SCENARIO
+from twin.cli import app
+
+SHORTCUTS = "asynchronous + shortcuts"
+QUICK = ("--no-audit", "--no-recording", "-q")
+FEW = ("-n", "20", "--workers", "0", "-q")
+
+
+def twin(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def done(*arguments: object) -> None:
+    result = twin(*arguments)
+    assert result.exit_code == 0, result.output
+
+
+def summary(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "summary.json").read_text())
+    return found
+
+
+def makespans(folder: Path) -> dict[str, list[float]]:
+    out: dict[str, list[float]] = {}
+    for row in pq.read_table(folder / "replications.parquet").to_pylist():
+        out.setdefault(row["policy"], []).append(row["makespan_s"])
+    return out
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("words") / "three.yaml"
+    path.write_text(SCENARIO)
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(file: Path) -> Path:
+    done("run", file, "--out", file.parent / "run", *QUICK)
+    return file.parent / "run"
+
+
+def test_a_plan_that_is_executed_again_keeps_its_baseline(
+    file: Path, run: Path, tmp_path: Path
+) -> None:
+    first = summary(run)
+    assert (first["policy"], first["plan"]) == (SHORTCUTS, "shortened")
+    done("run", file, "--plan", run, "--out", tmp_path / "a", *QUICK)
+    done("run", file, "--plan", tmp_path / "a", "--out", tmp_path / "b", *QUICK)
+    for name in ("a", "b"):
+        again = summary(tmp_path / name)
+        assert {**again, "planning_s": first["planning_s"]} == first
+    # The plan in turns has a longer way: shortcuts are left out of the baseline.
+    done("run", file, "--plan", run / "in-turns", "--out", tmp_path / "c", *QUICK)
+    turns = summary(tmp_path / "c")
+    assert (turns["policy"], turns["plan"]) == ("asynchronous", "in turns")
+    assert turns["makespan_sequential_s"] == first["makespan_sequential_s"]
+    assert not (tmp_path / "c" / "in-turns").exists()
+
+
+def test_a_plan_in_turns_that_was_changed_is_refused(file: Path, run: Path) -> None:
+    turns = (run / "in-turns" / "plan.npz").read_bytes()
+    other = (run / "plan.npz").read_bytes()
+    document = (run / "in-turns" / "plan.json").read_text()
+    try:
+        (run / "in-turns" / "plan.npz").write_bytes(other)
+        (run / "in-turns" / "plan.json").write_text((run / "plan.json").read_text())
+        result = twin("run", file, "--plan", run, "--out", file.parent / "x", *QUICK)
+        assert result.exit_code == 2
+        assert "not the plan in turns of the manifest" in result.stderr
+    finally:
+        (run / "in-turns" / "plan.npz").write_bytes(turns)
+        (run / "in-turns" / "plan.json").write_text(document)
+
+
+def test_a_study_of_the_plan_is_the_study_of_the_scenario(
+    file: Path, run: Path, tmp_path: Path
+) -> None:
+    policies = ("sequential", "asynchronous", SHORTCUTS)
+    options = [word for policy in policies for word in ("--policy", policy)]
+    # Written as it used to be.
+    planned = [word.replace(" + shortcuts", "+shortcut") for word in options]
+    done("study", file, *planned, *FEW, "--out", tmp_path / "planned")
+    done("study", "--plan", run, *options, *FEW, "--out", tmp_path / "given")
+    found = makespans(tmp_path / "given")
+    assert tuple(found) == policies
+    assert found == makespans(tmp_path / "planned")
+    # The first replication draws what the run drew.
+    first = summary(run)
+    assert found["sequential"][0] == first["makespan_sequential_s"]
+    assert found[SHORTCUTS][0] == first["makespan_s"]
+    cells = [cell["policy"] for cell in summary(tmp_path / "given")["cells"]]
+    assert tuple(cells) == policies
+    assert (tmp_path / "given" / "plans" / "in-turns" / "plan.json").exists()
+    done("study", "--resume", tmp_path / "given", "--workers", "0", "-q")
+    assert makespans(tmp_path / "given") == found
+
+
+def test_a_given_plan_is_studied_under_its_own_policy(
+    file: Path, run: Path, tmp_path: Path
+) -> None:
+    done("study", file, "--plan", run, *FEW, "--out", tmp_path / "given")
+    assert tuple(makespans(tmp_path / "given")) == ("sequential", SHORTCUTS)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (
+            ("--policy", "synchronous"),
+            "policy 'synchronous' needs the plan in slots, the given one is shortened"
+            f" (valid: sequential, asynchronous, {SHORTCUTS}, open-loop)",
+        ),
+        (("--policy", "greedy"), "no policy 'greedy'"),
+        (("--shortcuts", "5"), "--shortcuts is for planning, not for --plan"),
+    ],
+)
+def test_what_a_given_plan_cannot_be_studied_under(
+    run: Path, tmp_path: Path, options: tuple[str, ...], says: str
+) -> None:
+    result = twin("study", "--plan", run, *options, *FEW, "--out", tmp_path / "no")
+    assert result.exit_code == 2
+    assert says in " ".join(result.stderr.split())
+
+
+def test_run_says_how_a_policy_with_another_plan_is_had(file: Path) -> None:
+    result = twin("run", file, "--policy", "asynchronous+shortcut", *QUICK)
+    assert result.exit_code == 2
+    assert (
+        f"policy '{SHORTCUTS}' is asynchronous of the plan shortened" in result.stderr
+    )
