@@ -222,9 +222,16 @@ def _design(result: StudyResult) -> dict[str, Any]:
         "variants": experiment.variants,
         "replications": experiment.replications,
         "antithetic": experiment.antithetic,
-        "shortcut_candidates": result.request.candidates,
+        **_origin(result),
         "engines": [_engine(cell) for cell in result.summary["cells"]],
     }
+
+
+def _origin(result: StudyResult) -> dict[str, Any]:
+    """Return where the plans come from: a run, or a search with some shortcuts."""
+    if result.request.plan:
+        return {"plan": result.request.plan}
+    return {"shortcut_candidates": result.request.candidates}
 
 
 def _engine(cell: Mapping[str, Any]) -> dict[str, Any]:
