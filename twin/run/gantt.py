@@ -22,6 +22,7 @@ from twin.run.activities import (
     robot_activities,
 )
 from twin.run.events import Event
+from twin.run.policies import IN_TURNS, policy_name
 from twin.run.run_record import Run
 
 _TASKS_A_ROW = 36
@@ -37,7 +38,7 @@ def draw_gantt(
     events: Sequence[Event],
     *,
     title: str = "",
-    policy: str = "",
+    plan: str = IN_TURNS,
 ) -> None:
     """Draw what every robot did when, as a PNG picture.
 
@@ -50,7 +51,7 @@ def draw_gantt(
         run: how.
         events: of the run.
         title: first words of the heading.
-        policy: name of the policy; by default how nodes were released.
+        plan: which plan ``tpg`` is.
 
     Raises:
         OutputError: the picture cannot be written.
@@ -94,7 +95,7 @@ def draw_gantt(
     figure.text(
         0.075,
         1 - 0.36 / height,
-        f"{heading}{policy or run.policy}, "
+        f"{heading}{policy_name(plan, run.policy)}, "
         + ("makespan" if run.outcome == "completed" else f"{run.outcome} after")
         + f" {run.makespan_s:.2f} s",
         color=INK,

@@ -35,7 +35,6 @@ from twin.run.folder import (
     set_aside,
 )
 from twin.run.gantt import draw_gantt
-from twin.run.policies import policy_name
 from twin.run.run_record import DeadlockError, Policy, Run
 from twin.run.summary import summarise
 from twin.scenario.manifest import read_manifest, require_same_files, write_manifest
@@ -226,9 +225,8 @@ def _conclude(
     progress(RECORDS, 0, total)
     write_motion(folder, tpg, run)
     progress(RECORDS, 2, total)
-    policy = policy_name(about.plan, run.policy)
-    title = scenario.name
-    draw_gantt(folder / GANTT, tpg, run, events, title=title, policy=policy)
+    gantt = folder / GANTT
+    draw_gantt(gantt, tpg, run, events, title=scenario.name, plan=about.plan)
     progress(RECORDS, 3, total)
     if about.recording:
         from twin.recorders.rerun.recorder import write_recording
