@@ -292,12 +292,12 @@ BAD_INPUT = {
     "supply poses in collision": (
         OWN,
         [("[2, 1, 0.15]", "[2.5, -0.4, 0.15]")],
-        "high and low overlap by",
+        "low and high overlap by",
     ),
     "robot in the supply": (
         OWN,
         [("[2, 1, 0.15]", "[0, 4, 0.15]")],
-        "mover1 cannot stand at HOME at the start: mover1/arm",
+        "mover1 cannot stand at HOME: mover1/arm",
     ),
     "team without its crane": (
         HANDOVER,
