@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from planning.errors import RequestError
-from twin.run.run_record import Policy
+
+if TYPE_CHECKING:
+    from twin.run.run_record import Policy
 
 IN_TURNS = "in turns"
 SHORTENED = "shortened"
