@@ -19,11 +19,11 @@ import numpy as np
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.accepted_overlaps import ContactRule
-from twin.audit.bullet_world import AuditWorld, overlapping_at_home
+from twin.audit.bullet_world import AuditWorld, Shape, overlapping_at_home
 from twin.audit.edge_order import edge_violations, logged_spans, moved_spans
 from twin.audit.executed import Recording, read_recording
 from twin.audit.joint_checks import joint_violations
-from twin.audit.pairs import gaps
+from twin.audit.pairs import Asked, gaps
 from twin.audit.sampling import Stretch, stretches, travel
 from twin.audit.violation import Violation
 from twin.host.progress import Report, report_nothing
@@ -43,13 +43,16 @@ class AuditReport:
 
     Attributes:
         configurations: number of different configurations of the whole cell that were checked.
-        min_distance_m: least distance of any two robots, negative if they overlap; infinite
-            with fewer than two robots [m].
+        min_distance_m: least distance of any two robots that was measured, negative if they
+            overlap; infinite with fewer than two robots [m].
+        min_distance_bound_m: nearer than this no two robots were at any moment; at most 0.05 mm
+            less than ``min_distance_m`` [m].
         violations: by time; empty when all is well.
     """
 
     configurations: int
     min_distance_m: float
+    min_distance_bound_m: float
     violations: tuple[Violation, ...]
 
 
@@ -105,8 +108,9 @@ class Auditor(AbstractContextManager["Auditor"]):
     ) -> AuditReport:
         """Audit an execution.
 
-        The robots are moved along their straight joint-space lines in steps of at most 2 mm of
-        any point, and a stretch of time in which nothing moves is looked at once.
+        The robots are moved along their straight joint-space lines. What lies between two
+        configurations that were measured is bounded by how far joints can move anything there,
+        and halved where that excludes nothing. A stretch in which nothing moves is looked at once.
 
         Args:
             recording: what was executed.
@@ -138,7 +142,7 @@ class _Watch:
         within: float,
     ) -> None:
         self._world, self._rule, self._exempt = world, rule, exempt
-        self._least = within
+        self._least = self._bound = within
         self._configurations = 0
         self._samples = 0
         # Deepest overlap of each pair by number of the sample: time [s], depth [m], links.
@@ -155,11 +159,18 @@ class _Watch:
         }
         self._configurations += len(moved) - (self._before is not None)
         holders = {name: p.holder for name, p in stretch.placements.items()}
-        for gap in gaps(self._world, stretch, self._exempt, lambda: self._least):
+
+        def depth(a: Shape, b: Shape, sample: int) -> float:
+            t = float(stretch.t[sample])
+            return self._rule.depth(a.entity, b.entity, holders, t)
+
+        asked = Asked(lambda: self._least, depth)
+        for gap in gaps(self._world, stretch, self._exempt, asked):
             a, b = gap.first, gap.second
             robots = a.robot is not None and b.robot is not None and a.robot != b.robot
             if robots:
                 self._least = min(self._least, gap.distance)
+                self._bound = min(self._bound, gap.bound)
             if gap.distance > 0.0:
                 continue
             for sample in range(gap.sample, min(gap.until, len(stretch.t))):
@@ -208,7 +219,9 @@ class _Watch:
                 rows = [seen[number] for number in run.tolist()]
                 _, depth, detail = max(rows, key=itemgetter(1))
                 found.append(Violation(rows[0][0], rows[-1][0], *pair, depth, detail))
-        return AuditReport(self._configurations, self._least, _by_time(found))
+        return AuditReport(
+            self._configurations, self._least, self._bound, _by_time(found)
+        )
 
 
 def _by_time(found: Iterable[Violation]) -> tuple[Violation, ...]:

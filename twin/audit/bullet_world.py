@@ -23,6 +23,7 @@ from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform, quat_wxyz
 from twin.audit.exact_urdf import one_shape_a_link
 from twin.audit.joint_checks import JointLimits
+from twin.audit.reach import JointAxes
 from twin.host.silence import silenced
 
 with silenced():  # it greets on standard error
@@ -71,6 +72,7 @@ class AuditWorld:
         fixtures: one shape a fixture.
         objects: one shape an object, in the order of the cell.
         limits: what the joints of each robot allow.
+        axes: of the joints of each robot, in the order of the cell.
     """
 
     def __init__(self, cell: Workcell) -> None:
@@ -83,6 +85,7 @@ class AuditWorld:
         self._moved: list[list[int]] = []
         self.robot_shapes: list[Shape] = []
         self.limits: dict[str, JointLimits] = {}
+        self.axes: list[JointAxes] = []
         for index, robot in enumerate(cell.robots):
             self._load(index, robot)
         self.fixtures = [self._box(f.name, f.size, f.pose) for f in cell.fixtures]
@@ -114,6 +117,7 @@ class AuditWorld:
         self._bodies.append(body)
         self._moved.append(moved)
         self.limits[robot.name] = self._limits(body, moved, model.name)
+        self.axes.append(self._axes(body, moved))
         entry = ROBOTS.get(model.name)
         for name, value in (entry.frozen if entry else {}).items():
             self._bullet.resetJointState(body, joints[name], value)
@@ -156,6 +160,13 @@ class AuditWorld:
             np.where(free, np.inf, upper),
             speed,
             tuple("m" if i[2] == pybullet.JOINT_PRISMATIC else "rad" for i in infos),
+        )
+
+    def _axes(self, body: int, moved: list[int]) -> JointAxes:
+        infos = [self._bullet.getJointInfo(body, j) for j in moved]
+        return JointAxes(
+            np.array([info[13] for info in infos]),
+            np.array([info[2] == pybullet.JOINT_PRISMATIC for info in infos]),
         )
 
     def _urdf_body(self, text: str, base: Transform) -> int:

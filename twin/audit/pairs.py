@@ -1,8 +1,11 @@
 """Pairs of shapes that could meet in a stretch, and the moments at which to measure them.
 
 A pair is skipped as long as nothing can have happened: while the spheres around both shapes are
-apart, and after each measurement until both together have moved as far as they were apart. So
-the result is that of measuring every pair at every sample, with far fewer measurements.
+apart, and after each measurement until both together have moved as far as they were apart. Between
+two measurements a pair is no nearer than half of what is left of both distances when the motion in
+between is taken off. Where that does not exclude contact, or a new least distance of two robots,
+it is measured in the middle, and so on until the motion left is ``FINEST``. So every moment is
+accounted for, with far fewer measurements than samples.
 """
 
 from __future__ import annotations
@@ -10,15 +13,19 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 
-from planning.transforms import Array, Indices
+from planning.transforms import Array, Indices, Transform
 from twin.audit.bullet_world import AuditWorld, Shape
-from twin.audit.sampling import Stretch, Track, travel
+from twin.audit.sampling import STEP, Stretch, Track
 
 REACH = 0.05
 """Gaps are measured up to this (or to the least gap of two robots so far, plus this) [m]."""
+
+FINEST = 1e-4
+"""Motion of a pair that is not divided further: gaps are true to within half of it [m]."""
 
 
 @dataclass(frozen=True)
@@ -27,9 +34,11 @@ class Gap:
 
     Attributes:
         first, second: the shapes.
-        sample: at which it was measured.
+        sample: at which it was measured, or the last one before.
         until: sample from which on it may be another.
         distance: [m].
+        bound: less than this it cannot have been since the measurement before, where that is
+            less than asked for; else ``distance`` [m].
     """
 
     first: Shape
@@ -37,6 +46,20 @@ class Gap:
     sample: int
     until: int
     distance: float
+    bound: float
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What gaps are held against.
+
+    Attributes:
+        least: returns the least gap between robots so far [m].
+        depth: returns the overlap that is allowed for two shapes at a sample [m].
+    """
+
+    least: Callable[[], float]
+    depth: Callable[[Shape, Shape, int], float]
 
 
 @dataclass(frozen=True)
@@ -56,39 +79,124 @@ class _Watched:
         k = int(np.searchsorted(self.close, until))
         return until, int(self.close[k]) if k < len(self.close) else None
 
+    def middle(self, start: float, end: float, used: float) -> float:
+        """Return where between two places, in samples, the pair has moved by ``used`` [m]."""
+        first, last = int(start), ceil(end)
+        known = self.moved[first : last + 1]
+        return float(np.interp(used, known, np.arange(first, last + 1)))
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """A measurement: where, in samples, how far the pair had moved, and its distance [m]."""
+
+    at: float
+    moved: float
+    distance: float
+
 
 def gaps(
     world: AuditWorld,
     stretch: Stretch,
     exempt: frozenset[tuple[int, int]],
-    least: Callable[[], float],
+    asked: Asked,
 ) -> Iterator[Gap]:
-    """Yield measured gaps of all pairs in the order of time.
+    """Yield measured gaps of all pairs, by the times at which they were asked for.
 
-    Every overlap is among them, and between robots every gap that is less than all before it.
+    Every overlap deeper than allowed is among them, and between robots every gap that is less
+    than all before it, both to within half of ``FINEST``.
 
     Args:
         world: placed anew at every sample.
         stretch: the piece of the run.
         exempt: pairs of one robot's shapes that are not checked, see ``overlapping_at_home``.
-        least: the least gap between robots so far [m].
+        asked: what must be excluded.
     """
+    least = asked.least
     watched = list(_pairs(stretch, len(world.robot_shapes), exempt, least()))
     due = [(int(pair.close[0]), k) for k, pair in enumerate(watched)]
     heapq.heapify(due)
+    before: list[_Measured | None] = [None] * len(watched)
     placer = _Placer(world, stretch)
+    between, near = _Between(placer, asked), _Between(placer, asked)
     while due:
         sample, k = heapq.heappop(due)
         pair = watched[k]
-        placer.go_to(sample)
+        distance = _measure(placer, pair, float(sample), least())
         need = max(least(), 0.0) if pair.between_robots else 0.0
-        reach = min(need, 10.0) + REACH
-        distance = world.distance(pair.a.shape, pair.b.shape, reach)
         need = min(need, distance) if pair.between_robots else 0.0
         until, following = pair.next_after(sample, distance - max(need, 0.0))
         if following is not None:
             heapq.heappush(due, (following, k))
-        yield Gap(pair.a.shape, pair.b.shape, sample, until, distance)
+        yield Gap(pair.a.shape, pair.b.shape, sample, until, distance, distance)
+        now = _Measured(float(sample), float(pair.moved[sample]), distance)
+        last = before[k]
+        if last is not None:
+            if pair.between_robots:
+                # When the whole stretch has been measured, few of them are still open.
+                between.add(pair, last, now)
+            else:
+                near.add(pair, last, now)
+                yield from near.settle()
+        # Where the pair is not close in between, its spheres have been apart since.
+        before[k] = now if following == until else None
+    yield from between.settle()
+
+
+def _measure(placer: _Placer, pair: _Watched, at: float, least: float) -> float:
+    placer.go_to(at)
+    need = max(least, 0.0) if pair.between_robots else 0.0
+    reach = min(need, 10.0) + REACH
+    return placer.world.distance(pair.a.shape, pair.b.shape, reach)
+
+
+class _Between:
+    """What lies between measurements and excludes too little yet, the worst first."""
+
+    def __init__(self, placer: _Placer, asked: Asked) -> None:
+        self._placer, self._asked = placer, asked
+        self._open: list[tuple[float, int, _Watched, _Measured, _Measured]] = []
+        self._count = 0
+
+    def add(self, pair: _Watched, low: _Measured, high: _Measured) -> None:
+        """Note two measurements of a pair."""
+        bound = 0.5 * (low.distance + high.distance - (high.moved - low.moved))
+        if bound < _needed(pair, low, high, self._asked):
+            self._count += 1
+            heapq.heappush(self._open, (bound, self._count, pair, low, high))
+
+    def settle(self) -> Iterator[Gap]:
+        """Measure in between until nothing that is asked for is left open."""
+        while self._open:
+            bound, _, pair, low, high = heapq.heappop(self._open)
+            if bound >= _needed(pair, low, high, self._asked):
+                continue
+            a, b = pair.a.shape, pair.b.shape
+            if high.moved - low.moved <= FINEST:
+                nearest = min(low.distance, high.distance)
+                yield Gap(a, b, int(low.at), int(low.at) + 1, nearest, bound)
+                continue
+            used = 0.5 * (low.moved + high.moved)
+            at = pair.middle(low.at, high.at, used)
+            distance = _measure(self._placer, pair, at, self._asked.least())
+            yield Gap(a, b, int(at), int(at) + 1, distance, distance)
+            middle = _Measured(at, used, distance)
+            self.add(pair, low, middle)
+            self.add(pair, middle, high)
+
+
+def _needed(pair: _Watched, low: _Measured, high: _Measured, asked: Asked) -> float:
+    """Return the distance that must be kept between two measurements [m]."""
+    nearest = min(low.distance, high.distance)
+    if pair.between_robots:
+        least = asked.least()
+        return least if nearest <= 0.0 else max(least, 0.0)
+    if nearest - (high.moved - low.moved) >= 0.0:
+        return 0.0
+    shapes = pair.a.shape, pair.b.shape
+    last = min(ceil(high.at), len(pair.moved) - 1)
+    depth = min(asked.depth(*shapes, int(low.at)), asked.depth(*shapes, last))
+    return -depth if nearest >= -depth else -np.inf
 
 
 def _pairs(
@@ -99,6 +207,8 @@ def _pairs(
     if not tracks:
         return
     travelled = [np.append(0.0, np.cumsum(track.steps)) for track in stretch.moving]
+    # What is apart by this at two samples is apart all the time between them.
+    both = 2.0 * STEP
     low = np.array([track.centre.min(axis=0) for track in tracks])
     high = np.array([track.centre.max(axis=0) for track in tracks])
     radius = np.array([track.shape.radius for track in tracks])
@@ -106,7 +216,7 @@ def _pairs(
     reach = radius + np.where(np.arange(len(tracks)) < arms, watched, 0.0)
     for i, a in enumerate(stretch.moving):
         apart = np.maximum(np.maximum(low[i] - high, low - high[i]), 0.0)
-        near = np.linalg.norm(apart, axis=1) <= radius[i] + reach
+        near = np.linalg.norm(apart, axis=1) <= radius[i] + reach + both
         for j in (np.flatnonzero(near[i + 1 :]) + i + 1).tolist():
             b = tracks[j]
             rests = b.holder is None
@@ -114,7 +224,7 @@ def _pairs(
             if (i, j) in exempt or (rests and a.link == 0 and i < arms):
                 continue
             between_robots = a.holder != b.holder and j < arms
-            room = a.shape.radius
+            room = a.shape.radius + both
             if rests:
                 distance = _outside(b, a.centre)
             else:
@@ -141,35 +251,49 @@ def _outside(box: Track, points: Array) -> Array:
 
 
 def _travelled_within(a: Track, b: Track) -> Array:
-    """Return how far b has moved as seen from a, when one robot moves both."""
-    if a.link == b.link:
-        return np.zeros(len(b.centre))
-    back = np.swapaxes(a.rotation, 1, 2)
-    centre = np.einsum("kij,kj->ki", back, b.centre - a.centre)
-    steps = travel(back @ b.rotation, centre, b.shape.radius)
-    # Rounding must not look like motion where the robot stands.
-    still = np.all(np.diff(a.rotation, axis=0) == 0.0, axis=(1, 2))
-    still &= np.all(np.diff(b.rotation, axis=0) == 0.0, axis=(1, 2))
-    return np.append(0.0, np.cumsum(np.where(still, 0.0, steps)))
+    """Return how far one has moved as seen from the other, when one robot moves both."""
+    inner, outer = (a, b) if a.link <= b.link else (b, a)
+    return np.append(0.0, np.cumsum(outer.moved[:, inner.link]))
 
 
 class _Placer:
-    """Puts robots and boxes where they are at a sample, touching only what has moved."""
+    """Puts robots and boxes where they are at some time, touching only what has moved."""
 
     def __init__(self, world: AuditWorld, stretch: Stretch) -> None:
-        self._world, self._stretch = world, stretch
+        self.world, self._stretch = world, stretch
         self._loads = stretch.moving[len(world.robot_shapes) :]
-        self._at = [-1] * len(stretch.robots)
+        self._at = [(-1, 0.0)] * len(stretch.robots)
         for track in stretch.resting:
             world.place(track.shape.body, track.pose(0))
 
-    def go_to(self, sample: int) -> None:
+    def go_to(self, at: float) -> None:
+        """Place everything as it is at a sample, or between it and the next."""
+        k = int(at)
         for index, samples in enumerate(self._stretch.robots):
-            number = int(samples.distinct[sample])
-            if number == self._at[index]:
+            number = int(samples.distinct[k])
+            share = at - k
+            if share > 0.0 and int(samples.distinct[k + 1]) == number:
+                share = 0.0
+            if (number, share) == self._at[index]:
                 continue
-            self._at[index] = number
-            self._world.configure(index, samples.q[sample])
+            self._at[index] = (number, share)
+            q = samples.q[k]
+            if share > 0.0:
+                q = q + share * (samples.q[k + 1] - q)
+            self.world.configure(index, q)
             for load in self._loads:
                 if load.holder == index:
-                    self._world.place(load.shape.body, load.pose(sample))
+                    self.world.place(load.shape.body, self._pose(load, k, share, q))
+
+    def _pose(self, load: Track, k: int, share: float, q: Array) -> Transform:
+        """Return the pose of an object in the hand, at a sample or after it."""
+        pose = load.pose(k)
+        if share > 0.0:
+            assert load.holder is not None
+            samples = self._stretch.robots[load.holder]
+            rotation, position = self.world.link_frames(load.holder, q[None])
+            turn = rotation[0, load.link] @ samples.rotation[k, load.link].T
+            arm = pose[:3, 3] - samples.position[k, load.link]
+            pose[:3, :3] = turn @ pose[:3, :3]
+            pose[:3, 3] = turn @ arm + position[0, load.link]
+        return pose

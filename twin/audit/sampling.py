@@ -4,39 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from planning.errors import OutputError
-from planning.transforms import Array, Indices, Transform
+from planning.transforms import Array, Transform
 from twin.audit.bullet_world import AuditWorld, Shape
 from twin.audit.executed import ObjectRow, Recording
+from twin.audit.reach import RobotSamples, motion_bounds
 
-STEP = 0.002
-"""No point of a robot or of what it carries moves further than this between samples [m]."""
+STEP = 0.01
+"""No point of a robot or of what it carries moves further than this between samples [m].
 
-_JOINT_STEP = 0.05
+That bounds the whole motion in between, see ``twin.audit.reach``, not only where it begins and ends.
+"""
+
+_JOINT_STEP = 0.1
 _ROWS = 1500
-
-
-@dataclass(frozen=True)
-class RobotSamples:
-    """A robot during a stretch.
-
-    Attributes:
-        q: configurations, shape (m, n).
-        distinct: number of the configuration at each sample; it rises when the robot has
-            moved, shape (m,).
-        rotation: of its base and moved links, shape (m, n + 1, 3, 3).
-        position: likewise, shape (m, n + 1, 3) [m].
-    """
-
-    q: Array
-    distinct: Indices
-    rotation: Array
-    position: Array
 
 
 @dataclass(frozen=True)
@@ -49,6 +34,8 @@ class Track:
         link: index of the link it moves with, 0 for the base.
         rotation: shape (m, 3, 3), or (1, 3, 3) at rest.
         centre: of the sphere around it, shape (m, 3), or (1, 3) at rest [m].
+        moved: how far any point of it gets at most from sample to sample, as seen from the base
+            and each moved link up to its own, shape (m - 1, link + 1); empty at rest [m].
         size: edge lengths of a box at rest, None for others.
     """
 
@@ -57,12 +44,13 @@ class Track:
     link: int
     rotation: Array
     centre: Array
+    moved: Array
     size: Array | None = None
 
-    @cached_property
+    @property
     def steps(self) -> Array:
-        """How far any point of it gets, step by step, shape (m - 1,) [m]."""
-        return travel(self.rotation, self.centre, self.shape.radius)
+        """How far any point of it gets in the world, step by step, shape (m - 1,) [m]."""
+        return np.asarray(self.moved[:, 0])
 
     def pose(self, sample: int) -> Transform:
         """Return its pose at a sample."""
@@ -194,9 +182,13 @@ def _tracks(
         samples, link = robots[shape.robot], shape.joint + 1
         rotation = samples.rotation[:, link]
         centre = rotation @ shape.centre + samples.position[:, link]
-        moving.append(Track(shape, shape.robot, link, rotation, centre))
+        moved = motion_bounds(
+            world.axes[shape.robot], samples, link, centre, shape.radius
+        )
+        moving.append(Track(shape, shape.robot, link, rotation, centre, moved))
+    still = np.zeros((0, 1))
     resting = [
-        Track(s, None, 0, f.pose[None, :3, :3], f.pose[None, :3, 3], f.size)
+        Track(s, None, 0, f.pose[None, :3, :3], f.pose[None, :3, 3], still, f.size)
         for s, f in zip(world.fixtures, world.cell.fixtures, strict=True)
     ]
     numbers = {robot.name: k for k, robot in enumerate(world.cell.robots)}
@@ -207,12 +199,16 @@ def _tracks(
         local = placement.pose
         if placement.holder is None:
             rotation, centre = local[None, :3, :3], local[None, :3, 3]
-            resting.append(Track(shape, None, 0, rotation, centre, box.size))
+            resting.append(Track(shape, None, 0, rotation, centre, still, box.size))
         else:
             index = numbers[placement.holder]
             local = world.cell.robots[index].model.flange @ local
             hand, there = robots[index].rotation[:, -1], robots[index].position[:, -1]
             rotation, centre = hand @ local[:3, :3], hand @ local[:3, 3] + there
             link = robots[index].position.shape[1] - 1
-            moving.append(Track(shape, index, link, rotation, centre))
+            samples = robots[index]
+            moved = motion_bounds(
+                world.axes[index], samples, link, centre, shape.radius
+            )
+            moving.append(Track(shape, index, link, rotation, centre, moved))
     return tuple(moving), tuple(resting)

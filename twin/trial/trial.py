@@ -292,6 +292,7 @@ def _audit(folder: Path, run: Run, progress: Report) -> dict[str, Any]:
     return {
         "configurations": report.configurations,
         "min_distance_m": finite(report.min_distance_m),
+        "min_distance_bound_m": finite(report.min_distance_bound_m),
         "violations": [asdict(violation) for violation in report.violations],
     }
 

@@ -30,6 +30,7 @@ from twin.audit.accepted_overlaps import CONTACT_DEPTH, SLACK
 from twin.audit.audit import Auditor, AuditReport, audit_run
 from twin.audit.bullet_world import AuditWorld, overlapping_at_home
 from twin.audit.executed import read_recording
+from twin.audit.pairs import FINEST
 from twin.audit.sampling import STEP, stretches
 
 X, Y = 0.42, -0.05
@@ -360,15 +361,19 @@ def test_skipping_measurements_changes_nothing(tmp_path: Path, seed: int) -> Non
                     deepest[pair] = max(deepest.get(pair, -1.0), -gap)
     world.close()
     assert samples > 100
-    assert report.min_distance_m == pytest.approx(least, abs=1e-9)
+    # What is measured in between may be nearer, and deeper, than any sample.
+    assert report.min_distance_m <= least + 1e-9
+    assert report.min_distance_bound_m <= report.min_distance_m
+    assert report.min_distance_bound_m >= report.min_distance_m - FINEST / 2
     expected = {pair: d for pair, d in deepest.items() if d > SLACK}
     seen: dict[tuple[str, str], float] = {}
     for v in report.violations:
         if v.kind != "contact":  # random motions are quick, and go beyond limits
             continue
         seen[v.first, v.second] = max(seen.get((v.first, v.second), 0.0), v.depth_m)
-    assert seen.keys() == expected.keys()
-    assert seen == pytest.approx(expected, abs=1e-6)
+    assert expected.keys() <= seen.keys()
+    for pair, depth in expected.items():
+        assert depth - 1e-6 <= seen[pair] <= depth + STEP
 
 
 def test_no_point_moves_further_than_the_step(tmp_path: Path) -> None:
