@@ -116,6 +116,6 @@ def test_nothing_gets_further_than_its_bound(tmp_path: Path) -> None:
                         local = shape.centre + shape.radius * side
                         points = rotation[:, link] @ local + position[:, link]
                         way = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
-                        assert way <= track.steps[k] * (1.0 + 1e-6)
+                        assert way <= track.steps[k] + 1e-7  # Bullet rounds poses
                         tightest = max(tightest, way / track.steps[k])
     assert tightest > 0.5
