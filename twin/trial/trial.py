@@ -2,8 +2,7 @@
 
 Runs are deterministic: the same scenario, plan and seed give the same events. So a run whose
 process was killed is resumed by running it again from the start, comparing every event with the
-log as far as that goes, and writing what the log does not hold yet. The files are those of a run
-that was never killed.
+log as far as that goes, and writing what it does not hold yet: the same files, kill or none.
 """
 
 from __future__ import annotations
