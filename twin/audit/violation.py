@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-ViolationKind = Literal[
-    "contact", "jump", "grip", "floating", "joint-limit", "joint-speed", "edge-order"
-]
+ViolationKind = Literal["contact", "jump", "joint-limit", "joint-speed", "edge-order"]
 
 
 @dataclass(frozen=True)
@@ -17,12 +15,10 @@ class Violation:
     Attributes:
         t_start, t_end: first and last moment at which it was seen [s].
         first, second: who and what. Of a ``contact`` two entities, such as ``"left/arm"``,
-            ``"right/tool"``, ``"b3"``, ``"plate"``; of a ``jump`` the object and ``"jump"``; of a
-            ``grip`` the object and the robot that is said to hold it; of a ``floating`` object
-            that object and ``"nothing"``; of a ``joint-limit`` or ``joint-speed`` the robot and
+            ``"right/tool"``, ``"b3"``, ``"plate"``; of a ``jump`` the object and
+            ``"jump"``; of a ``joint-limit`` or ``joint-speed`` the robot and
             its joint; of an ``edge-order`` the robots, the one that must be complete first.
-        depth_m: greatest overlap, 0 for robots that just touch; of a jump its length, of a grip
-            and of a floating object the gap; 0 for kinds that are no lengths [m].
+        depth_m: greatest overlap, 0 for robots that just touch; of a jump its length; 0 for kinds that are no lengths [m].
         detail: the links that overlapped most, or how far beyond what is allowed.
         kind: what is not allowed.
     """

@@ -90,12 +90,7 @@ def lower_bound_s(tpg: TemporalPlanGraph, run: Run) -> float:
 
 _MOST_VIOLATIONS = 10
 
-_MILLIMETRES = {
-    "contact": "deep",
-    "jump": "far",
-    "grip": "away",
-    "floating": "above anything",
-}
+_MILLIMETRES = {"contact": "deep", "jump": "far"}
 """What the depth of a violation of a kind is; other kinds have none."""
 
 _STAGES = {
