@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib import format as npy
 
+_PIECE = 1 << 20
+
 LARGEST = 64 << 20
 """Most bytes that a file of settings or of a robot is believed to have."""
 
@@ -32,12 +34,16 @@ def read_file(path: Path, most: int = LARGEST) -> bytes:
     """
     try:
         with path.open("rb") as file:
-            content = file.read(most + 1)
+            # By pieces: a read of so many bytes takes as much memory before there is any.
+            pieces, left = [], most + 1
+            while left > 0 and (piece := file.read(min(left, _PIECE))):
+                pieces.append(piece)
+                left -= len(piece)
     except ValueError as error:  # a NUL in the path
         raise OSError(errno.EINVAL, str(error)) from None
-    if len(content) > most:
+    if left <= 0:
         raise OSError(errno.EFBIG, f"larger than {most >> 20} MiB")
-    return content
+    return b"".join(pieces)
 
 
 NPZ_ERRORS = (
