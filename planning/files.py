@@ -1,10 +1,13 @@
-"""Reading of files that others wrote: of bounded size, whatever the path names."""
+"""Files: read of bounded size, whatever the path names; written whole or not at all."""
 
 from __future__ import annotations
 
 import errno
+import os
 import zipfile
 import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -12,6 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from numpy.lib import format as npy
+
+from planning.errors import OutputError
 
 _PIECE = 1 << 20
 
@@ -92,3 +97,31 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except (OSError, ValueError):
         return False
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary path beside ``path`` to write to; it takes its place at the end.
+
+    When writing fails the temporary file goes and what was at ``path`` stays.
+
+    Raises:
+        OutputError: the file system refuses.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part{path.suffix}")
+    try:
+        yield temporary
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def arrays_text(arrays: Mapping[str, npt.NDArray[Any]]) -> Iterator[bytes]:
+    """Yield what a hash of named arrays is made of: names, types, shapes and contents."""
+    for name in sorted(arrays):
+        yield f"{name} {arrays[name].dtype} {arrays[name].shape}".encode()
+        yield np.ascontiguousarray(arrays[name]).tobytes()

@@ -25,7 +25,6 @@ plan.npz (rows in the order of plan.json; poses are (4, 4) matrices; SI units):
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from hashlib import sha256
 from io import BytesIO
@@ -35,7 +34,7 @@ import numpy as np
 
 from planning.cell.robot_model import RobotModel
 from planning.errors import OutputError
-from planning.files import NPZ_ERRORS, read_file, read_npz
+from planning.files import NPZ_ERRORS, arrays_text, read_file, read_npz, replacing
 from planning.robots.description_files import copy_description
 from scheduling.graph.arrays import LARGEST_BYTES, check_arrays, check_limits
 from scheduling.graph.document import graph_document, graph_of
@@ -76,10 +75,11 @@ def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
     text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _replace_file(folder / "plan.npz", content)
-        _replace_file(folder / "plan.json", text.encode())
     except OSError as error:
         raise OutputError(f"cannot write the plan to {folder}: {error}") from error
+    for name, written in (("plan.npz", content), ("plan.json", text.encode())):
+        with replacing(folder / name) as temporary:
+            temporary.write_bytes(written)
 
 
 def plan_sha256(tpg: TemporalPlanGraph) -> str:
@@ -88,9 +88,8 @@ def plan_sha256(tpg: TemporalPlanGraph) -> str:
     for robot in document["cell"]["robots"]:
         del robot["urdf"]
     digest = sha256(json.dumps(document, sort_keys=True).encode())
-    for name in sorted(arrays):
-        digest.update(f"{name} {arrays[name].dtype} {arrays[name].shape}".encode())
-        digest.update(np.ascontiguousarray(arrays[name]).data)
+    for piece in arrays_text(arrays):
+        digest.update(piece)
     return digest.hexdigest()
 
 
@@ -147,12 +146,3 @@ def load_plan(
     except NPZ_ERRORS as error:
         raise OutputError(f"{folder / 'plan.npz'} holds no arrays: {error}") from error
     return tpg
-
-
-def _replace_file(path: Path, content: bytes) -> None:
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(content)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)

@@ -100,12 +100,12 @@ def fit(
     """
     from twin.fit.applied import apply_fits, require_skills
     from twin.fit.chart import draw_fit
-    from twin.fit.fitting import Fit, results_folder, write_snippet
+    from twin.fit.fitting import Fit, write_snippet
     from twin.fit.samples import read_samples
     from twin.fit.selection import fit_candidates
     from twin.host.atomic import write_json
     from twin.host.progress import StageDisplay, of_stage
-    from twin.run.folder import EVENTS
+    from twin.run.folder import EVENTS, prepare_run_folder
     from twin.scenario.file import load_scenario
 
     columns = _columns(column, start, end)
@@ -119,7 +119,7 @@ def fit(
         path.resolve().parent.name if path.name == EVENTS else path.name
         for path in files
     ]
-    folder = results_folder(out, Path(names[0]).stem)
+    folder = prepare_run_folder(out, f"fit-{Path(names[0]).stem}")
     silent = quiet or as_json
     with StageDisplay(enabled=not silent) as display:
         fits = []

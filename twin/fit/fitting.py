@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from planning.errors import OutputError
 from twin.durations.fittable import rounded
 from twin.fit.samples import Sample
 from twin.fit.selection import Candidate
 from twin.host.atomic import write_text
-from twin.run.folder import prepare_run_folder
 from twin.scenario.document.text import scenario_text
 
 
@@ -64,22 +62,6 @@ class Fit:
         if self.is_empirical:
             return {**self.section, "csv": prefix + self.csv}
         return dict(self.section)
-
-
-def results_folder(out: Path | None, name: str) -> Path:
-    """Make the folder for the results of a fit and return it; OutputError if that fails.
-
-    Args:
-        out: the folder, whose other files stay; by default ``logs/fit-<name>-<UTC time>``.
-        name: of what is fitted.
-    """
-    if out is None:
-        return prepare_run_folder(None, f"fit-{name}")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be written to: {error}") from error
-    return out
 
 
 def write_snippet(folder: Path, fits: Sequence[Fit], source: str) -> str:

@@ -59,7 +59,7 @@ def run_folder(out: Path | None, name: str) -> Iterator[Path]:
         OutputError: it cannot be made or written to, or another process writes to it.
         RequestError: it holds a study.
     """
-    made = out is None or not os.path.lexists(_possible(out))
+    made = out is None or not os.path.lexists(out)
     folder = prepare_run_folder(out, name)
     if (folder / "blocks").is_dir():
         raise RequestError(f"{folder} holds a study: give another folder")
@@ -160,8 +160,9 @@ def recover(folder: Path) -> None:
     Only called while the folder is locked.
     """
     shutil.rmtree(folder / _GONE, ignore_errors=True)
-    for part in folder.glob(".*.part*"):
-        part.unlink(missing_ok=True)
+    for place in (folder, folder / TURNS):
+        for part in place.glob(".*.part*"):
+            part.unlink(missing_ok=True)
     if (folder / _BEFORE).is_dir():
         if any((folder / name).exists() for name in _LAST):
             keep_new(folder)
@@ -174,22 +175,6 @@ def recover(folder: Path) -> None:
         for path in (folder / _ASIDE).iterdir():
             path.replace(folder / path.name)
         (folder / _ASIDE).rmdir()
-
-
-def _possible(path: Path) -> Path:
-    """Return a path that a file system takes.
-
-    Raises:
-        OutputError: it does not.
-    """
-    try:
-        path.is_dir()
-        path.stat()
-    except FileNotFoundError:
-        pass
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{str(path)[:200]}: cannot be written to: {error}") from None
-    return path
 
 
 def _new_log_folder(name: str) -> Path:

@@ -37,11 +37,17 @@ def test_a_folder_is_made_below_logs(
 
 OLD = {
     name: f"old {name}"
-    for name in ("manifest.json", "plan.npz", "events.jsonl", "run.rrd", "summary.json")
+    for name in (
+        *("in-turns/plan.json", "in-turns/plan.npz", "manifest.json", "plan.npz"),
+        *("events.jsonl", "run.rrd", "summary.json"),
+    )
 }
 NEW = {
     name: f"new {name}"
-    for name in ("manifest.json", "events.jsonl", "gantt.png", "summary.json")
+    for name in (
+        *("manifest.json", "in-turns/plan.json", "events.jsonl", "gantt.png"),
+        "summary.json",
+    )
 }
 
 
@@ -86,7 +92,14 @@ class Mortal:
 
 
 def visible(folder: Path) -> dict[str, str]:
-    return {p.name: p.read_text() for p in folder.iterdir()}
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): path.read_text() for path in files}
+
+
+def fill(folder: Path, contents: dict[str, str]) -> None:
+    (folder / "in-turns").mkdir()
+    for name, text in contents.items():
+        (folder / name).write_text(text)
 
 
 def test_old_or_new_results_are_whole_wherever_a_process_dies(
@@ -96,17 +109,15 @@ def test_old_or_new_results_are_whole_wherever_a_process_dies(
 
     def work(folder: Path) -> None:
         set_aside(folder)
-        for name, text in NEW.items():
-            (folder / name).write_text(text)
+        fill(folder, NEW)
         keep_new(folder)
 
     outcomes = set()
-    for first in range(40):
+    for first in range(50):
         for second in range(0, 30, 1 if first % 3 == 0 else 7):
             folder = tmp_path / f"{first}-{second}"
             folder.mkdir()
-            for name, text in OLD.items():
-                (folder / name).write_text(text)
+            fill(folder, OLD)
             done = mortal.lives(first, partial(work, folder))
             # Whoever sweeps up may die as well.
             mortal.lives(second, partial(recover, folder))

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.errors import OutputError
-from planning.files import NPZ_ERRORS, read_file, read_npz
+from planning.files import NPZ_ERRORS, arrays_text, read_file, read_npz
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
@@ -272,9 +272,8 @@ def _digest(
 ) -> str:
     """Return a hash of what a block holds, which it is, and what it was made from."""
     digest = hashlib.sha256(f"{block} {made_from}".encode())
-    for name in sorted(arrays):
-        digest.update(f" {name} {arrays[name].dtype} {arrays[name].shape} ".encode())
-        digest.update(np.ascontiguousarray(arrays[name]).tobytes())
+    for piece in arrays_text(arrays):
+        digest.update(piece)
     return digest.hexdigest()
 
 
