@@ -53,6 +53,12 @@ def write_task(folder: Path, levels: int = 4) -> Path:
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(content))
+    write_robots(folder)
+    return folder
+
+
+def write_robots(folder: Path) -> None:
+    """Write where both robots stand and what their tools are."""
     properties = folder / "robot_properties"
     properties.mkdir(exist_ok=True)
     for name, (d, a) in _TOOLS.items():
@@ -63,4 +69,3 @@ def write_task(folder: Path, levels: int = 4) -> Path:
         (properties / f"{name}_base.txt").write_text(upright.format(z))
     facing = "-1 0 0 0.88\n0 -1 0 0\n0 0 1 0.33\n0 0 0 1\n"
     (properties / "r2_base.txt").write_text(facing)
-    return folder

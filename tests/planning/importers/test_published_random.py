@@ -10,29 +10,13 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from benchmarks.fuzz.task_files import write_robots
 from planning.importers.apex_mr.importer import import_apex_mr
 from twin.scenario.document.text import scenario_text
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.lego import LegoSection
 
 SIZES = {"2": (2, 4), "5": (1, 4), "7": (1, 4), "9": (1, 2), "10": (1, 1), "20": (2, 6)}
-HALF_TURN = "3.1415926"
-DH_ROWS = (
-    "0 0 0 -1.57079632679",
-    f"-1.57079632679 0 0.26 {HALF_TURN}",
-    "0 0 0.015 -1.57079632679",
-    "0 -0.29 0 1.57079632679",
-    "0 0 0 -1.57079632679",
-)
-TOOLS = {
-    "": (-0.072, 0.0),
-    "_tool": (-0.18, 0.0),
-    "_tool_assemble": (-0.18, 0.008),
-    "_tool_disassemble": (-0.19, 0.0),
-    "_tool_handover_assemble": (-0.181, 0.008),
-    "_tool_alt": (-0.17, -0.02),
-    "_tool_alt_assemble": (-0.17, -0.01),
-}
 
 
 def cell(x: int, y: int, z: int, ori: int) -> dict[str, Any]:
@@ -117,16 +101,7 @@ def write(folder: Path, files: dict[str, Any]) -> None:
         path = folder / name
         path.parent.mkdir(exist_ok=True)
         path.write_text(json.dumps(content))
-    properties = folder / "robot_properties"
-    properties.mkdir()
-    for name, (d, a) in TOOLS.items():
-        rows = [*DH_ROWS, f"0 {d} {a} {HALF_TURN}"]
-        (properties / f"gp4{name}_DH.txt").write_text("\n".join(rows))
-    upright = "1 0 0 0\n0 1 0 0\n0 0 1 {}\n0 0 0 1\n"
-    for name, z in (("world", 0.9246), ("gp4", 0.33), ("r1", 0.33)):
-        (properties / f"{name}_base.txt").write_text(upright.format(z))
-    facing = "-1 0 0 0.88\n0 -1 0 0\n0 0 1 0.33\n0 0 0 1\n"
-    (properties / "r2_base.txt").write_text(facing)
+    write_robots(folder)
 
 
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
