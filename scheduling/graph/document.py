@@ -19,7 +19,7 @@ from planning.cell.workcell import (
     PlacedRobot,
     Workcell,
 )
-from planning.errors import OutputError
+from planning.errors import OutputError, RobotModelError
 from planning.robots.description_files import description_sha256
 from planning.robots.registry import ROBOTS, robot_model
 from planning.tasks.task import AllowedContact, Handling, Task
@@ -155,7 +155,8 @@ def _cell_document(cell: Workcell, arrays: Arrays) -> Document:
             {
                 "name": robot.name,
                 "model": model.name if model.name in ROBOTS else None,
-                "urdf": str(model.urdf),
+                # Packaged robots are found by name; a plan is the same wherever it was made.
+                "urdf": model.urdf.name if model.name in ROBOTS else str(model.urdf),
                 "sha256": description_sha256(model),
                 "joints": list(model.joint_names),
                 "frames": list(model.frames),
@@ -196,12 +197,12 @@ def _cell(
         model = models.get(name) or robot_model(entry["model"] or entry["urdf"], folder)
         found = description_sha256(model)
         if entry.get("sha256") not in (None, found):
-            raise OutputError(
+            raise RobotModelError(
                 f"robot {entry['name']!r}: {model.urdf} or a mesh of it is not as it was when"
                 f" the plan in {folder} was made"
             )
         if list(model.joint_names) != entry["joints"]:
-            raise OutputError(
+            raise RobotModelError(
                 f"robot {entry['name']!r}: {model.urdf} has the joints"
                 f" {', '.join(model.joint_names)}; the plan in {folder} was made for"
                 f" {', '.join(entry['joints'])}"

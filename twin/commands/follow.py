@@ -73,13 +73,13 @@ def follow(
     Flags every event that the plan forbids, and forecasts the end of the run by drawing what is
     not done again and again. Ends with 1 when something forbidden happened or the run failed.
     """
-    from scheduling.graph.plan_files import load_plan
     from twin.follow.follow import follow as follow_run
     from twin.follow.forecast import Forecaster
     from twin.follow.state import FollowedRun
+    from twin.trial.saved_plan import plan_of_run
     from twin.trial.simulation import followed_execution
 
-    tpg = load_plan(plan)
+    tpg = plan_of_run(plan)
     name, model = followed_execution(plan, tpg, scenario)
     run = FollowedRun(tpg, model.policy)
     forecaster = Forecaster(tpg, model, samples=samples)

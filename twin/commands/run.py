@@ -257,7 +257,8 @@ def resume(
     """
     from twin.host.progress import StageDisplay
     from twin.run.folder import locked
-    from twin.trial.trial import has_passed, read_summary, resume_run
+    from twin.trial.resume import resume_run
+    from twin.trial.trial import has_passed, read_summary
 
     silent = quiet or as_json
     with locked(folder), StageDisplay(enabled=not silent) as progress:

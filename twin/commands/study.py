@@ -232,14 +232,14 @@ def _named(policies: list[str] | None) -> tuple[str, ...]:
 def _scenario(path: Path | None, plan: Path | None) -> tuple[Scenario, Path]:
     """Return the scenario of a file or of the run that a plan is of, and where it was."""
     from twin.scenario.file import load_scenario
-    from twin.scenario.manifest import read_manifest
+    from twin.scenario.manifest import manifest_base, read_manifest
 
     if path is not None:
         return load_scenario(path), path.parent
     if plan is None:
         raise RequestError("give a scenario file, --plan DIR or --resume DIR")
     scenario, manifest = read_manifest(plan, "run whose plan is studied")
-    return scenario, Path(manifest.get("run", {}).get("base", "."))
+    return scenario, manifest_base(plan, manifest)
 
 
 def _plans(

@@ -41,12 +41,12 @@ def verify(
     The proof shares no code with the planner: it is slow and looks at everything anew. The
     worst delays are then tried out in PyBullet: robots that stop for ever.
     """
-    from scheduling.graph.plan_files import load_plan
     from scheduling.verification.verify import verify_plan
     from twin.host.progress import StageDisplay, of_stage
     from twin.trial.adversary import audit_standing_states
+    from twin.trial.saved_plan import plan_of_run
 
-    tpg = load_plan(folder)
+    tpg = plan_of_run(folder)
     with StageDisplay(enabled=not (quiet or as_json)) as display:
         report = verify_plan(tpg, progress=of_stage(display, "verification"))
         standing = audit_standing_states(tpg, display) if adversary else None

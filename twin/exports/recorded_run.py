@@ -13,6 +13,7 @@ import numpy as np
 from planning.errors import OutputError
 from twin.run.events import Event, EventLogError, parse_event, read_log
 from twin.run.folder import EVENTS, SUMMARY
+from twin.run.written import require_as_written
 from twin.scenario.manifest import MANIFEST
 
 if TYPE_CHECKING:
@@ -39,10 +40,10 @@ class RecordedRun:
     @cached_property
     def tpg(self) -> TemporalPlanGraph:
         """The temporal plan graph that was executed."""
-        from scheduling.graph.plan_files import load_plan
+        from twin.trial.saved_plan import plan_of_run
 
         self._existing(PLAN)
-        return load_plan(self.folder)
+        return plan_of_run(self.folder)
 
     @cached_property
     def events(self) -> tuple[Event, ...]:
@@ -98,6 +99,7 @@ class RecordedRun:
         path = self.folder / name
         if not path.is_file():
             raise OutputError(f"{self.folder}: this run has no {name}")
+        require_as_written(self.folder, (name,))
         return path
 
     def _json(self, name: str) -> dict[str, Any]:

@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 from planning.errors import RequestError
 from planning.tasks.task import TRANSIT
-from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.run.events import Event, EventLogError, parse_event, read_log
 from twin.run.folder import EVENTS
+from twin.run.written import require_as_written
+from twin.trial.saved_plan import plan_of_run
 
 
 class LoggedSkill(NamedTuple):
@@ -41,7 +42,9 @@ def logged_skills(path: Path) -> list[LoggedSkill]:
         EventLogError, RequestError: as by skills_in_log.
     """
     log = path / EVENTS if path.is_dir() else path
-    return skills_in_log(log, load_plan(log.parent))
+    if log.name == EVENTS:
+        require_as_written(log.parent, (EVENTS,))
+    return skills_in_log(log, plan_of_run(log.parent))
 
 
 def skills_in_log(log: Path, tpg: TemporalPlanGraph) -> list[LoggedSkill]:

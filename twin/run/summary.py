@@ -43,7 +43,7 @@ def summarise(
         audit: configurations, min_distance_m and violations, None when there was no audit.
         makespan_sequential_s: makespan of the plan in turns, one task after another; by default that of the
             same nodes with the same durations, one robot at a time.
-        warnings: what the check before planning found doubtful.
+        warnings: what is doubtful about the cell and what was asked for.
     """
     if makespan_sequential_s is None:
         total_ns = sum(int(t.sum()) for t in (*run.duration_ns, *run.stall_ns))
@@ -169,7 +169,7 @@ def summary_rows(
         rows.append((label, f"{seconds:.2f} s", remark))
     rows.append(_audit_row(summary["audit"]))
     if warnings := summary.get("warnings"):
-        rows.append(("warnings", str(len(warnings)), "of the cell, below"))
+        rows.append(("warnings", str(len(warnings)), "below"))
     return rows
 
 

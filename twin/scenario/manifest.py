@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,7 @@ def write_manifest(
             "scenario_sha256": scenario_sha256(content),
             "seed": scenario.seed,
             "versions": versions(),
+            "base": os.path.relpath(base.resolve(), folder.resolve()),
             "files": file_hashes(scenario, base),
             "robots": [_robot_entry(robot) for robot in cell.robots],
             **more,
@@ -74,6 +76,20 @@ def read_manifest(folder: Path, what: str) -> tuple[Scenario, dict[str, Any]]:
         return restored(scenario), content
     except ScenarioError as error:
         raise OutputError(f"{path}: the scenario is no longer valid: {error}") from None
+
+
+def manifest_base(folder: Path, manifest: Mapping[str, Any]) -> Path:
+    """Return where relative paths of the scenario of a manifest start.
+
+    Raises:
+        OutputError: the manifest does not say.
+    """
+    base = manifest.get("base")
+    if not isinstance(base, str):
+        raise OutputError(
+            f"{folder / MANIFEST}: does not say where its paths start: no 'base'"
+        )
+    return Path(os.path.normpath(folder.resolve() / base))
 
 
 def file_hashes(scenario: Scenario, base: Path) -> dict[str, str]:
@@ -150,7 +166,7 @@ def _robot_entry(robot: PlacedRobot) -> dict[str, Any]:
     return {
         "name": robot.name,
         "model": model.name,
-        "urdf": str(model.urdf),
+        "urdf": model.urdf.name,
         "sha256": description_sha256(model),
         "base": _pose_entry(robot.base),
         "joints": list(model.joint_names),

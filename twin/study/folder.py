@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from planning.cell.workcell import Workcell
 from planning.errors import OutputError, RequestError
 from twin.scenario.manifest import (
     MANIFEST,
+    manifest_base,
     read_manifest,
     require_same_files,
     require_same_versions,
@@ -73,15 +75,24 @@ def check_points(points: int) -> None:
         )
 
 
-def write_request(folder: Path, request: StudyRequest, cell: Workcell) -> None:
-    """Write ``manifest.json``: what is needed to understand, go on with and repeat the study."""
+def write_request(
+    folder: Path, request: StudyRequest, cell: Workcell, plans: Mapping[str, str]
+) -> None:
+    """Write ``manifest.json``: what is needed to understand, go on with and repeat the study.
+
+    Args:
+        folder: of the study.
+        request: what is asked.
+        cell: of its scenario.
+        plans: hash of every plan, by name.
+    """
     study = {
-        "base": str(request.base.resolve()),
         "experiment": asdict(request.experiment),
         "shortcut_candidates": request.candidates,
         "deadline_s": request.deadline_s,
         "sobol_points": request.sobol_points,
         "plan": request.plan,
+        "plans_sha256": dict(plans),
     }
     write_manifest(folder, request.scenario, cell, request.base, study=study)
 
@@ -96,7 +107,7 @@ def read_request(folder: Path) -> StudyRequest:
     scenario, manifest = read_manifest(folder, "folder of a study")
     try:
         study = manifest["study"]
-        base = Path(study["base"])
+        base = manifest_base(folder, manifest)
         require_same_files(folder, manifest, scenario, base)
         require_same_versions(folder, manifest)
         return StudyRequest(
@@ -111,6 +122,25 @@ def read_request(folder: Path) -> StudyRequest:
     except (ValueError, KeyError, TypeError, ValidationError) as error:
         path = folder / MANIFEST
         raise OutputError(f"{path}: is no manifest of a study: {error}") from error
+
+
+def require_same_plans(folder: Path, hashes: Mapping[str, str]) -> None:
+    """Refuse plans that are not those with which a study began.
+
+    Args:
+        folder: of the study.
+        hashes: of the plans that are there now, by name.
+
+    Raises:
+        OutputError: a plan has changed; the message names it.
+    """
+    _, manifest = read_manifest(folder, "folder of a study")
+    before = manifest["study"].get("plans_sha256", {})
+    for name, digest in hashes.items():
+        if before.get(name) != digest:
+            raise OutputError(
+                f"{folder / PLANS}: the plan {name!r} is not the one that the study began with"
+            )
 
 
 def require_same_study(folder: Path, scenario: Scenario) -> None:

@@ -133,6 +133,11 @@ def load_plans(folder: Path, policies: tuple[str, ...]) -> Plans:
     return {name: load_plan(folder / plan_folder(name)) for name in needed}
 
 
+def plan_hashes(plans: Plans) -> dict[str, str]:
+    """Return a hash of every plan, by name."""
+    return {name: plan_sha256(plan) for name, plan in plans.items()}
+
+
 def workloads(
     scenario: Scenario, base: Path, plans: Plans, experiment: Experiment
 ) -> list[Workload]:
@@ -142,7 +147,7 @@ def workloads(
         ScenarioError: a varied input does not fit the scenario.
     """
     graphs = {name: timing_graph(plan) for name, plan in plans.items()}
-    hashes = {name: plan_sha256(plan) for name, plan in plans.items()}
+    hashes = plan_hashes(plans)
     files, packages = file_hashes(scenario, base), versions()
     loads = []
     for policy, variant in experiment.cells:

@@ -34,9 +34,17 @@ from twin.study.folder import (
     TASKS,
     StudyRequest,
     read_request,
+    require_same_plans,
     write_request,
 )
-from twin.study.plans import Plans, load_plans, plan_for_study, save_plans, workloads
+from twin.study.plans import (
+    Plans,
+    load_plans,
+    plan_for_study,
+    plan_hashes,
+    save_plans,
+    workloads,
+)
 from twin.study.replications.block_results import cell_tally
 from twin.study.replications.experiment import Experiment
 from twin.study.replications.runner import OpenExecutor, run_replications
@@ -48,7 +56,7 @@ from twin.study.tables import (
     write_cells,
     write_replications,
 )
-from twin.trial.simulation import skill_durations
+from twin.trial.simulation import doubts_about_stalls, skill_durations
 from twin.uncertainty.disturbances import Speed
 
 CHECKING = "open-loop audit"
@@ -103,7 +111,8 @@ def start_study(
     )
     save_plans(plans, folder / PLANS)
     # The manifest comes last: a folder that has one can be gone on with.
-    write_request(folder, request, build_workcell(scenario, request.base))
+    cell = build_workcell(scenario, request.base)
+    write_request(folder, request, cell, plan_hashes(plans))
     return _run(request, folder, plans, open_executor, progress)
 
 
@@ -117,6 +126,7 @@ def resume_study(
     """
     request = read_request(folder)
     plans = load_plans(folder / PLANS, request.experiment.policies)
+    require_same_plans(folder, plan_hashes(plans))
     return _run(request, folder, plans, open_executor, progress)
 
 
@@ -150,6 +160,13 @@ def _run(
         engines=[load.reasons for load in loads],
         audits=audits,
     )
+    doubts = (
+        doubt
+        for variant in experiment.variants
+        for tpg in plans.values()
+        for doubt in doubts_about_stalls(varied(request.scenario, variant), tpg)
+    )
+    summary["warnings"] = list(dict.fromkeys(doubts))
     write_json(folder / SUMMARY, summary)
     return StudyResult(folder, request, summary)
 

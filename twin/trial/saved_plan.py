@@ -16,6 +16,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.planning.build_workcell import build_workcell
 from twin.run.folder import TURNS
 from twin.run.policies import IN_SLOTS, IN_TURNS
+from twin.run.written import PLAN_FILES, require_as_written
 from twin.scenario.manifest import MANIFEST
 from twin.scenario.sections.scenario import Scenario
 
@@ -73,6 +74,25 @@ def read_saved_plan(folder: Path, scenario: Scenario, base: Path) -> SavedPlan:
                 f"{folder / TURNS}: is not the plan in turns of the manifest beside it"
             )
     return SavedPlan(tpg, str(about.get("plan", plan_variant(tpg))), turns)
+
+
+def plan_of_run(folder: Path) -> TemporalPlanGraph:
+    """Return the plan in the folder of a run, which is that of its manifest and summary.
+
+    Args:
+        folder: of the run; in one without a manifest a plan stands for itself.
+
+    Raises:
+        OutputError: there is no plan, it is damaged, or not the one that was executed.
+        RobotModelError: a robot's description has changed, or is not there any more.
+    """
+    require_as_written(folder, PLAN_FILES)
+    tpg, about = load_plan(folder), _about(folder)
+    if about is not None and about.get("plan_sha256") != plan_sha256(tpg):
+        raise OutputError(
+            f"the plan in {folder} is not the one of {MANIFEST} beside it"
+        )
+    return tpg
 
 
 def _about(folder: Path) -> dict[str, Any] | None:

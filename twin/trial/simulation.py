@@ -10,7 +10,7 @@ from twin.durations import packaged_timings
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.run.run_record import Policy
 from twin.scenario.file import load_scenario
-from twin.scenario.manifest import MANIFEST, read_manifest
+from twin.scenario.manifest import MANIFEST, manifest_base, read_manifest
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.skill_durations import SkillDurations
 
@@ -45,6 +45,20 @@ def scenario_execution(
     )
 
 
+def doubts_about_stalls(scenario: Scenario, tpg: TemporalPlanGraph) -> tuple[str, ...]:
+    """Return what is said of stalls that are asked for and cannot all happen.
+
+    A robot stalls at most once a node, so that more stalls than nodes are not executed.
+    """
+    stalls = scenario.execution.stalls.count_per_robot
+    return tuple(
+        f"stalls.count_per_robot is {stalls}, but robot {chain.robot!r} has {len(chain)} nodes"
+        " and stalls once at each of them"
+        for chain in tpg.chains
+        if stalls > len(chain)
+    )
+
+
 def followed_execution(
     folder: Path, tpg: TemporalPlanGraph, scenario: Path | None = None
 ) -> tuple[str, ExecutionModel]:
@@ -64,7 +78,7 @@ def followed_execution(
         found, base = load_scenario(scenario), scenario.parent
     elif (folder / MANIFEST).exists():
         found, content = read_manifest(folder, "run to follow")
-        base = Path(content.get("run", {}).get("base", "."))
+        base = manifest_base(folder, content)
     else:
         return folder.name, ExecutionModel(SkillDurations(packaged_timings()))
     names = tuple(robot.name for robot in found.cell.robots)

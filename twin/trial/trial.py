@@ -1,9 +1,4 @@
-"""One trial of a plan: execute it in the twin, keep what happened, let the audit judge it.
-
-Runs are deterministic: the same scenario, plan and seed give the same events. So a run whose
-process was killed is resumed by running it again from the start, comparing every event with the
-log as far as that goes, and writing what it does not hold yet: the same files, kill or none.
-"""
+"""One trial of a plan: execute it in the twin, keep what happened, let the audit judge it."""
 
 from __future__ import annotations
 
@@ -16,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 from planning.errors import OutputError, TwinError
 from planning.files import read_file
-from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
+from scheduling.graph.plan_files import plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.engine.engine import Simulator
 from twin.host.atomic import finite, write_json
 from twin.host.progress import Report, report_nothing
 from twin.recorders.motion_tables import write_motion
 from twin.recorders.observers import JsonlRecorder, MemoryRecorder, Recorder
-from twin.run.events import Event, event_line, parse_event, read_log
+from twin.run.events import Event
 from twin.run.folder import (
     EVENTS,
     GANTT,
@@ -36,10 +31,11 @@ from twin.run.folder import (
 from twin.run.gantt import draw_gantt
 from twin.run.run_record import DeadlockError, Policy, Run
 from twin.run.summary import summarise
-from twin.scenario.manifest import read_manifest, require_same_files, write_manifest
+from twin.run.written import hashes_as_written
+from twin.scenario.manifest import write_manifest
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.saved_plan import SavedPlan, plan_variant
-from twin.trial.simulation import scenario_execution
+from twin.trial.simulation import doubts_about_stalls, scenario_execution
 
 if TYPE_CHECKING:
     from twin.planning.pipeline import Planned
@@ -53,7 +49,6 @@ class Preparation:
     """Facts known before a run that its conclusion needs, also after a kill.
 
     Attributes:
-        base: folder in which relative paths of the scenario start.
         recording: whether ``run.rrd`` is wanted.
         audit: whether PyBullet is to check what was executed.
         planning_s: wall-clock seconds of the planning stages.
@@ -64,7 +59,6 @@ class Preparation:
         turns_sha256: hash of the plan in turns, where it is another one.
     """
 
-    base: str
     recording: bool
     audit: bool
     planning_s: Mapping[str, float]
@@ -160,13 +154,12 @@ def try_plan(
     planned = origin.planned
     turns = None if planned is None else planned.turns
     about = Preparation(
-        base=str(base.resolve()),
         recording=recording,
         audit=audit,
         planning_s=dict(planned.planning_s if planned else {}),
         makespan_sequential_s=_sequential_s(scenario, turns or tpg, base),
         plan_sha256=plan_sha256(tpg),
-        warnings=origin.warnings,
+        warnings=(*origin.warnings, *doubts_about_stalls(scenario, tpg)),
         plan=plan_variant(tpg) if planned is None else planned.variant,
         turns_sha256=None if turns is None else plan_sha256(turns),
     )
@@ -182,7 +175,7 @@ def try_plan(
         run = execute(scenario, tpg, base, recorders=(log, memory))
         log.require_whole()
         progress(SIMULATION, 1, 1)
-        trial = _conclude(scenario, tpg, folder, run, memory.events, about, progress)
+        trial = conclude(scenario, tpg, folder, run, memory.events, about, progress)
     keep_new(folder)
     return trial
 
@@ -210,7 +203,7 @@ def whole_or_failed(folder: Path) -> Iterator[None]:
         ) from error
 
 
-def _conclude(
+def conclude(
     scenario: Scenario,
     tpg: TemporalPlanGraph,
     folder: Path,
@@ -245,6 +238,7 @@ def _conclude(
         makespan_sequential_s=about.makespan_sequential_s if completed else None,
         warnings=about.warnings,
     )
+    summary["files"] = hashes_as_written(folder)
     write_json(folder / SUMMARY, summary)
     return Trial(folder, run, summary)
 
@@ -294,107 +288,3 @@ def _audit(folder: Path, run: Run, progress: Report) -> dict[str, Any]:
         "min_distance_bound_m": finite(report.min_distance_bound_m),
         "violations": [asdict(violation) for violation in report.violations],
     }
-
-
-class ResumeError(TwinError):
-    """The resumed run differs from its log."""
-
-
-@dataclass(frozen=True)
-class Resumption:
-    """Result of a resumed run.
-
-    Attributes:
-        agreed: events of the log, all of which happened again.
-        added: events that were missing.
-        trial: the run to its end; None where it had come to its end before.
-    """
-
-    agreed: int
-    added: int
-    trial: Trial | None
-
-
-def resume_run(
-    folder: Path, *, base: Path | None = None, progress: Report = report_nothing
-) -> Resumption:
-    """Resume a simulated run from its log.
-
-    Args:
-        folder: of the run; its process must not be alive any more.
-        base: where relative paths of the scenario start, where that has changed.
-        progress: told how far each stage has come.
-
-    Raises:
-        OutputError: the folder holds no run, or a file is damaged or cannot be written.
-        ResumeError: an event is not what the log says, as after an update of a package.
-    """
-    scenario, manifest = read_manifest(folder, "run to resume")
-    try:
-        about = Preparation(**manifest["run"])
-    except (KeyError, TypeError) as error:
-        raise OutputError(f"{folder}: does not say how to resume: {error}") from error
-    path = folder / EVENTS
-    log = read_log(path) if path.exists() else ()
-    known = _before_interrupt(log)
-    # The summary is written last, and the log ends with the end of the run.
-    if (folder / SUMMARY).exists() and len(known) == len(log) and _has_ended(log):
-        return Resumption(len(log), 0, None)
-    tpg = load_plan(folder)
-    if plan_sha256(tpg) != about.plan_sha256:
-        raise OutputError(f"{folder}: the plan is not the one of its manifest")
-    progress(SIMULATION, 0, 1)
-    memory = MemoryRecorder()
-    start = base or Path(about.base)
-    require_same_files(folder, manifest, scenario, start)
-    run = execute(scenario, tpg, start, recorders=(memory,))
-    if run.outcome == "aborted":
-        raise KeyboardInterrupt
-    lines = [event_line(event) for event in memory.events]
-    _require_agreement(path, known, lines, memory.events)
-    with whole_or_failed(folder):
-        recorder = JsonlRecorder(path, kept=sum(len(line.encode()) for line in known))
-        for event in memory.events[len(known) :]:
-            recorder.record(event)
-        recorder.close()
-        progress(SIMULATION, 1, 1)
-        trial = _conclude(scenario, tpg, folder, run, memory.events, about, progress)
-    keep_new(folder)
-    return Resumption(len(known), len(lines) - len(known), trial)
-
-
-def _has_ended(log: Sequence[str]) -> bool:
-    """Tell whether the last row of a log is the end of the whole run."""
-    if not log:
-        return False
-    last = parse_event(log[-1])
-    return last.kind == "finished" and not last.robot
-
-
-def _before_interrupt(log: Sequence[str]) -> Sequence[str]:
-    """Return a log without the last rows of a run that the user broke off."""
-    lines = list(log)
-    if lines and '"finished"' in lines[-1]:
-        last = parse_event(lines[-1])
-        if not last.robot and last.detail == "aborted":
-            lines.pop()
-            if lines and '"stopped"' in lines[-1] and not parse_event(lines[-1]).robot:
-                lines.pop()
-    return lines
-
-
-def _require_agreement(
-    path: Path, known: Sequence[str], lines: list[str], events: list[Event]
-) -> None:
-    for k, line in enumerate(known):
-        if k >= len(lines):
-            raise ResumeError(
-                f"{path}:{k + 1}: the run ends after {len(lines)} events, the log goes on"
-            )
-        if line != lines[k]:
-            event = events[k]
-            raise ResumeError(
-                f"{path}:{k + 1}: the log says {line.strip()}, but now"
-                f" {event.robot or 'the run'} {event.kind} at"
-                f" {event.t_ns / 1e9:.9f} s: {lines[k].strip()}"
-            )

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from planning.cell.workcell import PlacedRobot, Workcell
-from planning.errors import OutputError
+from planning.errors import RobotModelError
 from planning.robots.registry import robot_model
 from planning.transforms import identity
 from scheduling.graph.plan_files import load_plan, save_plan
@@ -69,5 +69,5 @@ def test_a_mesh_that_has_changed_is_noticed(tmp_path: Path) -> None:
     save_plan(_plan(own), run)
     (mesh,) = run.glob("robots/*/arm/meshes/cone.obj")
     mesh.write_text(mesh.read_text().replace("v ", "v  ", 1) + "# moved\n")
-    with pytest.raises(OutputError, match="a mesh of it is not as it was"):
+    with pytest.raises(RobotModelError, match="a mesh of it is not as it was"):
         load_plan(run)

@@ -25,6 +25,7 @@ def test_the_manifest_says_what_is_needed_to_repeat_a_run(tmp_path: Path) -> Non
         "scenario",
         "scenario_sha256",
         "seed",
+        "base",
         "versions",
         "files",
         "robots",

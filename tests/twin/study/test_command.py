@@ -12,10 +12,12 @@ import time
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
+from scheduling.graph.plan_files import load_plan, save_plan
 from twin.cli import app
 
 ROOT = Path(__file__).parents[3]
@@ -233,6 +235,15 @@ def test_a_study_of_something_else_is_not_gone_on_with(
     code, said = _twin("study", "--resume", folder, "-q")
     assert code == 2
     assert "numpy was 0.1 and is" in said
+    path.write_text(json.dumps(manifest))
+    (plan,) = (folder / "plans").iterdir()
+    tpg = load_plan(plan)
+    tpg.chains[0].duration.setflags(write=True)
+    np.multiply(tpg.chains[0].duration, 2.0, out=tpg.chains[0].duration)
+    save_plan(tpg, plan)
+    code, said = _twin("study", "--resume", folder, "-q")
+    assert code == 2
+    assert "is not the one that the study began with" in said.replace("\n", " ")
     changed = json.loads(json.dumps(manifest))
     changed["scenario"]["execution"]["stalls"]["rate_per_h"] = 10.0
     path.write_text(json.dumps(changed))

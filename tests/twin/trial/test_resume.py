@@ -21,7 +21,7 @@ from twin.cli import app
 from twin.planning.build_workcell import build_workcell
 from twin.run.folder import locked
 from twin.scenario.file import load_scenario
-from twin.trial.trial import ResumeError, resume_run
+from twin.trial.resume import ResumeError, resume_run
 
 ROOT = Path(__file__).parents[3]
 DISTURBED = """\

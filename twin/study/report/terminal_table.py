@@ -8,6 +8,7 @@ from typing import Any
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from twin.study.study import StudyResult
 from twin.study.summary import collisions
@@ -53,6 +54,8 @@ def print_study(result: StudyResult) -> None:
         if "collided" in cell:
             share = _percent(cell["collided"])
             console.print(f"{cell['policy']}: {collisions(cell)} ({share})")
+    for warning in summary["warnings"]:
+        console.print("[yellow]warning[/yellow]:", Text(warning), soft_wrap=True)
     console.print(f"{result.folder}")
 
 
