@@ -1,4 +1,4 @@
-"""Audit of a run: PyBullet replays what was executed and measures every distance.
+"""Audit of a run: an engine of its own replays what was executed and measures every distance.
 
 It shares nothing with the planner but the plan's list of allowed contacts: robots come from
 their URDF files, boxes from their sizes, motion from the tables that the run wrote. Of the cell
@@ -19,13 +19,19 @@ import numpy as np
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.accepted_overlaps import ContactRule
-from twin.audit.bullet_world import AuditWorld, Shape, overlapping_at_home
 from twin.audit.edge_order import edge_violations, logged_spans, moved_spans
 from twin.audit.executed import Recording, read_recording
 from twin.audit.joint_checks import joint_violations
 from twin.audit.pairs import Asked, gaps
 from twin.audit.sampling import Stretch, stretches, travel
 from twin.audit.violation import Violation
+from twin.audit.worlds.engine import (
+    Engine,
+    engine_and_version,
+    engine_named,
+    open_world,
+)
+from twin.audit.worlds.world import AuditWorld, Shape, overlapping_at_home
 from twin.host.progress import Report, report_nothing
 
 JUMP = 0.001
@@ -48,16 +54,22 @@ class AuditReport:
         min_distance_bound_m: nearer than this no two robots were at any moment; at most 0.05 mm
             less than ``min_distance_m`` [m].
         violations: by time; empty when all is well.
+        engine: what distances were measured with, and its version.
     """
 
     configurations: int
     min_distance_m: float
     min_distance_bound_m: float
     violations: tuple[Violation, ...]
+    engine: str
 
 
 def audit_run(
-    folder: Path, progress: Report = report_nothing, *, ordered: bool = True
+    folder: Path,
+    progress: Report = report_nothing,
+    *,
+    ordered: bool = True,
+    engine: Engine | None = None,
 ) -> AuditReport:
     """Audit a run that was written to a folder.
 
@@ -67,12 +79,14 @@ def audit_run(
         progress: told how far the audit has come.
         ordered: whether the run had to keep the plan's type-2 edges, as all policies but
             open-loop do.
+        engine: to measure with; by default PyBullet where it is installed, else coal.
 
     Raises:
+        RequestError: the engine is not installed.
         OutputError: a file is missing or does not fit the others.
     """
     tpg = load_plan(folder)
-    with Auditor(tpg) as auditor:
+    with Auditor(tpg, engine) as auditor:
         report = auditor.audit(
             read_recording(folder, tpg.cell), progress, ordered=ordered
         )
@@ -87,15 +101,20 @@ class Auditor(AbstractContextManager["Auditor"]):
 
     Args:
         tpg: says what stands in the cell, and who may touch whom.
+        engine: to measure with; by default PyBullet where it is installed, else coal.
+
+    Raises:
+        RequestError: the engine is not installed.
     """
 
-    def __init__(self, tpg: TemporalPlanGraph) -> None:
+    def __init__(self, tpg: TemporalPlanGraph, engine: Engine | None = None) -> None:
         self._tpg = tpg
-        self._world = AuditWorld(tpg.cell)
+        self._engine = engine_named(engine)
+        self._world = open_world(tpg.cell, self._engine)
         self._exempt = overlapping_at_home(self._world)
 
     def __exit__(self, *error: object) -> None:
-        """Let go of Bullet."""
+        """Let go of the engine's world."""
         self._world.close()
 
     def audit(
@@ -128,7 +147,7 @@ class Auditor(AbstractContextManager["Auditor"]):
         if ordered:
             moved = moved_spans(self._tpg, recording.robots)
             found += edge_violations(self._tpg, moved, "trajectory.parquet")
-        return watch.report(found)
+        return watch.report(engine_and_version(self._engine), found)
 
 
 class _Watch:
@@ -210,7 +229,7 @@ class _Watch:
                     Violation(t, t, box.name, "jump", jump, kind="jump")
                 )
 
-    def report(self, besides: Sequence[Violation] = ()) -> AuditReport:
+    def report(self, engine: str, besides: Sequence[Violation] = ()) -> AuditReport:
         """Return everything seen so far, and what was found besides."""
         found = [*besides, *self._jumped]
         for pair, seen in self._overlaps.items():
@@ -220,7 +239,7 @@ class _Watch:
                 _, depth, detail = max(rows, key=itemgetter(1))
                 found.append(Violation(rows[0][0], rows[-1][0], *pair, depth, detail))
         return AuditReport(
-            self._configurations, self._least, self._bound, _by_time(found)
+            self._configurations, self._least, self._bound, _by_time(found), engine
         )
 
 

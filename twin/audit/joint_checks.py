@@ -3,38 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from planning.transforms import Array
 from twin.audit.executed import RobotRows
 from twin.audit.violation import Violation
+from twin.audit.worlds.world import JointLimits
 
 _BEYOND = 1e-6
 """Joint values and shares of speed limits may be this far beyond: rounding [rad, m or 1]."""
 
 _TICKS = 2e-9
 """Times are whole nanoseconds, so a step may seem this much shorter than it is [s]."""
-
-
-@dataclass(frozen=True)
-class JointLimits:
-    """What the joints of a robot allow, from its URDF.
-
-    Attributes:
-        names: of the joints.
-        lower, upper: shape (n,); infinite for joints without limits [rad or m].
-        velocity: shape (n,) [rad/s or m/s].
-        units: ``"rad"`` or ``"m"`` of each joint.
-    """
-
-    names: tuple[str, ...]
-    lower: Array
-    upper: Array
-    velocity: Array
-    units: tuple[str, ...]
 
 
 def joint_violations(

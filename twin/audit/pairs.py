@@ -18,8 +18,8 @@ from math import ceil
 import numpy as np
 
 from planning.transforms import Array, Indices, Transform
-from twin.audit.bullet_world import AuditWorld, Shape
 from twin.audit.sampling import STEP, Stretch, Track
+from twin.audit.worlds.world import AuditWorld, Shape
 
 REACH = 0.05
 """Gaps are measured up to this (or to the least gap of two robots so far, plus this) [m]."""
@@ -264,7 +264,7 @@ class _Placer:
         self._loads = stretch.moving[len(world.robot_shapes) :]
         self._at = [(-1, 0.0)] * len(stretch.robots)
         for track in stretch.resting:
-            world.place(track.shape.body, track.pose(0))
+            world.place(track.shape, track.pose(0))
 
     def go_to(self, at: float) -> None:
         """Place everything as it is at a sample, or between it and the next."""
@@ -283,7 +283,7 @@ class _Placer:
             self.world.configure(index, q)
             for load in self._loads:
                 if load.holder == index:
-                    self.world.place(load.shape.body, self._pose(load, k, share, q))
+                    self.world.place(load.shape, self._pose(load, k, share, q))
 
     def _pose(self, load: Track, k: int, share: float, q: Array) -> Transform:
         """Return the pose of an object in the hand, at a sample or after it."""

@@ -5,22 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.transforms import Array, Indices
-
-
-@dataclass(frozen=True)
-class JointAxes:
-    """The axes of a robot's joints.
-
-    Attributes:
-        direction: in the frame of the link that the joint moves, shape (n, 3).
-        prismatic: shape (n,).
-    """
-
-    direction: Array
-    prismatic: npt.NDArray[np.bool_]
+from twin.audit.worlds.world import JointAxes
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ import numpy as np
 
 from planning.errors import OutputError
 from planning.transforms import Array, Transform
-from twin.audit.bullet_world import AuditWorld, Shape
 from twin.audit.executed import ObjectRow, Recording
 from twin.audit.reach import RobotSamples, motion_bounds
+from twin.audit.worlds.world import AuditWorld, Shape
 
 STEP = 0.01
 """No point of a robot or of what it carries moves further than this between samples [m].

@@ -28,10 +28,11 @@ from tests.twin.audit.audit_cell import (
 )
 from twin.audit.accepted_overlaps import CONTACT_DEPTH, SLACK
 from twin.audit.audit import Auditor, AuditReport, audit_run
-from twin.audit.bullet_world import AuditWorld, overlapping_at_home
 from twin.audit.executed import read_recording
 from twin.audit.pairs import FINEST
 from twin.audit.sampling import STEP, stretches
+from twin.audit.worlds.engine import open_world
+from twin.audit.worlds.world import overlapping_at_home
 
 X, Y = 0.42, -0.05
 EDGE = X + BRICK[0] / 2
@@ -334,7 +335,7 @@ def test_skipping_measurements_changes_nothing(tmp_path: Path, seed: int) -> Non
     recording = read_recording(folder, tpg.cell)
     with Auditor(tpg) as auditor:
         report = auditor.audit(recording)
-    world = AuditWorld(tpg.cell)
+    world = open_world(tpg.cell)
     exempt = overlapping_at_home(world)
     least, deepest, samples = np.inf, {}, 0
     for stretch in stretches(world, recording):
@@ -347,7 +348,7 @@ def test_skipping_measurements_changes_nothing(tmp_path: Path, seed: int) -> Non
             for load in moving[arms:]:
                 pose = np.eye(4)
                 pose[:3, :3], pose[:3, 3] = load.rotation[sample], load.centre[sample]
-                world.place(load.shape.body, pose)
+                world.place(load.shape, pose)
             for i, a in enumerate(moving):
                 for j, b in enumerate([*moving, *resting]):
                     if j <= i or (i, j) in exempt:
@@ -382,7 +383,7 @@ def test_no_point_moves_further_than_the_step(tmp_path: Path) -> None:
 
     tpg = load_plan(folder)
     recording = read_recording(folder, tpg.cell)
-    world = AuditWorld(tpg.cell)
+    world = open_world(tpg.cell)
     largest = 0.0
     for stretch in stretches(world, recording):
         for track in stretch.moving:
@@ -400,7 +401,7 @@ def test_bullet_measures_what_coal_measures(tmp_path: Path, name: str) -> None:
     box = CellObject("box", "box", size, np.eye(4), box_body("box", size))
     run = HandWrittenRun(Workcell((placed,), (), (box,)))
     run.move("arm", [0.0, 1.0], np.stack([model.home] * 2))
-    world = AuditWorld(run.tpg().cell)
+    world = open_world(run.tpg().cell)
     reference = ReferenceRobot(placed)
     assert [s.entity for s in world.robot_shapes] == [p.entity for p in reference.parts]
     rng = np.random.default_rng(3)
@@ -415,7 +416,7 @@ def test_bullet_measures_what_coal_measures(tmp_path: Path, name: str) -> None:
         centre = frame[:3, :3] @ part.centre + frame[:3, 3]
         away = rng.normal(size=3)
         pose = translation(*(centre + away / np.linalg.norm(away) * part.radius))
-        world.place(world.objects[0].body, pose)
+        world.place(world.objects[0], pose)
         at_rest = type(held)(
             "box", -1, np.eye(4), held.shape, np.zeros(3), 0.0, held.weight
         )
@@ -445,5 +446,5 @@ def test_recordings_that_do_not_fit_the_plan_are_refused(tmp_path: Path) -> None
 
 
 def test_bullet_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    AuditWorld(two_arm_cell()).close()
+    open_world(two_arm_cell()).close()
     assert capfd.readouterr() == ("", "")

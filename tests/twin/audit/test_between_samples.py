@@ -15,10 +15,10 @@ from tests.twin.audit.audit_cell import (
     two_arm_cell,
 )
 from twin.audit.audit import Auditor, audit_run
-from twin.audit.bullet_world import AuditWorld
 from twin.audit.executed import read_recording
 from twin.audit.pairs import FINEST
 from twin.audit.sampling import stretches
+from twin.audit.worlds.engine import open_world
 
 
 def sweep(turn: float) -> HandWrittenRun:
@@ -38,7 +38,7 @@ def sweep(turn: float) -> HandWrittenRun:
 
 def finely(run: HandWrittenRun, steps: int = 4000) -> float:
     """Oracle: least distance of the two robots in very many configurations."""
-    world = AuditWorld(run.cell)
+    world = open_world(run.cell)
     shapes = [[s for s in world.robot_shapes if s.robot == k] for k in (0, 1)]
     times, path = run.motions["left"]
     world.configure(1, run.motions["right"][1][0])
@@ -87,7 +87,7 @@ def test_a_graze_between_two_configurations_is_seen(
 def _overlaps(q: np.ndarray, x: float) -> bool:
     cell = two_arm_cell()
     post = fixture("post", [0.01, 0.01, 0.05], translation(x, 0.0, 0.36))
-    world = AuditWorld(type(cell)(cell.robots, (post,), ()))
+    world = open_world(type(cell)(cell.robots, (post,), ()))
     world.configure(0, q)
     arm = [s for s in world.robot_shapes if s.robot == 0]
     gap = min(world.distance(s, world.fixtures[0], 0.1) for s in arm)

@@ -151,7 +151,7 @@ def test_violations_end_with_code_1_and_are_listed(
     from twin.audit.violation import Violation
 
     found = Violation(1.0, 2.0, "left/arm", "right/arm", 0.004, "link_3 - link_4")
-    report = audit.AuditReport(100, -0.004, -0.004, (found,))
+    report = audit.AuditReport(100, -0.004, -0.004, (found,), "coal")
     monkeypatch.setattr(audit, "audit_run", lambda *_, **__: report)
     out = tmp_path / "run"
     result = invoke(

@@ -1,10 +1,11 @@
-"""A URDF rewritten so that Bullet measures every collision shape exactly.
+"""A URDF rewritten so that every collision shape is measured on its own, and exactly.
+
+Every shape becomes a link of its own, so that distances are those of single convex shapes.
 
 Bullet gives every shape of a URDF a margin of 1 mm that cannot be taken away. It inflates the
-hulls of meshes by it, and rounds the edges of boxes and cylinders off with it. So boxes and
-cylinders are made larger by 1 mm here: what Bullet then measures is the distance of the sharp
-shape less 1 mm, for them as for hulls. And every shape becomes a link of its own, so that
-distances are those of single convex shapes.
+hulls of meshes by it, and rounds the edges of boxes and cylinders off with it. So for Bullet
+boxes and cylinders are made larger by 1 mm here: what it then measures is the distance of the
+sharp shape less 1 mm, for them as for hulls.
 """
 
 from __future__ import annotations
@@ -18,9 +19,6 @@ from pathlib import Path
 from planning.errors import RobotModelError
 from planning.robots.urdf_file import find_mesh
 
-MARGIN = 0.001
-"""Bullet's margin of the shapes of a URDF [m]."""
-
 
 @dataclass(frozen=True)
 class ShapeLink:
@@ -29,7 +27,7 @@ class ShapeLink:
     Attributes:
         link: name of the new link.
         owner: link of the original description that the shape belongs to.
-        margin: by how much Bullet inflates it [m].
+        margin: by how much it is measured too large [m].
     """
 
     link: str
@@ -38,7 +36,7 @@ class ShapeLink:
 
 
 def one_shape_a_link(
-    urdf: Path, package_dirs: Sequence[Path]
+    urdf: Path, package_dirs: Sequence[Path], margin: float
 ) -> tuple[str, tuple[ShapeLink, ...]]:
     """Return the rewritten description and the links that carry its shapes.
 
@@ -48,6 +46,7 @@ def one_shape_a_link(
     Args:
         urdf: the description.
         package_dirs: where meshes are looked up.
+        margin: that the collision library gives every shape [m].
 
     Raises:
         RobotModelError: the file cannot be read, or a mesh is not there.
@@ -64,26 +63,29 @@ def one_shape_a_link(
             link.remove(child)
         link.append(_unit_inertia())
         for number, collision in enumerate(collisions):
-            margin = _prepare(collision, urdf, package_dirs)
+            inflated = _prepare(collision, urdf, package_dirs, margin)
             name = f"{owner}//{number}"
-            shapes.append(ShapeLink(name, owner, margin))
+            shapes.append(ShapeLink(name, owner, inflated))
             robot.append(_shape_link(name, collision))
             robot.append(_mount(name, owner, collision.find("origin")))
     return ElementTree.tostring(robot, encoding="unicode"), tuple(shapes)
 
 
 def _prepare(
-    collision: ElementTree.Element, urdf: Path, package_dirs: Sequence[Path]
+    collision: ElementTree.Element,
+    urdf: Path,
+    package_dirs: Sequence[Path],
+    margin: float,
 ) -> float:
     """Grow a shape by the margin or complete its file name; return how far it is inflated."""
     box = collision.find("geometry/box")
     if box is not None:
-        size = [float(s) + 2 * MARGIN for s in str(box.get("size")).split()]
+        size = [float(s) + 2 * margin for s in str(box.get("size")).split()]
         box.set("size", " ".join(map(repr, size)))
     cylinder = collision.find("geometry/cylinder")
     if cylinder is not None:
-        cylinder.set("radius", repr(float(str(cylinder.get("radius"))) + MARGIN))
-        cylinder.set("length", repr(float(str(cylinder.get("length"))) + 2 * MARGIN))
+        cylinder.set("radius", repr(float(str(cylinder.get("radius"))) + margin))
+        cylinder.set("length", repr(float(str(cylinder.get("length"))) + 2 * margin))
     mesh = collision.find("geometry/mesh")
     if mesh is not None:
         name = str(mesh.get("filename"))
@@ -95,7 +97,7 @@ def _prepare(
             )
         mesh.set("filename", str(found.resolve()))
     # A sphere is a point with its radius for a margin: nothing to make up for.
-    return 0.0 if collision.find("geometry/sphere") is not None else MARGIN
+    return 0.0 if collision.find("geometry/sphere") is not None else margin
 
 
 def _shape_link(name: str, collision: ElementTree.Element) -> ElementTree.Element:

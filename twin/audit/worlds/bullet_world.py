@@ -10,8 +10,6 @@ neighbouring samples of a motion do not share such a slip.
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -21,58 +19,23 @@ from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import RobotModelError
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform, quat_wxyz
-from twin.audit.exact_urdf import one_shape_a_link
-from twin.audit.joint_checks import JointLimits
-from twin.audit.reach import JointAxes
+from twin.audit.worlds.exact_urdf import one_shape_a_link
+from twin.audit.worlds.world import BASE, JointAxes, JointLimits, Shape
 from twin.host.silence import silenced
 
 with silenced():  # it greets on standard error
     import pybullet
     from pybullet_utils.bullet_client import BulletClient
 
-BASE = -1
+MARGIN = 0.001
+"""Bullet's margin of the shapes of a URDF [m]."""
 
 
-@dataclass(frozen=True)
-class Shape:
-    """One convex shape that the audit watches.
-
-    Attributes:
-        entity: the name allowed contacts use: ``"<robot>/arm"``, ``"<robot>/tool"``, a fixture
-            or an object.
-        detail: the link it belongs to, or the entity again.
-        body, link: Bullet's numbers for it.
-        robot: index of its robot, None for boxes.
-        joint: index of the joint that moves it, -1 for a robot's base.
-        centre: of a sphere around it, in the frame of the link moved by ``joint`` (of the box
-            for boxes), shape (3,) [m].
-        radius: of that sphere [m].
-        margin: by how much Bullet inflates it [m].
-    """
-
-    entity: str
-    detail: str
-    body: int
-    link: int
-    robot: int | None
-    joint: int
-    centre: Array
-    radius: float
-    margin: float
-
-
-class AuditWorld:
+class BulletWorld:
     """A PyBullet world without dynamics, for distances between bodies that are posed.
 
     Args:
-        cell: what to load: URDF files of robots, boxes for the rest.
-
-    Attributes:
-        robot_shapes: all shapes of all robots.
-        fixtures: one shape a fixture.
-        objects: one shape an object, in the order of the cell.
-        limits: what the joints of each robot allow.
-        axes: of the joints of each robot, in the order of the cell.
+        cell: what to load.
     """
 
     def __init__(self, cell: Workcell) -> None:
@@ -81,6 +44,8 @@ class AuditWorld:
             self._bullet = BulletClient(pybullet.DIRECT)
         # A description that changed on disk must not be taken from the cache.
         self._bullet.setPhysicsEngineParameter(enableFileCaching=0)
+        # Bullet's numbers of body and link of each shape, and by how much it inflates it [m].
+        self._known: list[tuple[int, int, float]] = []
         self._bodies: list[int] = []
         self._moved: list[list[int]] = []
         self.robot_shapes: list[Shape] = []
@@ -98,7 +63,7 @@ class AuditWorld:
     def _load(self, index: int, robot: PlacedRobot) -> None:
         """Load a robot and note its shapes: what moves each, and a sphere around it."""
         model = robot.model
-        text, shapes = one_shape_a_link(model.urdf, model.package_dirs)
+        text, shapes = one_shape_a_link(model.urdf, model.package_dirs, MARGIN)
         body = self._urdf_body(text, robot.base)
         joints: dict[str, int] = {}
         links: dict[str, int] = {}
@@ -140,10 +105,14 @@ class AuditWorld:
             radius = float(0.5 * np.linalg.norm(high - low))
             entity = f"{robot.name}/{'tool' if shape.owner in tool else 'arm'}"
             detail = f"{robot.name}/{shape.owner}"
-            watched = Shape(
-                entity, detail, body, link, index, joint, centre, radius, shape.margin
+            number = self._know(body, link, shape.margin)
+            self.robot_shapes.append(
+                Shape(entity, detail, number, index, joint, centre, radius)
             )
-            self.robot_shapes.append(watched)
+
+    def _know(self, body: int, link: int, margin: float) -> int:
+        self._known.append((body, link, margin))
+        return len(self._known) - 1
 
     def _limits(self, body: int, moved: list[int], model: str) -> JointLimits:
         """Return the limits that the URDF gives the joints, or the registry in its place."""
@@ -189,15 +158,17 @@ class AuditWorld:
         shape = self._bullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half)
         body = self._bullet.createMultiBody(0, shape)
         self._bullet.changeDynamics(body, BASE, collisionMargin=0.0)
-        self.place(body, pose)
         radius = float(np.linalg.norm(half))
-        return Shape(name, name, body, BASE, None, BASE, np.zeros(3), radius, 0.0)
+        number = self._know(body, BASE, 0.0)
+        box = Shape(name, name, number, None, BASE, np.zeros(3), radius)
+        self.place(box, pose)
+        return box
 
-    def place(self, body: int, pose: Transform) -> None:
-        """Pose a box in the world."""
+    def place(self, box: Shape, pose: Transform) -> None:
+        """Pose a fixture or an object in the world."""
         w, x, y, z = quat_wxyz(pose)
         self._bullet.resetBasePositionAndOrientation(
-            body, pose[:3, 3].tolist(), [x, y, z, w]
+            self._known[box.number][0], pose[:3, 3].tolist(), [x, y, z, w]
         )
 
     def configure(self, robot: int, q: Array) -> None:
@@ -207,16 +178,7 @@ class AuditWorld:
         )
 
     def link_frames(self, robot: int, q: Array) -> tuple[Array, Array]:
-        """Return where Bullet puts the base and the moved links of a robot.
-
-        Args:
-            robot: its index.
-            q: configurations, shape (m, n).
-
-        Returns:
-            Rotations, shape (m, n + 1, 3, 3), and positions in the world, shape
-            (m, n + 1, 3) [m]; entry 0 is the base, entry j + 1 the link that joint j moves.
-        """
+        """Return where Bullet puts the base and the moved links of a robot."""
         body, moved = self._bodies[robot], self._moved[robot]
         states = np.empty((len(q), len(moved), 7))
         for k, row in enumerate(q):
@@ -233,29 +195,10 @@ class AuditWorld:
         return rotation, position
 
     def distance(self, a: Shape, b: Shape, reach: float) -> float:
-        """Return the signed distance of two shapes as they are placed now [m].
-
-        Args:
-            a, b: the shapes.
-            reach: beyond this distance ``reach`` is returned.
-        """
-        margin = a.margin + b.margin
-        points = self._bullet.getClosestPoints(a.body, b.body, reach, a.link, b.link)
-        return min((point[8] + margin for point in points), default=reach)
-
-
-def overlapping_at_home(world: AuditWorld) -> frozenset[tuple[int, int]]:
-    """Return pairs of a robot's own shapes (indices of ``robot_shapes``) that are not checked.
-
-    Shapes of one link or of neighbouring links touch by design. Shapes that overlap at HOME,
-    which is free of collisions, only do so because hulls are larger than what they contain.
-    """
-    for index, robot in enumerate(world.cell.robots):
-        world.configure(index, robot.home)
-    out = set()
-    for (i, a), (j, b) in combinations(enumerate(world.robot_shapes), 2):
-        if a.robot == b.robot:
-            touching = abs(a.joint - b.joint) <= 1
-            if touching or world.distance(a, b, 1.0) <= 0.0:
-                out.add((i, j))
-    return frozenset(out)
+        """Return the signed distance of two shapes as they are placed now [m]."""
+        body_a, link_a, margin_a = self._known[a.number]
+        body_b, link_b, margin_b = self._known[b.number]
+        margin = margin_a + margin_b
+        points = self._bullet.getClosestPoints(body_a, body_b, reach, link_a, link_b)
+        # What is nearer before margins are made up for may be beyond reach.
+        return min([reach, *(point[8] + margin for point in points)])

@@ -1,0 +1,197 @@
+"""Both engines of the audit measure the same, and the one that is asked for is used."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planning.cell.cover import box_body
+from planning.cell.workcell import CellObject, PlacedRobot, Workcell
+from planning.errors import RequestError
+from planning.robots.registry import robot_model
+from planning.transforms import from_rpy, rotation
+from tests.twin.audit.audit_cell import HandWrittenRun, brick, reach, two_arm_cell
+from twin.audit.accepted_overlaps import SLACK
+from twin.audit.audit import AuditReport, audit_run
+from twin.audit.sampling import STEP
+from twin.audit.worlds.engine import (
+    Engine,
+    engine_and_version,
+    engine_named,
+    open_world,
+)
+from twin.audit.worlds.world import AuditWorld, Shape
+
+NEAR = 0.05
+
+TOLERANCE = 2e-4
+"""Bullet rounds the edges of cylinders off; apart, it may say more than coal by this [m]."""
+
+needs_pybullet = pytest.mark.skipif(
+    engine_named(None) != "pybullet", reason="PyBullet is not installed"
+)
+
+
+def _pair_of(names: tuple[str, str], sizes: np.ndarray) -> Workcell:
+    robots = tuple(
+        PlacedRobot(
+            f"r{k}", model, from_rpy([0.5 * k, 0.1, 0], [0, 0, 2.0 * k]), model.home
+        )
+        for k, model in enumerate(map(robot_model, names))
+    )
+    boxes = tuple(
+        CellObject(f"b{k}", "box", size, np.eye(4), box_body(f"b{k}", size))
+        for k, size in enumerate(sizes)
+    )
+    return Workcell(robots, (), boxes)
+
+
+def _scatter(worlds: list[AuditWorld], rng: np.random.Generator) -> None:
+    """Put robots and boxes of both worlds at the same random places, boxes near robots."""
+    bullet = worlds[0]
+    for k, robot in enumerate(bullet.cell.robots):
+        q = rng.uniform(robot.model.lower, robot.model.upper)
+        turn, there = bullet.link_frames(k, q[None])
+        same_turn, same_there = worlds[1].link_frames(k, q[None])
+        np.testing.assert_allclose(same_turn, turn, atol=1e-6)
+        np.testing.assert_allclose(same_there, there, atol=1e-6)
+        for world in worlds:
+            world.configure(k, q)
+        for box in range(k, len(bullet.objects), 2):
+            own = [shape for shape in bullet.robot_shapes if shape.robot == k]
+            shape = own[int(rng.integers(len(own)))]
+            link = shape.joint + 1
+            middle = turn[0, link] @ shape.centre + there[0, link]
+            pose = from_rpy(middle + rng.normal(0.0, 0.08, 3), rng.uniform(-3, 3, 3))
+            for world in worlds:
+                world.place(world.objects[box], pose)
+
+
+def _shapes(world: AuditWorld) -> list[Shape]:
+    return [*world.robot_shapes, *world.objects]
+
+
+@needs_pybullet
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("gp4", "gp4"),
+        ("panda", "iiwa14"),
+        ("mobile-iiwa14", "tower-crane"),
+        ("mobile-manipulator", "panda"),
+    ],
+)
+def test_both_engines_measure_the_same(names: tuple[str, str]) -> None:
+    """Oracle: the other engine, over random configurations and places of boxes."""
+    rng = np.random.default_rng(11)
+    cell = _pair_of(names, rng.uniform(0.02, 0.2, (4, 3)))
+    engines: tuple[Engine, ...] = ("pybullet", "coal")
+    worlds = [open_world(cell, engine) for engine in engines]
+    for name, limits in worlds[0].limits.items():
+        other = worlds[1].limits[name]
+        assert (limits.names, limits.units) == (other.names, other.units)
+        np.testing.assert_allclose(limits.lower, other.lower)
+        np.testing.assert_allclose(limits.upper, other.upper)
+        np.testing.assert_allclose(limits.velocity, other.velocity)
+    for axes, others in zip(worlds[0].axes, worlds[1].axes, strict=True):
+        np.testing.assert_allclose(axes.direction, others.direction, atol=1e-12)
+        np.testing.assert_array_equal(axes.prismatic, others.prismatic)
+    pairs = list(zip(*map(_shapes, worlds), strict=True))
+    for a, b in pairs:
+        assert (a.entity, a.detail, a.joint) == (b.entity, b.detail, b.joint)
+    apart, deep = [0.0], [0.0]
+    for _ in range(60):
+        _scatter(worlds, rng)
+        for i, (a, same_a) in enumerate(pairs):
+            for b, same_b in pairs[i + 1 :]:
+                if a.robot is not None and a.robot == b.robot:
+                    continue
+                bullet = worlds[0].distance(a, b, NEAR)
+                coal = worlds[1].distance(same_a, same_b, NEAR)
+                side = deep if min(bullet, coal) <= 0.0 else apart
+                side.append(bullet - coal)
+    for world in worlds:
+        world.close()
+    assert len(deep) > 50
+    assert len(apart) > 50
+    assert np.max(np.abs(deep)) < SLACK / 2
+    assert np.max(np.abs(apart)) < TOLERANCE
+    assert min(*apart, *deep) > -SLACK / 2
+
+
+def _crash(folder: Path, engine: Engine) -> AuditReport:
+    """The left arm presses a brick on the plate, then leans into the right one."""
+    cell = two_arm_cell([brick("b0", 0.4, 0.0)], gap=0.6)
+    run = HandWrittenRun(cell)
+    low = reach(cell, "left", 0.40, 0.0, 0.21)
+    high = reach(cell, "left", 0.40, 0.0, 0.3)
+    lean = high.copy()
+    lean[1] += 0.5
+    run.move("left", [0.0, 2.0, 4.0, 6.0], np.stack([high, low, high, lean]))
+    still = cell.robot("right").home
+    run.move("right", [0.0, 6.0], np.stack([still, still]))
+    return audit_run(run.write(folder), engine=engine)
+
+
+@needs_pybullet
+def test_both_engines_find_the_same_violations(tmp_path: Path) -> None:
+    bullet, coal = (_crash(tmp_path / name, name) for name in ("pybullet", "coal"))
+    assert bullet.violations
+    seen, same = (
+        [(v.first, v.second, v.kind) for v in r.violations] for r in (bullet, coal)
+    )
+    assert seen == same
+    for one, other in zip(bullet.violations, coal.violations, strict=True):
+        # What is too deep already is not looked at more finely.
+        assert one.depth_m == pytest.approx(other.depth_m, abs=STEP)
+        assert one.t_start == pytest.approx(other.t_start, abs=0.05)
+    assert bullet.min_distance_m == pytest.approx(coal.min_distance_m, abs=SLACK)
+    assert bullet.engine == engine_and_version("pybullet")
+    assert coal.engine == engine_and_version("coal")
+
+
+def test_coal_keeps_angles_of_continuous_joints(tmp_path: Path) -> None:
+    """Oracle: the turn that the joint's angle means, beyond one whole turn."""
+    urdf = tmp_path / "spinner.urdf"
+    urdf.write_text(
+        """<robot name="spinner">
+  <link name="base"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
+  <link name="hand"><collision><origin xyz="0.3 0 0"/>
+    <geometry><sphere radius="0.05"/></geometry></collision></link>
+  <joint name="spin" type="continuous"><parent link="base"/><child link="hand"/>
+    <axis xyz="0 0 1"/><limit velocity="2" effort="1"/></joint>
+</robot>"""
+    )
+    model = robot_model(str(urdf))
+    cell = Workcell((PlacedRobot("s", model, np.eye(4), model.home),), (), ())
+    world = open_world(cell, "coal")
+    for angle in (-4.0, 0.3, 6.0):
+        turn, _ = world.link_frames(0, np.array([[angle]]))
+        expected = rotation("z", angle)[:3, :3]
+        np.testing.assert_allclose(turn[0, 1], expected, atol=1e-12)
+    limits = world.limits["s"]
+    assert (limits.lower[0], limits.upper[0], limits.velocity[0]) == (
+        -np.inf,
+        np.inf,
+        2,
+    )
+    world.configure(0, np.array([np.pi / 2]))
+    box, ball = world.robot_shapes
+    assert (box.joint, ball.joint) == (-1, 0)
+    assert world.distance(box, ball, 1.0) == pytest.approx(0.2, abs=1e-6)
+
+
+def test_without_pybullet_coal_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "twin.audit.worlds.bullet_world", None)
+    assert engine_named(None) == "coal"
+    assert engine_named("coal") == "coal"
+    with pytest.raises(RequestError, match=r"pip install 'assembly-twin\[audit\]'"):
+        engine_named("pybullet")
+
+
+def test_unknown_engines_are_refused() -> None:
+    with pytest.raises(RequestError, match=r"fcl.*valid: pybullet, coal"):
+        engine_named("fcl")
