@@ -40,7 +40,7 @@ def summarise(
         scenario: its name.
         plan: which plan ``tpg`` is.
         planning_s: wall-clock seconds of the planning stages.
-        audit: configurations, min_distance_m and violations, None when there was no audit.
+        audit: engine, configurations, distances and violations, None when there was no audit.
         makespan_sequential_s: makespan of the plan in turns, one task after another; by default that of the
             same nodes with the same durations, one robot at a time.
         warnings: what is doubtful about the cell and what was asked for.
@@ -195,6 +195,8 @@ def _audit_row(audit: Mapping[str, Any] | None) -> tuple[str, str, str]:
     remark = f"{audit['configurations']} configurations"
     if least is not None:
         remark += f", robots at least {1000 * least:.1f} mm apart"
+    if engine := audit.get("engine"):
+        remark += f", measured with {engine}"
     kinds = Counter(entry["kind"] for entry in audit["violations"])
     by_kind = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
     verdict = "clean" if count == 0 else f"{count} violations ({by_kind})"

@@ -283,6 +283,7 @@ def _audit(folder: Path, run: Run, progress: Report) -> dict[str, Any]:
 
     report = audit_run(folder, progress, ordered=run.policy != "open-loop")
     return {
+        "engine": report.engine,
         "configurations": report.configurations,
         "min_distance_m": finite(report.min_distance_m),
         "min_distance_bound_m": finite(report.min_distance_bound_m),

@@ -201,4 +201,4 @@ class BulletWorld:
         margin = margin_a + margin_b
         points = self._bullet.getClosestPoints(body_a, body_b, reach, link_a, link_b)
         # What is nearer before margins are made up for may be beyond reach.
-        return min([reach, *(point[8] + margin for point in points)])
+        return float(min([reach, *(point[8] + margin for point in points)]))
