@@ -23,7 +23,8 @@ from twin.audit.edge_order import edge_violations, logged_spans, moved_spans
 from twin.audit.executed import Recording, read_recording
 from twin.audit.joint_checks import joint_violations
 from twin.audit.pairs import Asked, gaps
-from twin.audit.sampling import Stretch, stretches, travel
+from twin.audit.reach import travel_of_points
+from twin.audit.sampling import Stretch, stretches
 from twin.audit.violation import Violation
 from twin.audit.worlds.engine import (
     Engine,
@@ -223,7 +224,9 @@ class _Watch:
                 continue
             old = box.start if before is None else tracks[0][box.name].pose(-1)
             ends = np.stack([old, tracks[1][box.name].pose(0)])
-            jump = float(travel(ends[:, :3, :3], ends[:, :3, 3], shape.radius)[0])
+            jump = float(
+                travel_of_points(ends[:, :3, :3], ends[:, :3, 3], shape.radius)[0]
+            )
             if jump > JUMP:
                 self._jumped.append(
                     Violation(t, t, box.name, "jump", jump, kind="jump")

@@ -11,17 +11,18 @@ accounted for, with far fewer measurements than samples.
 from __future__ import annotations
 
 import heapq
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
 
-from planning.transforms import Array, Indices, Transform
+from planning.transforms import Array, Transform
 from twin.audit.sampling import STEP, Stretch, Track
 from twin.audit.worlds.world import AuditWorld, Shape
 
-REACH = 0.05
+REACH = 0.5
 """Gaps are measured up to this (or to the least gap of two robots so far, plus this) [m]."""
 
 FINEST = 1e-4
@@ -68,22 +69,23 @@ class _Watched:
 
     a: Track
     b: Track
-    close: Indices
-    moved: Array
+    close: list[int]
+    moved: list[float]
     between_robots: bool
 
     def next_after(self, sample: int, room: float) -> tuple[int, int | None]:
         """Return when the pair has used up ``room`` [m], and when to measure it next."""
         used = self.moved[sample] + max(room, 0.0)
-        until = int(np.searchsorted(self.moved, used, side="right"))
-        k = int(np.searchsorted(self.close, until))
-        return until, int(self.close[k]) if k < len(self.close) else None
+        until = bisect_right(self.moved, used, sample)
+        k = bisect_left(self.close, until)
+        return until, self.close[k] if k < len(self.close) else None
 
     def middle(self, start: float, end: float, used: float) -> float:
         """Return where between two places, in samples, the pair has moved by ``used`` [m]."""
         first, last = int(start), ceil(end)
-        known = self.moved[first : last + 1]
-        return float(np.interp(used, known, np.arange(first, last + 1)))
+        k = bisect_right(self.moved, used, first + 1, last) - 1
+        share = (used - self.moved[k]) / (self.moved[k + 1] - self.moved[k])
+        return k + min(share, 1.0)
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ def gaps(
     exempt: frozenset[tuple[int, int]],
     asked: Asked,
 ) -> Iterator[Gap]:
-    """Yield measured gaps of all pairs, by the times at which they were asked for.
+    """Yield measured gaps that matter, those at samples first, then those in between.
 
     Every overlap deeper than allowed is among them, and between robots every gap that is less
     than all before it, both to within half of ``FINEST``.
@@ -114,11 +116,11 @@ def gaps(
     """
     least = asked.least
     watched = list(_pairs(stretch, len(world.robot_shapes), exempt, least()))
-    due = [(int(pair.close[0]), k) for k, pair in enumerate(watched)]
+    due = [(pair.close[0], k) for k, pair in enumerate(watched)]
     heapq.heapify(due)
     before: list[_Measured | None] = [None] * len(watched)
     placer = _Placer(world, stretch)
-    between, near = _Between(placer, asked), _Between(placer, asked)
+    between, near = _Between(placer, asked, True), _Between(placer, asked, False)
     while due:
         sample, k = heapq.heappop(due)
         pair = watched[k]
@@ -128,19 +130,17 @@ def gaps(
         until, following = pair.next_after(sample, distance - max(need, 0.0))
         if following is not None:
             heapq.heappush(due, (following, k))
-        yield Gap(pair.a.shape, pair.b.shape, sample, until, distance, distance)
-        now = _Measured(float(sample), float(pair.moved[sample]), distance)
+        if distance <= 0.0 or (pair.between_robots and distance < least()):
+            yield Gap(pair.a.shape, pair.b.shape, sample, until, distance, distance)
+        now = _Measured(float(sample), pair.moved[sample], distance)
         last = before[k]
         if last is not None:
-            if pair.between_robots:
-                # When the whole stretch has been measured, few of them are still open.
-                between.add(pair, last, now)
-            else:
-                near.add(pair, last, now)
-                yield from near.settle()
+            # When the whole stretch has been measured, few of them are still open.
+            (between if pair.between_robots else near).add(pair, last, now)
         # Where the pair is not close in between, its spheres have been apart since.
         before[k] = now if following == until else None
     yield from between.settle()
+    yield from near.settle()
 
 
 def _measure(placer: _Placer, pair: _Watched, at: float, least: float) -> float:
@@ -151,24 +151,31 @@ def _measure(placer: _Placer, pair: _Watched, at: float, least: float) -> float:
 
 
 class _Between:
-    """What lies between measurements and excludes too little yet, the worst first."""
+    """What lies between measurements and excludes too little yet, in the order to settle it.
 
-    def __init__(self, placer: _Placer, asked: Asked) -> None:
-        self._placer, self._asked = placer, asked
-        self._open: list[tuple[float, int, _Watched, _Measured, _Measured]] = []
+    Between robots the worst comes first, which settles the most of what is left; of others the
+    earliest, so that what is measured at the same moment is placed once.
+    """
+
+    def __init__(self, placer: _Placer, asked: Asked, worst_first: bool) -> None:
+        self._placer, self._asked, self._worst_first = placer, asked, worst_first
+        self._open: list[tuple[float, int, float, _Watched, _Measured, _Measured]] = []
         self._count = 0
 
     def add(self, pair: _Watched, low: _Measured, high: _Measured) -> None:
         """Note two measurements of a pair."""
         bound = 0.5 * (low.distance + high.distance - (high.moved - low.moved))
+        if bound >= 0.0 and not pair.between_robots:
+            return
         if bound < _needed(pair, low, high, self._asked):
             self._count += 1
-            heapq.heappush(self._open, (bound, self._count, pair, low, high))
+            first = bound if self._worst_first else 0.5 * (low.at + high.at)
+            heapq.heappush(self._open, (first, self._count, bound, pair, low, high))
 
     def settle(self) -> Iterator[Gap]:
         """Measure in between until nothing that is asked for is left open."""
         while self._open:
-            bound, _, pair, low, high = heapq.heappop(self._open)
+            _, _, bound, pair, low, high = heapq.heappop(self._open)
             if bound >= _needed(pair, low, high, self._asked):
                 continue
             a, b = pair.a.shape, pair.b.shape
@@ -179,7 +186,8 @@ class _Between:
             used = 0.5 * (low.moved + high.moved)
             at = pair.middle(low.at, high.at, used)
             distance = _measure(self._placer, pair, at, self._asked.least())
-            yield Gap(a, b, int(at), int(at) + 1, distance, distance)
+            if distance <= 0.0 or pair.between_robots:
+                yield Gap(a, b, int(at), int(at) + 1, distance, distance)
             middle = _Measured(at, used, distance)
             self.add(pair, low, middle)
             self.add(pair, middle, high)
@@ -239,7 +247,7 @@ def _pairs(
                 moved = _travelled_within(a, b)
             else:
                 moved = travelled[i] + travelled[j]
-            yield _Watched(a, b, close, moved, between_robots)
+            yield _Watched(a, b, close.tolist(), moved.tolist(), between_robots)
 
 
 def _outside(box: Track, points: Array) -> Array:

@@ -78,24 +78,6 @@ class Stretch:
     resting: tuple[Track, ...]
 
 
-def travel(rotation: Array, position: Array, radius: float) -> Array:
-    """Return how far any point of a body gets, step by step.
-
-    Args:
-        rotation: of the body at m samples, shape (m, 3, 3).
-        position: of the centre of a sphere around it, shape (m, 3) [m].
-        radius: of the sphere [m].
-
-    Returns:
-        Upper bounds of the displacement of any point, shape (m - 1,) [m].
-    """
-    turned = np.diff(rotation, axis=0)
-    # For rotations A and B the spectral norm of A - B is its Frobenius norm over sqrt(2).
-    angle = np.sqrt(np.einsum("kij,kij->k", turned, turned) / 2.0)
-    moved = np.linalg.norm(np.diff(position, axis=0), axis=1)
-    return np.asarray(moved + radius * angle)
-
-
 def stretches(world: AuditWorld, recording: Recording) -> Iterator[Stretch]:
     """Yield the whole run in order; each stretch starts when the one before it ends."""
     placements = {
