@@ -26,7 +26,13 @@ from pathlib import Path
 from benchmarks.kills import SCENARIO
 
 # What is the same in every run of a command, byte for byte.
-_RUN = ("plan.json", "plan.npz", "events.jsonl", "objects.parquet", "trajectory.parquet")
+_RUN = (
+    "plan.json",
+    "plan.npz",
+    "events.jsonl",
+    "objects.parquet",
+    "trajectory.parquet",
+)
 _STUDY = ("replications.parquet", "tasks.parquet", "edges.parquet")
 _WHOLE = {
     "run": (*_RUN, "summary.json", "gantt.png", "run.rrd", "manifest.json"),
