@@ -21,11 +21,16 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.accepted_overlaps import ContactRule
 from twin.audit.edge_order import edge_violations, logged_spans, moved_spans
 from twin.audit.executed import Recording, read_recording
+from twin.audit.grips import GripWatch
 from twin.audit.joint_checks import joint_violations
 from twin.audit.pairs import Asked, gaps
+from twin.audit.places import place_violations, start_violations
 from twin.audit.reach import travel_of_points
+from twin.audit.resting import RestWatch
 from twin.audit.sampling import Stretch, stretches
+from twin.audit.supports import support_violations
 from twin.audit.violation import Violation
+from twin.audit.wanted import Wanted
 from twin.audit.worlds.engine import (
     Engine,
     engine_and_version,
@@ -71,6 +76,8 @@ def audit_run(
     *,
     ordered: bool = True,
     engine: Engine | None = None,
+    wanted: Wanted | None = None,
+    finished: bool = True,
 ) -> AuditReport:
     """Audit a run that was written to a folder.
 
@@ -81,20 +88,24 @@ def audit_run(
         ordered: whether the run had to keep the plan's type-2 edges, as all policies but
             open-loop do.
         engine: to measure with; by default PyBullet where it is installed, else coal.
+        wanted: what the scenario says of places and of what holds them; None where there is no
+            scenario: what hangs, grips, supports and places are not looked at then.
+        finished: whether the run came to its end, so that all must be in place.
 
     Raises:
         RequestError: the engine is not installed.
         OutputError: a file is missing or does not fit the others.
     """
     tpg = load_plan(folder)
-    with Auditor(tpg, engine) as auditor:
-        report = auditor.audit(
-            read_recording(folder, tpg.cell), progress, ordered=ordered
-        )
-    if not (ordered and (folder / _EVENTS).exists()):
-        return report
-    logged = edge_violations(tpg, logged_spans(tpg, folder / _EVENTS), _EVENTS)
-    return replace(report, violations=_by_time([*report.violations, *logged]))
+    recording = read_recording(folder, tpg.cell)
+    with Auditor(tpg, engine, wanted) as auditor:
+        report = auditor.audit(recording, progress, ordered=ordered)
+    found = [*report.violations, *start_violations(tpg.cell, recording)]
+    if finished and wanted is not None:
+        found += place_violations(tpg.cell, recording, wanted)
+    if ordered and (folder / _EVENTS).exists():
+        found += edge_violations(tpg, logged_spans(tpg, folder / _EVENTS), _EVENTS)
+    return replace(report, violations=_by_time(found))
 
 
 class Auditor(AbstractContextManager["Auditor"]):
@@ -103,13 +114,20 @@ class Auditor(AbstractContextManager["Auditor"]):
     Args:
         tpg: says what stands in the cell, and who may touch whom.
         engine: to measure with; by default PyBullet where it is installed, else coal.
+        wanted: what the scenario says of places and of what holds them; None where there is no
+            scenario: what hangs, grips and supports are not looked at then.
 
     Raises:
         RequestError: the engine is not installed.
     """
 
-    def __init__(self, tpg: TemporalPlanGraph, engine: Engine | None = None) -> None:
-        self._tpg = tpg
+    def __init__(
+        self,
+        tpg: TemporalPlanGraph,
+        engine: Engine | None = None,
+        wanted: Wanted | None = None,
+    ) -> None:
+        self._tpg, self._wanted = tpg, wanted
         self._engine = engine_named(engine)
         self._world = open_world(tpg.cell, self._engine)
         self._exempt = overlapping_at_home(self._world)
@@ -141,10 +159,21 @@ class Auditor(AbstractContextManager["Auditor"]):
         """
         rule = ContactRule(self._tpg, recording)
         watch = _Watch(self._world, rule, self._exempt, within)
+        wanted = self._wanted
+        others = wanted and (
+            RestWatch(self._world, wanted),
+            GripWatch(self._world, wanted),
+        )
         for stretch in stretches(self._world, recording):
+            for other in others or ():
+                other.look(stretch)
             watch.look(stretch)
             progress(AUDIT, float(stretch.t[-1]), recording.end)
         found = list(joint_violations(recording.robots, self._world.limits))
+        for other in others or ():
+            found += other.violations()
+        if wanted is not None:
+            found += support_violations(self._world, self._tpg, recording, wanted)
         if ordered:
             moved = moved_spans(self._tpg, recording.robots)
             found += edge_violations(self._tpg, moved, "trajectory.parquet")

@@ -127,7 +127,8 @@ def read_recording(folder: Path, cell: Workcell) -> Recording:
             _reject(folder, {holder} - known, "robot", known)
         rows.append(ObjectRow(t_s, name, holder, from_quat_wxyz(xyz, quat)))
     rows.sort(key=lambda row: row.t)
-    end = max(float(r.t[-1]) for r in robots.values())
+    ends = [float(r.t[-1]) for r in robots.values()]
+    end = max(*ends, *(row.t for row in rows))
     return Recording(robots, tuple(rows), end)
 
 

@@ -5,7 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-ViolationKind = Literal["contact", "jump", "joint-limit", "joint-speed", "edge-order"]
+ViolationKind = Literal[
+    "contact",
+    "jump",
+    "joint-limit",
+    "joint-speed",
+    "edge-order",
+    "hanging",
+    "grip",
+    "place",
+    "support",
+]
 
 
 @dataclass(frozen=True)
@@ -17,9 +27,14 @@ class Violation:
         first, second: who and what. Of a ``contact`` two entities, such as ``"left/arm"``,
             ``"right/tool"``, ``"b3"``, ``"plate"``; of a ``jump`` the object and
             ``"jump"``; of a ``joint-limit`` or ``joint-speed`` the robot and
-            its joint; of an ``edge-order`` the robots, the one that must be complete first.
-        depth_m: greatest overlap, 0 for robots that just touch; of a jump its length; 0 for kinds that are no lengths [m].
-        detail: the links that overlapped most, or how far beyond what is allowed.
+            its joint; of an ``edge-order`` the robots, the one that must be complete first; of
+            ``hanging`` the object and the nearest thing that stands; of a ``grip`` the object
+            and its holder; of a ``place`` the object and its place; of a ``support`` the object
+            and who is nearest to being its support, or the two robots of a handover.
+        depth_m: greatest overlap, 0 for robots that just touch; of a jump its length; of what
+            hangs, a grip or a support the distance; of a place how far off; 0 for kinds that are
+            no lengths [m].
+        detail: the links that overlapped most, or what is wrong, and how much.
         kind: what is not allowed.
     """
 

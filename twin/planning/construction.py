@@ -12,6 +12,7 @@ import numpy as np
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import ScenarioError
 from planning.transforms import Array, Transform, readonly
+from twin.audit.wanted import Place, Wanted
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.section import plain_values
@@ -93,6 +94,15 @@ class ConstructionKind(AssemblyKind):
         }
         supply = self.section.supply
         return part_objects(self.parts, supply_layout(supply), starts, near=supply.near)
+
+    def wanted(self) -> Wanted:
+        """Return the places of the parts, which whatever they are joined to holds."""
+        kinds = {item.name: item.kind for item in self.objects()}
+        places = tuple(
+            Place("its place in the structure", part.goal, kinds[part.name], part.name)
+            for part in self.parts
+        )
+        return Wanted(places, "joints", self.section.touch_m)
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch

@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Protocol
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
+from twin.audit.wanted import Wanted
 from twin.host.progress import StageWatch
 from twin.scenario.document.problems import Problem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
@@ -84,6 +85,10 @@ class AssemblyKind(Protocol):
     def objects(self) -> tuple[CellObject, ...]:
         """Return the objects it brings."""
         return ()
+
+    def wanted(self) -> Wanted:
+        """Return where everything is to stand at the end, as the section says, for the audit."""
+        return Wanted()
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch

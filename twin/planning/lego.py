@@ -19,6 +19,7 @@ from planning.lego.bricks.assembly import (
     Press,
     StockBrick,
 )
+from twin.audit.wanted import Place, Wanted
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.problems import Problem
@@ -105,6 +106,26 @@ class LegoKind(AssemblyKind):
         from planning.lego.bricks.objects import stock_objects
 
         return stock_objects(build_lego(self.section))
+
+    def wanted(self) -> Wanted:
+        """Return the places of all bricks, of any brick of the type, and which steps are held."""
+        from planning.lego.bricks.grid import box_pose
+
+        plate, types = _plate(self.section.plate), brick_types(self.section)
+        places = [
+            Place(
+                f"step {k}: {step.brick} at {list(step.at)}",
+                box_pose(plate, cell_of(step), types[step.brick]),
+                step.brick,
+                held=step.support is not None,
+            )
+            for k, step in enumerate(self.section.steps, start=1)
+        ]
+        for item in build_structure(self.section) or ():
+            at = [item.cell.x, item.cell.y, item.cell.z]
+            pose = box_pose(plate, item.cell, item.brick)
+            places.append(Place(f"{item.name} at {at}", pose, item.brick.name))
+        return Wanted(tuple(places), hold="studs")
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch

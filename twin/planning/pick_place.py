@@ -11,6 +11,7 @@ import numpy as np
 from planning.cell.workcell import CellObject, Workcell
 from planning.parts.assembly import GripRules, PickPlaceAssembly
 from planning.transforms import readonly
+from twin.audit.wanted import Place, Wanted
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
@@ -53,6 +54,17 @@ class PickPlaceKind(AssemblyKind):
     def objects(self) -> tuple[CellObject, ...]:
         """Return the parts where they are at the start."""
         return tuple(_part(part, self.section.steps) for part in self.section.parts)
+
+    def wanted(self) -> Wanted:
+        """Return the goals of the parts that are placed, and how far fingers stand open."""
+        objects = {item.name: item for item in self.objects()}
+        goals = build_pick_place(self.section).goals
+        places = tuple(
+            Place(f"goal of step {k}", goals[name], objects[name].kind, name)
+            for k, name in enumerate(self.section.steps, start=1)
+        )
+        section = self.section
+        return Wanted(places, "weight", opening_m=section.grips.opening_m)
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch

@@ -91,7 +91,7 @@ def lower_bound_s(tpg: TemporalPlanGraph, run: Run) -> float:
 _MOST_VIOLATIONS = 10
 
 _MILLIMETRES = {"contact": "deep", "jump": "far"}
-"""What the depth of a violation of a kind is; other kinds have none."""
+"""What the depth of a violation of a kind is; others have none, or say it in their sentence."""
 
 _STAGES = {
     "sequence": "which brick when",

@@ -227,7 +227,7 @@ def conclude(
         progress(RECORDS, total, total)
     completed = run.outcome == "completed"
     ended = run.outcome != "aborted"
-    audit = _audit(folder, run, progress) if about.audit and ended else None
+    audit = _audit(scenario, folder, run, progress) if about.audit and ended else None
     summary = summarise(
         tpg,
         run,
@@ -278,10 +278,19 @@ def execute(
     return Simulator(tpg, model).run(seed=scenario.seed, recorders=recorders)
 
 
-def _audit(folder: Path, run: Run, progress: Report) -> dict[str, Any]:
+def _audit(
+    scenario: Scenario, folder: Path, run: Run, progress: Report
+) -> dict[str, Any]:
     from twin.audit.audit import audit_run
+    from twin.planning.kind import assembly_kind
 
-    report = audit_run(folder, progress, ordered=run.policy != "open-loop")
+    report = audit_run(
+        folder,
+        progress,
+        ordered=run.policy != "open-loop",
+        wanted=assembly_kind(scenario.assembly).wanted(),
+        finished=run.outcome == "completed",
+    )
     return {
         "engine": report.engine,
         "configurations": report.configurations,

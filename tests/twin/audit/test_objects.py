@@ -1,0 +1,340 @@
+"""The audit sees objects that hang, grips that do not fit, wrong places and missing supports."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planning.transforms import Array, Transform, rotation, translation
+from tests.twin.audit.audit_cell import (
+    BRICK,
+    TOP,
+    HandWrittenRun,
+    brick,
+    in_hand,
+    straight_down,
+    two_arm_cell,
+)
+from tests.twin.audit.test_audit import handled
+from twin.audit.audit import audit_run
+from twin.audit.violation import Violation
+from twin.audit.wanted import Hold, Place, Wanted
+
+X, Y = 0.42, -0.08
+EDGE = X + BRICK[0] / 2
+CONTACT = TOP + BRICK[2]
+STUDS = Wanted(hold="studs")
+
+
+def at(x: float, y: float, z: float) -> Transform:
+    return translation(x, y, z)
+
+
+def moved_brick(
+    to: Transform, *, off: Transform | None = None, back: bool = False
+) -> HandWrittenRun:
+    """``left`` takes b1 from (X, Y) at 3 s, lifts it, comes down again, and puts it ``to`` at 9 s.
+
+    Args:
+        to: where it is put.
+        off: where it is as seen from where it stood, when it is taken.
+        back: it stays in the hand instead.
+    """
+    cell = two_arm_cell([brick("b1", X, Y)])
+    path = straight_down(cell, "left", EDGE, Y, CONTACT + 0.06, CONTACT, 61)
+    up_and_down = np.vstack([path, path[-2::-1], path[1:], path[-2::-1]])
+    run = HandWrittenRun(cell, handled("b1"))
+    run.move("left", np.linspace(0, 12, len(up_and_down)), up_and_down)
+    taken = cell.object("b1").start @ (np.eye(4) if off is None else off)
+    run.put(3.0, "b1", "left", in_hand(cell, "left", path[60], taken))
+    if not back:
+        run.put(9.0, "b1", None, to)
+    return run
+
+
+def found(
+    run: HandWrittenRun, folder: Path, wanted: Wanted, *kinds: str
+) -> tuple[Violation, ...]:
+    """The violations of some kinds."""
+    report = audit_run(run.write(folder), wanted=wanted)
+    return tuple(v for v in report.violations if not kinds or v.kind in kinds)
+
+
+def test_a_brick_that_is_put_where_it_belongs(tmp_path: Path) -> None:
+    start = brick("b1", X, Y).start
+    half = start @ rotation("z", np.pi)
+    for place in (
+        Place("step 1", start, "2x4", "b1"),
+        Place("step 1", start, "2x4"),
+        Place("step 1", half, "2x4"),
+    ):
+        wanted = replace(STUDS, places=(place,))
+        assert found(moved_brick(start), tmp_path, wanted) == ()
+
+
+@pytest.mark.parametrize(
+    ("place", "away"),
+    [
+        (Place("step 7", at(X, Y, CONTACT - BRICK[2] / 2), "2x4"), 0.0),
+        (Place("step 7", at(X + 0.008, Y, CONTACT - BRICK[2] / 2), "2x4"), 0.008),
+        (
+            Place("step 7", at(X, Y + 0.0011, CONTACT - BRICK[2] / 2), "2x4", "b1"),
+            0.0011,
+        ),
+    ],
+)
+def test_a_brick_that_ends_beside_its_place(
+    tmp_path: Path, place: Place, away: float
+) -> None:
+    run = moved_brick(brick("b1", X, Y).start)
+    violations = found(run, tmp_path, replace(STUDS, places=(place,)), "place")
+    assert [round(v.depth_m, 6) for v in violations] == ([away] if away else [])
+    for v in violations:
+        assert (v.first, v.second, v.t_start) == ("b1", "step 7", 12.0)
+        assert f"up to {away * 1e3:.2f} mm off" in v.detail
+
+
+def test_a_named_part_must_not_be_turned(tmp_path: Path) -> None:
+    goal = brick("b1", X, Y).start @ rotation("z", np.pi)
+    wanted = Wanted((Place("goal", goal, "2x4", "b1"),))
+    (v,) = found(moved_brick(brick("b1", X, Y).start), tmp_path, wanted, "place")
+    assert v.depth_m > 0.01
+
+
+def test_a_brick_that_stays_in_the_hand_or_is_no_object_of_the_plan(
+    tmp_path: Path,
+) -> None:
+    start = brick("b1", X, Y).start
+    wanted = replace(STUDS, places=(Place("step 1", start, "2x4", "b1"),))
+    (v,) = found(moved_brick(start, back=True), tmp_path, wanted, "place")
+    assert v.detail == "is still held by left"
+    wanted = replace(STUDS, places=(Place("step 1", start, "2x6"),))
+    (v,) = found(moved_brick(start), tmp_path, wanted, "place")
+    assert (v.first, v.second, v.detail) == ("2x6", "step 1", "no 2x6 is there")
+    (v,) = found(moved_brick(start, back=True), tmp_path, wanted, "place")[1:]
+    assert "in the hand of left" in v.detail
+
+
+def test_a_run_that_has_not_come_to_its_end_has_no_wrong_places(tmp_path: Path) -> None:
+    wanted = replace(STUDS, places=(Place("step 1", np.eye(4), "2x6"),))
+    folder = moved_brick(brick("b1", X, Y).start).write(tmp_path)
+    assert audit_run(folder, wanted=wanted, finished=False).violations == ()
+
+
+def test_a_brick_that_starts_elsewhere_than_in_the_cell(tmp_path: Path) -> None:
+    cell = two_arm_cell([brick("b1", X, Y)])
+    run = HandWrittenRun(cell)
+    run.move("left", [0.0, 1.0], np.stack([cell.robot("left").home] * 2))
+    folder = run.write(tmp_path)
+    other = two_arm_cell([brick("b1", X + 0.016, Y)])
+    run = HandWrittenRun(other, motions=run.motions)
+    (tmp_path / "other").mkdir()
+    run.write(tmp_path / "other")
+    (tmp_path / "other" / "objects.parquet").replace(folder / "objects.parquet")
+    (v,) = audit_run(folder).violations
+    assert (v.kind, v.first) == ("place", "b1")
+    assert v.depth_m == pytest.approx(0.016, abs=1e-9)
+
+
+def test_a_brick_that_moves_while_nobody_holds_it(tmp_path: Path) -> None:
+    start = brick("b1", X, Y).start
+    run = moved_brick(start)
+    run.put(10.0, "b1", None, translation(0.008, 0.0, 0.0) @ start)
+    (v,) = found(run, tmp_path, STUDS, "jump")
+    assert (v.first, v.t_start) == ("b1", 10.0)
+    assert v.depth_m == pytest.approx(0.008, abs=1e-9)
+    run.placements[-1] = (13.0, *run.placements[-1][1:])  # after everybody has stopped
+    (v,) = found(run, tmp_path, STUDS, "jump")
+    assert v.t_start == 13.0
+
+
+def still(*objects: tuple[float, float, float]) -> HandWrittenRun:
+    """Nobody moves for a second; bricks are at rest somewhere (layers may be broken)."""
+    cell = two_arm_cell([brick(f"b{k}", *o) for k, o in enumerate(objects)])  # type: ignore[arg-type]
+    run = HandWrittenRun(cell)
+    run.move("left", [0.0, 1.0], np.stack([cell.robot("left").home] * 2))
+    return run
+
+
+@pytest.mark.parametrize(
+    ("hold", "objects", "hangs"),
+    [
+        ("studs", [(X, Y, 1)], []),
+        ("weight", [(X, Y, 1), (X, Y, 2)], []),
+        ("joints", [(X, Y, 1.1)], []),  # 0.96 mm above the plate
+        ("joints", [(X, Y, 1.3)], ["b0"]),  # 2.88 mm
+        ("weight", [(X, Y, 1.3)], ["b0"]),
+        ("studs", [(X, Y, 2)], ["b0"]),
+        ("studs", [(X, Y, 2), (X, Y, 3)], ["b0", "b1"]),
+        # Beside another brick, 0.2 mm away: only joints hold it.
+        ("joints", [(X, Y, 1), (X, Y, 2), (X + 0.016, Y, 2)], []),
+        ("weight", [(X, Y, 1), (X, Y, 2), (X + 0.016, Y, 2)], ["b2"]),
+        ("studs", [(X, Y, 1), (X, Y, 2), (X + 0.016, Y, 2)], ["b2"]),
+        # Under the overhang of the brick beside: its studs hold it, its weight does not.
+        ("studs", [(X, Y, 1), (X, Y, 2), (X + 0.008, Y, 3), (X + 0.016, Y, 2)], []),
+        (
+            "weight",
+            [(X, Y, 1), (X, Y, 2), (X + 0.008, Y, 3), (X + 0.016, Y, 2)],
+            ["b3"],
+        ),
+    ],
+)
+def test_what_rests_on_nothing(
+    tmp_path: Path,
+    hold: Hold,
+    objects: list[tuple[float, float, float]],
+    hangs: list[str],
+) -> None:
+    violations = found(still(*objects), tmp_path, Wanted(hold=hold))
+    assert [(v.kind, v.first) for v in violations] == [("hanging", b) for b in hangs]
+    for v in violations:
+        assert (v.t_start, v.t_end) == (0.0, 1.0)
+
+
+def test_joints_have_room_in_their_places_only(tmp_path: Path) -> None:
+    """The brick hangs 10 mm beside another: a joint, if the scenario puts it there."""
+    poses = [(X, Y, 1), (X, Y, 2), (X + 0.026, Y, 2)]
+    run = still(*poses)
+    places = [Place("place", box.start, box.kind, box.name) for box in run.cell.objects]
+    wanted = Wanted(tuple(places), "joints", 0.012)
+    assert found(run, tmp_path, wanted) == ()
+    (v,) = found(run, tmp_path, replace(wanted, places=tuple(places[:2])))
+    assert (v.kind, v.first, v.second) == ("hanging", "b2", "plate")
+    assert v.depth_m == pytest.approx(BRICK[2], abs=1e-5)
+    assert "9.60 mm away from plate" in v.detail
+
+
+def test_a_brick_that_is_let_go_in_the_air_and_caught_again(tmp_path: Path) -> None:
+    cell = two_arm_cell([brick("b1", X, Y)])
+    run = moved_brick(brick("b1", X, Y).start)
+    _, path = run.motions["left"]
+    grip = run.placements[0][3]
+    k = 90  # 30 mm above the plate
+    up = at(0.0, 0.0, 0.03) @ cell.object("b1").start
+    assert in_hand(cell, "left", path[k], up) == pytest.approx(grip, abs=1e-6)
+    run.put(4.5, "b1", None, up)
+    run.put(7.5, "b1", "left", grip)
+    (v,) = found(run, tmp_path, STUDS, "hanging")
+    assert (v.first, v.second, v.t_start, v.t_end) == ("b1", "plate", 4.5, 7.5)
+    assert v.depth_m == pytest.approx(0.03, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("below", "opening", "gap"),
+    [
+        (0.0080, 0.0, 0.0),
+        (0.0083, 0.0, 0.0051),
+        (0.0083, BRICK[2] + 0.004, 0.0),  # fingers that close by 2 mm
+        (0.0103, BRICK[2] + 0.004, 0.0071),
+    ],
+)
+def test_an_object_that_hangs_away_from_the_tool(
+    tmp_path: Path, below: float, opening: float, gap: float
+) -> None:
+    """The brick is taken though the tool is that far above it; its lever is 3.2 mm nearer."""
+    cell = two_arm_cell([brick("b1", X, Y)])
+    low = CONTACT + below
+    path = straight_down(cell, "left", EDGE, Y, low + 0.06, low, 61)
+    run = HandWrittenRun(cell, handled("b1"))
+    run.move("left", np.linspace(0, 6, 121), np.vstack([path, path[-2::-1]]))
+    held = in_hand(cell, "left", path[60], cell.object("b1").start)
+    run.put(3.0, "b1", "left", held)
+    violations = found(run, tmp_path, Wanted(opening_m=opening))
+    assert [v.kind for v in violations] == (["grip"] if gap else [])
+    for v in violations:
+        assert (v.first, v.second, v.t_start, v.t_end) == ("b1", "left", 3.0, 6.0)
+        assert v.depth_m == pytest.approx(gap, abs=1e-4)
+        assert "away from left/tool" in v.detail
+
+
+def supported(leaves: float, comes: float = 0.0) -> HandWrittenRun:
+    """``left`` puts b1 down from 3 s to 9 s; ``right`` stands on b2 in the meantime.
+
+    Args:
+        leaves: when ``right`` begins to go up.
+        comes: when it is there.
+    """
+    run = moved_brick(brick("b1", X, Y).start)
+    b2 = brick("b2", 0.48, 0.08)
+    run.cell = two_arm_cell([brick("b1", X, Y), b2])
+    run.allowed += handled("b2", robot="right", task=1)
+    path = straight_down(
+        run.cell,
+        "right",
+        0.48 + BRICK[0] / 2,
+        0.08,
+        CONTACT + 0.05,
+        CONTACT + 0.0015,
+        2,
+    )
+    high, low = path
+    times = [0.0, comes, leaves, 12.0] if comes else [0.0, leaves, 12.0]
+    run.move("right", times, np.array([high, low, low, high][-len(times) :]))
+    return run
+
+
+HELD = Wanted(
+    (Place("step 1", brick("b1", X, Y).start, "2x4", "b1", held=True),), hold="studs"
+)
+
+
+def node_of_the_release(run: HandWrittenRun) -> tuple[float, float]:
+    times, _ = run.motions["left"]
+    k = int(np.searchsorted(times, 9.0))
+    return float(times[k - 1]), float(times[k])
+
+
+@pytest.mark.parametrize(
+    ("leaves", "comes", "kinds"),
+    [
+        (9.0, 0.0, []),
+        (8.94, 0.0, ["support"]),  # before the node of the release is over
+        (10.0, 8.95, []),
+        (10.0, 8.96, ["support"]),  # after it has begun
+    ],
+)
+def test_a_support_that_leaves_early_or_comes_late(
+    tmp_path: Path, leaves: float, comes: float, kinds: list[str]
+) -> None:
+    run = supported(leaves, comes)
+    begin, end = node_of_the_release(run)
+    assert (begin, end) == pytest.approx((8.95, 9.0))
+    violations = found(run, tmp_path, HELD)
+    assert [v.kind for v in violations] == kinds
+    for v in violations:
+        assert (v.first, v.t_start, v.t_end) == ("b1", begin, end)
+        assert "put down without its support" in v.detail
+    # Where neither scenario nor plan asks for a support, none is missed.
+    assert found(run, tmp_path, STUDS, "support") == ()
+
+
+def test_a_support_that_stands_beside_the_structure(tmp_path: Path) -> None:
+    run = supported(9.0)
+    times, path = run.motions["right"]
+    run.move("right", times.tolist(), np.repeat(path[-1:], 3, axis=0))
+    (v,) = found(run, tmp_path, HELD)
+    assert (v.kind, v.second) == ("support", "right")
+    assert v.depth_m == pytest.approx(0.05 + 0.0015 - 0.0032, abs=4e-3)
+
+
+def test_a_handover_between_two_that_move(tmp_path: Path) -> None:
+    """The brick goes from hand to hand while both arms turn, and while one stands."""
+    cell = two_arm_cell([brick("b1", X, Y)])
+    path = straight_down(cell, "left", EDGE, Y, CONTACT + 0.06, CONTACT, 61)
+    other = np.repeat(cell.robot("right").home[None], 4, axis=0)
+    for turn, kinds in ((0.0, []), (0.05, ["support"])):
+        run = HandWrittenRun(cell, handled("b1"))
+        run.move("left", np.linspace(0, 6, 121), np.vstack([path, path[-2::-1]]))
+        run.put(
+            3.0, "b1", "left", in_hand(cell, "left", path[60], brick("b1", X, Y).start)
+        )
+        q: Array = other.copy()
+        q[1:, 0] += turn * np.arange(3)
+        run.move("right", [0.0, 4.0, 5.0, 6.0], q)
+        there = translation(0.0, 0.0, 0.03) @ brick("b1", X, Y).start
+        in_between = q[1] + 0.5 * (q[2] - q[1])
+        run.put(4.5, "b1", "right", in_hand(cell, "right", in_between, there))
+        assert [v.kind for v in found(run, tmp_path, STUDS, "support")] == kinds

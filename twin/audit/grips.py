@@ -1,0 +1,80 @@
+"""What a robot holds must be at its tool."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from twin.audit.executed import ObjectRow
+from twin.audit.sampling import Stretch
+from twin.audit.violation import Violation
+from twin.audit.wanted import Wanted
+from twin.audit.worlds.world import AuditWorld, Shape
+
+GRIP = 0.005
+"""What is held may be this far away from the closed tool of its holder [m]."""
+
+_FAR = 10.0
+
+
+class GripWatch:
+    """Measures once for every hold, when it begins: from then on tool and object move as one.
+
+    Fingers that stand open in the geometry of a tool close by half of what is left of their
+    opening beside the thinnest edge of the object.
+
+    Args:
+        world: to measure in.
+        wanted: how far fingers stand open.
+    """
+
+    def __init__(self, world: AuditWorld, wanted: Wanted) -> None:
+        self._world, self._opening = world, wanted.opening_m
+        self._known: dict[str, ObjectRow] = {}
+        self._open: dict[str, Violation] = {}
+        self._found: list[Violation] = []
+
+    def look(self, stretch: Stretch) -> None:
+        """Check what has come into a hand at the start of a stretch."""
+        t = float(stretch.t[0])
+        for name, row in stretch.placements.items():
+            if self._known.get(name) is row:
+                continue
+            self._known[name] = row
+            if name in self._open:
+                self._found.append(replace(self._open.pop(name), t_end=t))
+            if row.holder is not None:
+                self._measure(stretch, name, row.holder)
+        self._last = float(stretch.t[-1])
+
+    def violations(self) -> list[Violation]:
+        """Return the holds that do not fit, from when to when."""
+        self._found += [replace(v, t_end=self._last) for v in self._open.values()]
+        self._open = {}
+        return self._found
+
+    def _measure(self, stretch: Stretch, name: str, holder: str) -> None:
+        (track,) = (k for k in stretch.moving if k.shape.entity == name)
+        assert track.holder is not None
+        self._world.configure(track.holder, stretch.robots[track.holder].q[0])
+        self._world.place(track.shape, track.pose(0))
+        gap, tool = min(
+            (self._world.distance(shape, track.shape, _FAR), shape.detail)
+            for shape in tool_shapes(self._world, track.holder)
+        )
+        size = self._world.cell.object(name).size
+        closing = max(0.0, 0.5 * (self._opening - float(np.min(size))))
+        if gap > GRIP + closing:
+            t = float(stretch.t[0])
+            detail = f"is held {gap * 1e3:.2f} mm away from {tool}"
+            detail += f", which closes by {closing * 1e3:.2f} mm" if closing else ""
+            self._open[name] = Violation(t, t, name, holder, gap, detail, "grip")
+
+
+def tool_shapes(world: AuditWorld, robot: int) -> list[Shape]:
+    """Return the shapes of a robot's tool; of its outermost link, where it has none."""
+    own = [shape for shape in world.robot_shapes if shape.robot == robot]
+    tool = [shape for shape in own if shape.entity.endswith("/tool")]
+    last = max(shape.joint for shape in own)
+    return tool or [shape for shape in own if shape.joint == last]

@@ -1,0 +1,166 @@
+"""Objects that nobody holds must rest on something that does not fall."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from planning.transforms import Array, Transform, translation
+from twin.audit.executed import ObjectRow
+from twin.audit.sampling import Stretch
+from twin.audit.violation import Violation
+from twin.audit.wanted import TOUCH, Wanted
+from twin.audit.worlds.world import AuditWorld, Shape
+
+_SINKS = 0.3
+"""What comes nearer by this share of the way that an object sinks carries it."""
+
+_FAR = 10.0
+
+
+class RestWatch:
+    """Looks at every state of what is at rest, and notes who hangs in the air.
+
+    Fixtures stand. What rests on something that stands, stands too; see ``Hold`` for what counts
+    as resting.
+
+    Args:
+        world: to measure in.
+        wanted: what keeps objects at rest, and how near is touching.
+    """
+
+    def __init__(self, world: AuditWorld, wanted: Wanted) -> None:
+        self._world, self._wanted = world, wanted
+        cell = world.cell
+        shapes = {shape.entity: shape for shape in (*world.fixtures, *world.objects)}
+        sizes = {f.name: f.size for f in cell.fixtures}
+        sizes |= {o.name: o.size for o in cell.objects}
+        self._boxes = {name: (shapes[name], size) for name, size in sizes.items()}
+        self._poses: dict[str, Transform] = {f.name: f.pose for f in cell.fixtures}
+        self._bounds = {name: self._box_of(name) for name in self._poses}
+        self._fixtures = tuple(self._poses)
+        self._rows: dict[str, ObjectRow] = {}
+        self._carriers: dict[str, set[str]] = {}
+        self._goals = {p.object: p.pose for p in wanted.places if p.object}
+        self._hanging: dict[str, tuple[float, float, str]] = {}
+        self._found: list[Violation] = []
+
+    def look(self, stretch: Stretch) -> None:
+        """Check the state of a stretch, where it is another than before."""
+        t = float(stretch.t[0])
+        if self._update(stretch.placements):
+            hanging = self._floating()
+            for name in [name for name in self._hanging if name not in hanging]:
+                self._close(name, t)
+            for name in hanging:
+                if name not in self._hanging:
+                    self._hanging[name] = (t, *self._nearest(name, hanging))
+        self._last = float(stretch.t[-1])
+
+    def violations(self) -> list[Violation]:
+        """Return what hung in the air, from when to when."""
+        for name in list(self._hanging):
+            self._close(name, self._last)
+        return self._found
+
+    def _close(self, name: str, until: float) -> None:
+        since, gap, nearest = self._hanging.pop(name)
+        detail = f"rests on nothing: {gap * 1e3:.2f} mm away from {nearest}, the nearest that stands"
+        self._found.append(
+            Violation(since, until, name, nearest, gap, detail, "hanging")
+        )
+
+    def _update(self, placements: Mapping[str, ObjectRow]) -> bool:
+        """Take over what has changed; tell whether anything has."""
+        resting = {k: row for k, row in placements.items() if row.holder is None}
+        gone = [k for k, row in self._rows.items() if resting.get(k) is not row]
+        come = [k for k, row in resting.items() if self._rows.get(k) is not row]
+        for name in gone:
+            del self._rows[name], self._poses[name], self._bounds[name]
+            self._carriers.pop(name)
+            for carriers in self._carriers.values():
+                carriers.discard(name)
+        for name in come:
+            self._rows[name] = resting[name]
+            self._poses[name] = resting[name].pose
+            self._bounds[name] = self._box_of(name)
+            self._carriers[name] = set()
+            for other in self._near(name):
+                self._join(name, other)
+        return bool(gone or come)
+
+    def _box_of(self, name: str) -> Array:
+        """Return the corners of the upright box around an object, shape (2, 3)."""
+        pose, (_, size) = self._poses[name], self._boxes[name]
+        reach = np.abs(pose[:3, :3]) @ (0.5 * size)
+        return np.array([pose[:3, 3] - reach, pose[:3, 3] + reach])
+
+    def _near(self, name: str) -> list[str]:
+        low, high = self._bounds[name]
+        touch = self._wanted.touch_m
+        return [
+            other
+            for other, (lo, hi) in self._bounds.items()
+            if other != name
+            and np.all(low <= hi + touch)
+            and np.all(lo <= high + touch)
+        ]
+
+    def _join(self, first: str, second: str) -> None:
+        """Note who of two carries whom, if they touch."""
+        if self._gap(first, second) > self._touch(first, second):
+            return
+        hold = self._wanted.hold
+        carries = [
+            hold == "joints" or self._sinks_into(a, b)
+            for a, b in ((first, second), (second, first))
+        ]
+        if hold == "studs":
+            carries = [any(carries)] * 2
+        if carries[0]:
+            self._carriers[first].add(second)
+        if carries[1] and second in self._carriers:
+            self._carriers[second].add(first)
+
+    def _touch(self, first: str, second: str) -> float:
+        """Return how near is touching: joints may have room where the scenario puts them [m]."""
+        for name in (first, second):
+            if name in self._fixtures:
+                continue
+            goal = self._goals.get(name)
+            if goal is None or not np.allclose(goal, self._poses[name], atol=1e-3):
+                return min(TOUCH, self._wanted.touch_m)
+        return self._wanted.touch_m
+
+    def _sinks_into(self, upper: str, lower: str) -> bool:
+        """Tell whether one object comes nearer to another if it sinks."""
+        way = self._touch(upper, lower)
+        nearer = self._gap(upper, lower) - self._gap(upper, lower, sunk=way)
+        return nearer >= _SINKS * way
+
+    def _gap(self, first: str, second: str, *, sunk: float = 0.0) -> float:
+        a, b = self._placed(first, sunk), self._placed(second, 0.0)
+        return self._world.distance(a, b, _FAR)
+
+    def _placed(self, name: str, sunk: float) -> Shape:
+        shape, _ = self._boxes[name]
+        self._world.place(shape, translation(0.0, 0.0, -sunk) @ self._poses[name])
+        return shape
+
+    def _floating(self) -> list[str]:
+        carried: dict[str, list[str]] = {}
+        for name, carriers in self._carriers.items():
+            for carrier in carriers:
+                carried.setdefault(carrier, []).append(name)
+        front, stands = list(self._fixtures), set(self._fixtures)
+        while front:
+            new = set(carried.get(front.pop(), ())) - stands
+            stands |= new
+            front += new
+        return [name for name in self._rows if name not in stands]
+
+    def _nearest(self, name: str, hanging: list[str]) -> tuple[float, str]:
+        gaps = {o: self._gap(name, o) for o in self._poses if o not in hanging}
+        nearest = min(gaps, key=gaps.__getitem__, default="anything")
+        return gaps.get(nearest, _FAR), nearest
