@@ -37,6 +37,8 @@ from twin.study.folder import (
     require_same_plans,
     write_request,
 )
+from twin.study.gains.files import write_gains
+from twin.study.gains.gains import CellGains, study_gains
 from twin.study.plans import (
     Plans,
     load_plans,
@@ -71,11 +73,15 @@ class StudyResult:
         folder: of its files.
         request: what was asked.
         summary: the content of ``summary.json``.
+        loads: the work of its cells.
+        gains: what is worth fixing, by cell.
     """
 
     folder: Path
     request: StudyRequest
     summary: Mapping[str, Any]
+    loads: Sequence[Workload]
+    gains: Sequence[CellGains]
 
 
 def start_study(
@@ -168,7 +174,10 @@ def _run(
     )
     summary["warnings"] = list(dict.fromkeys(doubts))
     write_json(folder / SUMMARY, summary)
-    return StudyResult(folder, request, summary)
+    counts = [cell["replications"] for cell in summary["cells"]]
+    gains = study_gains(experiment, loads, counts, progress)
+    write_gains(folder, experiment, gains)
+    return StudyResult(folder, request, summary, loads, gains)
 
 
 def _audits(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,7 +19,6 @@ from twin.study.replications.block_results import (
 )
 from twin.study.replications.experiment import Experiment
 from twin.study.replications.statistics import (
-    Interval,
     mean_interval,
     quantile_interval,
     share_interval,
@@ -60,9 +58,8 @@ def summarise_study(
         entry["event_engine_because"] = reasons
         if found := audits.get(cell):
             hit = sum(count > 0 for count in found)
-            entry["collided"] = _entry(
-                share_interval(hit, len(found), confidence=confidence)
-            )
+            collided = share_interval(hit, len(found), confidence=confidence)
+            entry["collided"] = collided.content()
         cells.append(entry)
     return {
         "scenario": scenario,
@@ -109,7 +106,7 @@ def _cell(
     count = len(sample)
 
     def share(hits: int) -> dict[str, Any]:
-        return _entry(share_interval(hits, count, confidence=confidence))
+        return share_interval(hits, count, confidence=confidence).content()
 
     figures: dict[str, Any] = {
         "replications": count,
@@ -120,14 +117,14 @@ def _cell(
     if len(completed) == 0:
         return sample, figures
     mirrored = experiment.antithetic and len(completed) == count > 1
-    figures["makespan_s"] = _entry(
-        mean_interval(completed, confidence=confidence, antithetic=mirrored)
-    )
+    figures["makespan_s"] = mean_interval(
+        completed, confidence=confidence, antithetic=mirrored
+    ).content()
     figures["makespan_sd_s"] = float(np.std(completed, ddof=1)) if count > 1 else None
     for p in QUANTILES:
-        figures[f"makespan_p{100 * p:.0f}_s"] = _entry(
-            quantile_interval(completed, p, confidence=confidence)
-        )
+        figures[f"makespan_p{100 * p:.0f}_s"] = quantile_interval(
+            completed, p, confidence=confidence
+        ).content()
     if deadline_s is not None:
         figures["in_time"] = share(int(np.count_nonzero(completed <= deadline_s)))
     total = float(np.sum(ends))
@@ -163,17 +160,8 @@ def _differences(
                 "policy": policy,
                 "reference": reference,
                 "variant": dict(variant),
-                "makespan_s": _entry(absolute),
+                "makespan_s": absolute.content(),
                 "relative": absolute.estimate / float(np.mean(second[both])),
             }
         )
     return found
-
-
-def _entry(interval: Interval) -> dict[str, Any]:
-    return {
-        "estimate": interval.estimate,
-        "low": interval.low if math.isfinite(interval.low) else None,
-        "high": interval.high if math.isfinite(interval.high) else None,
-        "count": interval.count,
-    }

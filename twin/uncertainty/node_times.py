@@ -8,7 +8,7 @@ engine and the engine that computes many replications side by side take the same
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -98,10 +98,13 @@ class SegmentTimes:
             (segments, r) [ns].
         fails: True where a task fails for good: what comes of it takes the event engine,
             shape (r,).
+        standstills: the part of ``busy_ns`` for which robots stand; segments are numbered
+            through, chain by chain.
     """
 
     busy_ns: Nanoseconds
     fails: npt.NDArray[np.bool_]
+    standstills: tuple[Standstills, ...] = ()
 
 
 class NodeTimeSampler:
@@ -179,6 +182,7 @@ class NodeTimeSampler:
         segments = sum(len(first) - 1 for first in contraction.first)
         busy = np.empty((segments, len(numbers)), dtype=np.int64)
         fails = np.zeros(len(numbers), dtype=np.bool_)
+        stands: list[Standstills] = []
         for low in range(0, len(numbers), self._most_replications):
             part = slice(low, low + self._most_replications)
             row = 0
@@ -192,9 +196,11 @@ class NodeTimeSampler:
                 for group in found:
                     segment = np.searchsorted(first, group.node, side="right") - 1
                     np.add.at(rows, (segment, group.column), group.duration_ns)
+                    own = replace(group, node=row + segment, column=low + group.column)
+                    stands.append(own)
                 fails[part] |= failed >= 0
                 row += len(first) - 1
-        return SegmentTimes(busy, fails)
+        return SegmentTimes(busy, fails, tuple(stands))
 
     def _draw(
         self, seed: int, numbers: Indices

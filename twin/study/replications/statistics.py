@@ -7,6 +7,7 @@ to cut off. A share that was never seen, such as 0 failures of 50, still has an 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,7 @@ from scipy import stats
 
 from planning.errors import RequestError, TwinError
 from planning.transforms import Array
+from twin.host.atomic import finite
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,15 @@ class Interval:
         if self.half_width == 0:
             return 0.0
         return self.half_width / abs(self.estimate) if self.estimate else np.inf
+
+    def content(self) -> dict[str, Any]:
+        """Return it for JSON; a bound that is infinite is None."""
+        return {
+            "estimate": self.estimate,
+            "low": finite(self.low),
+            "high": finite(self.high),
+            "count": self.count,
+        }
 
 
 def mean_interval(

@@ -1,0 +1,237 @@
+"""Shortened replications against the event engine, and against longest paths by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from scheduling.graph.dispatcher import Dispatcher
+from tests.twin.study.study_toys import toy_workload
+from twin.durations import Nanoseconds, Uniform
+from twin.engine.bulk.policy_graph import PrecedenceArrays
+from twin.engine.engine import Simulator
+from twin.engine.execution_model import Messages
+from twin.engine.processes import Execution
+from twin.run.run_record import Policy
+from twin.study.gains.candidates import candidates
+from twin.study.gains.lever import Lever
+from twin.study.gains.replays import (
+    EventReplay,
+    MessageReplay,
+    PathReplay,
+    Replay,
+    eased_makespans,
+    replay_of,
+)
+from twin.study.replications.experiment import Block
+from twin.study.replications.workload import Engines, Workload
+from twin.uncertainty.disturbances import (
+    Breakdowns,
+    Disturbances,
+    EmergencyStop,
+    SkillFailure,
+    Stalls,
+)
+from twin.uncertainty.node_times import NodeTimeSampler
+
+LATE = ("latency_s is 0.3: messages take time",)
+BUSY = Disturbances(
+    jitter=Uniform(low_s=0.0, high_s=0.2),
+    stalls=Stalls(rate_per_h=300.0, duration=Uniform(low_s=1.0, high_s=9.0)),
+    breakdowns=Breakdowns(mtbf_s=40.0, mttr_s=8.0),
+    failures={"pick": SkillFailure(probability=0.3, retries=1)},
+)
+NUMBERS = np.arange(12)
+
+
+def levers(load: Workload, replay: Replay) -> list[Lever]:
+    return candidates(replay, replay.base(), load.execution)
+
+
+@pytest.mark.parametrize("policy", ["asynchronous", "sequential"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_paths_give_the_nanoseconds_of_the_event_engine(
+    seed: int, policy: Policy
+) -> None:
+    load = toy_workload(seed, policy=policy, disturbances=BUSY)
+    paths, events = PathReplay(load, NUMBERS), EventReplay(load, NUMBERS)
+    assert np.array_equal(paths.draws.numbers, events.draws.numbers)
+    kinds = set()
+    for lever in levers(load, paths):
+        if lever.kind == "wait":
+            continue
+        kinds.add((lever.kind, *lever.causes))
+        for share in (0.0, 0.2, 1.0):
+            assert np.array_equal(
+                paths.makespans_ns(lever, share), events.makespans_ns(lever, share)
+            ), (lever.name, share)
+    assert kinds >= {("task",), ("robot",), ("stall", "stall"), ("stall", "breakdown")}
+    assert np.array_equal(paths.base().makespan_ns, events.base().makespan_ns)
+
+
+@pytest.mark.parametrize("policy", ["asynchronous", "sequential"])
+def test_messages_give_the_nanoseconds_of_the_event_engine(policy: Policy) -> None:
+    load = toy_workload(2, policy=policy, reasons=LATE, disturbances=BUSY)
+    late = replace(load.execution, messages=Messages.of_seconds(3, 0.3, 0.1))
+    load = replace(load, execution=late)
+    quick, events = replay_of(load, NUMBERS), EventReplay(load, NUMBERS)
+    assert isinstance(quick, MessageReplay)
+    found = levers(load, quick)
+    assert {lever.kind for lever in found} == {"task", "robot", "stall", "message"}
+    for lever in found:
+        for share in (0.0, 0.2, 1.0):
+            assert np.array_equal(
+                quick.makespans_ns(lever, share), events.makespans_ns(lever, share)
+            ), (lever.name, share)
+
+
+@pytest.mark.parametrize("policy", ["asynchronous", "sequential"])
+def test_a_task_that_is_gone_is_gone_node_by_node(policy: Policy) -> None:
+    """The event engine executes every node; the nodes of one task take no time."""
+    load = toy_workload(3, policy=policy)
+    replay = PathReplay(load, NUMBERS)
+    sampler = NodeTimeSampler(
+        load.tpg, load.execution.durations, load.execution.disturbances
+    )
+    tasks = [lever for lever in levers(load, replay) if lever.kind == "task"]
+    assert len(tasks) > 5
+    for lever in tasks:
+        found = replay.makespans_ns(lever, 1.0)
+        for number in NUMBERS.tolist():
+            times = sampler.sample(seed=load.seed, replication=number)
+            for chain, motion in zip(load.tpg.chains, times.motion, strict=True):
+                motion[chain.task == lever.task] = 0
+            execution = Execution(
+                load.tpg,
+                times,
+                Dispatcher(load.tpg),
+                Messages(),
+                sequential=policy == "sequential",
+            )
+            assert execution.execute() == "completed"
+            assert found[number] == max(map(max, execution.end))
+
+
+def test_a_wait_that_is_gone_is_an_edge_that_is_gone() -> None:
+    for seed in range(1, 6):
+        load = toy_workload(seed)
+        replay = PathReplay(load, NUMBERS)
+        waits = [
+            lever
+            for lever in levers(load, replay)
+            if lever.kind == "wait" and lever.robot
+        ]
+        for lever in waits:
+            tpg, graph = replay.tpg, replay.graph
+            target = np.repeat(np.arange(len(graph.order)), np.diff(graph.edge_first))
+            gone = {(graph.source[e], target[e]) for e in lever.edges}
+            first = graph.first
+            keep = [
+                (first[k] + n, first[j] + m) not in gone
+                for k, n, j, m in tpg.edges.tolist()
+            ]
+            cut = replace(tpg, edges=tpg.edges[keep], cause=tpg.cause[keep])
+            for number in NUMBERS.tolist():
+                busy = replay.draws.busy_ns[:, number]
+                assert replay.makespans_ns(lever, 1.0)[number] == _executed(cut, busy)
+
+
+def _executed(tpg: object, busy: Nanoseconds) -> int:
+    """Return the makespan of a graph whose nodes take given times, by the event engine."""
+    from twin.uncertainty.node_times import NodeTimes
+
+    own = tuple(np.split(busy, np.cumsum([len(c) for c in tpg.chains])[:-1]))  # type: ignore[attr-defined]
+    zeros = tuple(np.zeros_like(row) for row in own)
+    times = NodeTimes(zeros, own, ((),) * len(own), (-1,) * len(own))
+    execution = Execution(tpg, times, Dispatcher(tpg), Messages())  # type: ignore[arg-type]
+    execution.execute()
+    return max(map(max, execution.end))
+
+
+def _by_hand(
+    graph: PrecedenceArrays, busy: list[int], eased: set[int], share: float
+) -> int:
+    """Return a makespan with waits eased, node by node from the definition."""
+
+    @cache
+    def end(n: int) -> int:
+        free = int(graph.not_before[n])
+        if n > graph.first[graph.chain[n]]:
+            free = max(free, end(n - 1))
+        edges = range(graph.edge_first[n], graph.edge_first[n + 1])
+        free = max([free, *(end(graph.source[e]) for e in edges if e not in eased)])
+        full = max([free, *(end(graph.source[e]) for e in edges if e in eased)])
+        return free + round((1 - share) * (full - free)) + busy[n]
+
+    return max(end(n) for n in range(len(busy)))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 1.0])
+def test_eased_waits_are_what_they_are_by_hand(share: float) -> None:
+    load = toy_workload(4)
+    replay = PathReplay(load, NUMBERS)
+    edges = np.arange(0, len(replay.graph.source), 2)
+    found = eased_makespans(replay.graph, replay.draws.busy_ns, edges, share)
+    by_hand = [
+        _by_hand(
+            replay.graph,
+            replay.draws.busy_ns[:, r].tolist(),
+            set(edges.tolist()),
+            share,
+        )
+        for r in range(len(NUMBERS))
+    ]
+    assert found.tolist() == by_hand
+
+
+def test_replays_begin_with_the_makespans_of_the_study() -> None:
+    clock = Disturbances(
+        emergency_stops=(EmergencyStop(robot="robot_1", at_s=5.0, duration_s=20.0),),
+        breakdowns=Breakdowns(mtbf_s=30.0, mttr_s=5.0, clock="run"),
+    )
+    for load in (
+        toy_workload(1, disturbances=BUSY),
+        toy_workload(1, disturbances=clock, reasons=("stops by the clock",)),
+    ):
+        rows = Engines(load).compute(Block(0, 0, len(NUMBERS))).rows
+        replay = replay_of(load, NUMBERS)
+        kept = replay.draws.numbers
+        assert np.array_equal(replay.base().makespan_ns, rows.makespan_ns[kept])
+        done = rows.replication[rows.outcome == "completed"]
+        assert np.array_equal(kept, done)
+    found = {lever.name: lever for lever in levers(load, replay)}
+    base = replay.base().makespan_ns
+    for name in ("breakdowns by the clock", "emergency stops"):
+        gone = replay.makespans_ns(found[name], 1.0)
+        assert np.all(gone <= base)
+        assert np.any(gone < base)
+        assert np.array_equal(replay.makespans_ns(found[name], 0.0), base)
+
+
+def test_no_lever_gains_more_than_it_takes_on_the_critical_path() -> None:
+    load = toy_workload(2, disturbances=BUSY)
+    replay = PathReplay(load, np.arange(200))
+    found = replay.base()
+    work = np.where(found.critical, replay.draws.work_ns, 0)
+    for lever in levers(load, replay):
+        if lever.kind in ("task", "robot"):
+            fall = found.makespan_ns - replay.makespans_ns(lever, 1.0)
+            assert np.all(fall >= 0)
+            assert np.all(fall <= work[lever.rows].sum(axis=0))
+
+
+def test_what_was_shortened_is_whole_again() -> None:
+    load = toy_workload(2, disturbances=BUSY)
+    replay = PathReplay(load, NUMBERS)
+    before = replay.draws.busy_ns.copy()
+    for lever in levers(load, replay):
+        replay.makespans_ns(lever, 0.2)
+    assert np.array_equal(replay.draws.busy_ns, before)
+    assert np.all(replay.draws.work_ns >= 0)
+    number = int(replay.draws.numbers[0])
+    run = Simulator(load.tpg, load.execution).run(seed=load.seed, replication=number)
+    work = sum(int(row.sum()) for row in run.duration_ns)
+    assert replay.draws.work_ns[:, 0].sum() == work

@@ -1,0 +1,175 @@
+"""Candidates: the levers of a plan that were critical most, judged before any is tried."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from planning.tasks.task import Task
+from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
+from twin.durations import Nanoseconds
+from twin.engine.bulk.max_plus import Completions
+from twin.engine.execution_model import ExecutionModel
+from twin.study.gains.lever import Lever
+from twin.study.gains.replays import Replay
+from twin.uncertainty.chain_draws import Cause
+
+
+class Most(NamedTuple):
+    """Most candidates of each kind, those that were critical for the longest time.
+
+    Attributes:
+        tasks, waits: single ones.
+        robots: all that a robot does, or one cause of its standstills; 0 for none of these.
+    """
+
+    tasks: int
+    waits: int
+    robots: int
+
+    @property
+    def levers(self) -> int:
+        """Most candidates of all kinds."""
+        return self.tasks + self.waits + self.robots + 3 * (self.robots + 1) + 5
+
+
+MANY, FEW = Most(tasks=20, waits=12, robots=8), Most(tasks=6, waits=0, robots=2)
+"""By longest paths, and by events, which take a thousand times as long."""
+
+WAIT_NAMES = {
+    MOTION_CONFLICT: "all waits for the way to be free",
+    TASK_DEPENDENCY: "all waits for another robot's task",
+}
+_STANDS: dict[Cause, str] = {
+    "stall": "stalls",
+    "breakdown": "breakdowns",
+    "retry": "failed attempts",
+}
+_EVERYONE = "all robots"
+
+Scored = Iterator[tuple[float, Lever]]
+
+
+def candidates(
+    replay: Replay, found: Completions, model: ExecutionModel, most: Most = MANY
+) -> list[Lever]:
+    """Return what is worth trying, by kind.
+
+    The time that a lever takes on the critical path, in the mean over the replications, is the
+    most that the mean makespan can gain by it; levers are chosen by that.
+
+    Args:
+        replay: the replications.
+        found: what came of them.
+        model: how the plan is executed.
+        most: of each kind.
+    """
+    work = np.where(found.critical, replay.draws.work_ns, 0).mean(axis=1)
+    levers = _best(_tasks(replay, work), most.tasks)
+    levers += _best(_robots(replay, work), most.robots)
+    if replay.eases_waits:
+        levers += _best(_waits(replay, found), most.waits)
+        for cause, name in WAIT_NAMES.items():
+            edges = np.flatnonzero(replay.graph.cause == cause)
+            if found.critical_edge[edges].any():
+                levers.append(Lever("wait", name, edges=edges))
+    for stand in _STANDS:
+        stands = list(_standstills(replay, found, stand))
+        # One robot's standstills are all there are.
+        levers += _best(iter(stands[:1]), 1)
+        levers += _best(iter(stands[1:]), most.robots) if len(stands) > 2 else []
+    levers += _others(model)
+    return levers
+
+
+def task_names(tasks: Sequence[Task]) -> list[str]:
+    """Return tasks in words, with a number where words alone would name two."""
+    names = [f"{task.label} ({task.robot}, step {task.step})" for task in tasks]
+    times = Counter(names)
+    return [
+        name if times[name] == 1 else f"{name[:-1]}, task {index})"
+        for index, name in enumerate(names)
+    ]
+
+
+def _best(scored: Scored, most: int) -> list[Lever]:
+    """Return the levers that were critical longest; none that never were."""
+    ordered = sorted(
+        ((score, k, lever) for k, (score, lever) in enumerate(scored) if score > 0),
+        key=lambda entry: (-entry[0], entry[1]),
+    )
+    return [lever for _, _, lever in ordered[:most]]
+
+
+def _tasks(replay: Replay, work: Nanoseconds) -> Scored:
+    task = np.concatenate([chain.task for chain in replay.tpg.chains])
+    names = task_names(replay.tpg.tasks)
+    for index in np.unique(task).tolist():
+        rows = np.flatnonzero(task == index)
+        robot = replay.tpg.tasks[index].robot
+        lever = Lever("task", names[index], robot, index, rows)
+        yield float(work[rows].sum()), lever
+
+
+def _robots(replay: Replay, work: Nanoseconds) -> Scored:
+    for robot, rows in _rows_of_robots(replay):
+        name = f"all tasks of {robot}"
+        yield float(work[rows].sum()), Lever("robot", name, robot, rows=rows)
+
+
+def _waits(replay: Replay, found: Completions) -> Scored:
+    """Yield waits of one task for another that robots could do without."""
+    graph = replay.graph
+    tasks = np.concatenate([chain.task for chain in replay.tpg.chains])
+    target = np.repeat(np.arange(len(tasks)), np.diff(graph.edge_first))
+    since = np.where(
+        (target > graph.first[graph.chain[target]])[:, None],
+        found.end_ns[target - 1],
+        0,
+    )
+    waited = np.maximum(found.end_ns[graph.source] - since, 0)
+    critical = np.where(found.critical_edge, waited, 0).mean(axis=1)
+    pairs: dict[tuple[int, int], list[int]] = {}
+    for edge in np.flatnonzero(np.isin(graph.cause, list(WAIT_NAMES))).tolist():
+        pair = int(tasks[graph.source[edge]]), int(tasks[target[edge]])
+        pairs.setdefault(pair, []).append(edge)
+    names = task_names(replay.tpg.tasks)
+    for (first, then), edges in sorted(pairs.items()):
+        name = f"{names[then]} waits for {names[first]}"
+        robot = replay.tpg.tasks[then].robot
+        own = np.array(edges, dtype=np.int64)
+        yield float(critical[own].sum()), Lever("wait", name, robot, then, edges=own)
+
+
+def _standstills(replay: Replay, found: Completions, cause: Cause) -> Scored:
+    """Yield the standstills of a cause of all robots, then of each."""
+    rows = np.arange(len(found.critical))
+    every = Lever("stall", f"{_STANDS[cause]} of {_EVERYONE}", "", None, rows, (cause,))
+    stood = np.where(found.critical, replay.draws.stood_ns(every), 0).mean(axis=1)
+    yield float(stood.sum()), every
+    for robot, own in _rows_of_robots(replay):
+        name = f"{_STANDS[cause]} of {robot}"
+        lever = Lever("stall", name, robot, None, own, (cause,))
+        yield float(stood[own].sum()), lever
+
+
+def _rows_of_robots(replay: Replay) -> Iterator[tuple[str, Nanoseconds]]:
+    first = replay.graph.first.tolist()
+    for k, chain in enumerate(replay.tpg.chains):
+        yield chain.robot, np.arange(first[k], first[k + 1])
+
+
+def _others(model: ExecutionModel) -> list[Lever]:
+    """Return what belongs to no node: stops by the clock, and messages."""
+    levers = []
+    own = model.disturbances
+    if own.breakdowns is not None and own.breakdowns.clock == "run":
+        levers.append(Lever("stall", "breakdowns by the clock", stops="breakdowns"))
+    if own.emergency_stops:
+        levers.append(Lever("stall", "emergency stops", stops="emergency stops"))
+    if not model.messages.instant and model.policy != "open-loop":
+        levers.append(Lever("message", "messages on their way", messages=True))
+    return levers

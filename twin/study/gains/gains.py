@@ -1,0 +1,167 @@
+"""Gains: by how much makespans fall when one thing in a plan takes less time, or none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from planning.transforms import Array, Indices
+from twin.durations import NANOSECONDS
+from twin.host.progress import Report, report_nothing
+from twin.study.gains.candidates import FEW, MANY, candidates
+from twin.study.gains.lever import Lever
+from twin.study.gains.paired import PairedQuantiles
+from twin.study.gains.replays import Replay, needs_events, replay_cost, replay_of
+from twin.study.replications.experiment import Experiment
+from twin.study.replications.statistics import Interval, mean_interval
+from twin.study.replications.workload import Workload
+
+SHORTER, GONE = 0.2, 1.0
+"""By which share a lever is made shorter."""
+
+QUANTILE = 0.9
+
+TRYING = "what is worth fixing"
+"""Name of the stage for progress displays."""
+
+_BUDGET = 500_000_000
+"""Nodes and edges looked at for a study: some seconds, whatever its size."""
+
+_BUDGET_BY_EVENTS = 400_000
+"""The same where the event engine has to do it."""
+
+_LEAST, _MOST = 100, 2000
+_LEAST_BY_EVENTS, _MOST_BY_EVENTS = 10, 200
+"""Replications of a cell."""
+
+
+@dataclass(frozen=True)
+class Saving:
+    """Fall of the makespan.
+
+    Attributes:
+        mean: of its mean [s].
+        p90: of its P90 [s].
+    """
+
+    mean: Interval
+    p90: Interval
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Fall of the makespan by one lever.
+
+    Attributes:
+        lever: what takes less time.
+        shorter: when it takes a fifth less.
+        gone: when it takes none.
+    """
+
+    lever: Lever
+    shorter: Saving
+    gone: Saving
+
+
+@dataclass(frozen=True)
+class CellGains:
+    """Gains in one cell of a study.
+
+    Attributes:
+        replications: that were executed again, the first ones that complete.
+        engine: ``paths`` or ``events``.
+        gains: the greatest first.
+    """
+
+    replications: int
+    engine: str
+    gains: tuple[Gain, ...]
+
+
+def study_gains(
+    experiment: Experiment,
+    loads: Sequence[Workload],
+    counts: Sequence[int],
+    progress: Report = report_nothing,
+) -> list[CellGains]:
+    """Return what is worth fixing in every cell of a study.
+
+    Args:
+        experiment: what was run.
+        loads: the work of its cells.
+        counts: replications of each cell.
+        progress: told of cells done and in all.
+    """
+    found = []
+    for k, (load, count) in enumerate(zip(loads, counts, strict=True)):
+        progress(TRYING, k, len(loads))
+        found.append(cell_gains(experiment, load, count, share=1.0 / len(loads)))
+    progress(TRYING, len(loads), len(loads))
+    return found
+
+
+def cell_gains(
+    experiment: Experiment, load: Workload, count: int, *, share: float = 1.0
+) -> CellGains:
+    """Return what is worth fixing in one cell, the greatest gain first.
+
+    The same draws are executed again with one lever shortened. How many replications and
+    candidates are tried follows from the size of the plan alone, never from the clock.
+
+    Args:
+        experiment: what was run.
+        load: the work of the cell.
+        count: its replications.
+        share: of what a study may spend.
+    """
+    numbers = np.arange(_affordable(load, count, share), dtype=np.int64)
+    replay = replay_of(load, numbers)
+    engine = "events" if needs_events(load) else "paths"
+    if len(replay.draws.numbers) == 0:
+        return CellGains(0, engine, ())
+    most = FEW if engine == "events" else MANY
+    levers = candidates(replay, replay.base(), load.execution, most)
+    gains = list(_gains(experiment, load, replay, levers))
+    gains.sort(key=lambda gain: -gain.shorter.mean.estimate)
+    helpful = tuple(gain for gain in gains if gain.gone.mean.estimate > 0)
+    return CellGains(len(replay.draws.numbers), engine, helpful)
+
+
+def _gains(
+    experiment: Experiment, load: Workload, replay: Replay, levers: Sequence[Lever]
+) -> Iterator[Gain]:
+    base = _seconds(replay.base().makespan_ns)
+    confidence = experiment.precision.confidence
+    # Mirror images stay together only where none of them is left out.
+    numbers = replay.draws.numbers
+    mirrored = (
+        experiment.antithetic and len(numbers) == int(numbers[-1]) + 1 and len(base) > 1
+    )
+    p90 = PairedQuantiles(
+        base, QUANTILE, confidence=confidence, seed=load.seed, antithetic=mirrored
+    )
+    for lever in levers:
+        savings = []
+        for less in (SHORTER, GONE):
+            changed = _seconds(replay.makespans_ns(lever, less))
+            mean = mean_interval(
+                base - changed, confidence=confidence, antithetic=mirrored
+            )
+            savings.append(Saving(mean, p90.fall(changed)))
+        yield Gain(lever, *savings)
+
+
+def _affordable(load: Workload, count: int, share: float) -> int:
+    """Return how many replications of a cell are executed again."""
+    levers, least, most, budget = MANY.levers, _LEAST, _MOST, _BUDGET
+    if needs_events(load):
+        levers, budget = FEW.levers, _BUDGET_BY_EVENTS
+        least, most = _LEAST_BY_EVENTS, _MOST_BY_EVENTS
+    affordable = share * budget / (2 * levers * replay_cost(load))
+    return min(count, int(np.clip(affordable, least, most)) // 2 * 2)
+
+
+def _seconds(nanoseconds: Indices) -> Array:
+    return np.asarray(nanoseconds / NANOSECONDS)

@@ -1,0 +1,286 @@
+"""Replays: the same draws executed again with a lever shortened, by longest paths or events."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from planning.transforms import Indices
+from scheduling.graph.barriers import with_barriers
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.rollout import earliest_times
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.durations import Nanoseconds
+from twin.engine.bulk.bulk_engine import BulkEngine
+from twin.engine.bulk.max_plus import Completions, completions, explain, makespans
+from twin.engine.bulk.message_times import Past, end_times
+from twin.engine.bulk.policy_graph import PrecedenceArrays, policy_graph
+from twin.engine.execution_model import ExecutionModel, Messages
+from twin.engine.processes import Execution
+from twin.study.gains.draws import Draws, shortened
+from twin.study.gains.lever import Lever
+from twin.study.replications.workload import Workload
+from twin.uncertainty.contraction import Contraction, contract
+from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.halts import sample_halts
+from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
+from twin.uncertainty.skill_durations import nominal_ns
+
+
+class Replay(Protocol):
+    """Replications of one workload that can be executed again with something shortened.
+
+    Attributes:
+        tpg: what is executed, contracted where that changes nothing.
+        graph: what must wait for what.
+        draws: what every node takes.
+        eases_waits: whether waits can be shortened.
+    """
+
+    tpg: TemporalPlanGraph
+    graph: PrecedenceArrays
+    draws: Draws
+    eases_waits: bool
+
+    def base(self) -> Completions:
+        """Return what came of the replications as they were drawn."""
+        ...
+
+    def makespans_ns(self, lever: Lever, share: float) -> Nanoseconds:
+        """Return the makespans with a lever a share shorter, shape (r,) [ns]."""
+        ...
+
+
+def replay_of(load: Workload, numbers: Indices) -> Replay:
+    """Return the quickest replay that gives the study's nanoseconds.
+
+    Args:
+        load: the work of one cell.
+        numbers: of the replications.
+    """
+    if not load.reasons:
+        return PathReplay(load, numbers)
+    return (
+        EventReplay(load, numbers)
+        if needs_events(load)
+        else MessageReplay(load, numbers)
+    )
+
+
+def needs_events(load: Workload) -> bool:
+    """Tell whether a plan can be executed again by the event engine only."""
+    model = load.execution
+    return bool(load.reasons) and (
+        model.disturbances.at_absolute_times or model.policy == "synchronous"
+    )
+
+
+def replay_cost(load: Workload) -> int:
+    """Return how many nodes and edges are looked at in one replication."""
+    tpg = load.tpg if load.reasons else contract(load.tpg).tpg
+    return sum(len(chain) for chain in tpg.chains) + len(tpg.edges)
+
+
+class PathReplay:
+    """Longest paths, all replications side by side: messages take no time."""
+
+    eases_waits = True
+
+    def __init__(self, load: Workload, numbers: Indices) -> None:
+        engine = BulkEngine(load.tpg, load.execution)
+        self.tpg, self.graph = engine.contraction.tpg, engine.graph
+        times = engine.sample(seed=load.seed, replications=numbers)
+        self.draws = Draws.completing(numbers, times)
+
+    def base(self) -> Completions:
+        """Return what came of the replications as they were drawn."""
+        return completions(self.graph, self.draws.busy_ns)
+
+    def makespans_ns(self, lever: Lever, share: float) -> Nanoseconds:
+        """Return the makespans with a lever a share shorter, shape (r,) [ns]."""
+        if len(lever.edges):
+            return eased_makespans(self.graph, self.draws.busy_ns, lever.edges, share)
+        with self.draws.less(lever, share) as busy_ns:
+            return makespans(self.graph, busy_ns)
+
+
+def eased_makespans(
+    graph: PrecedenceArrays, busy_ns: Nanoseconds, edges: Indices, share: float
+) -> Nanoseconds:
+    """Return makespans when what nodes wait for by some edges alone is a share shorter.
+
+    Args:
+        graph: what must wait for what.
+        busy_ns: time of each node, shape (nodes, r) [ns].
+        edges: whose waits are eased.
+        share: 1 for robots that do not wait by these edges at all.
+
+    Returns:
+        Shape (r,) [ns].
+    """
+    eased = np.zeros(len(graph.source), dtype=bool)
+    eased[edges] = True
+    firsts, chains = graph.first.tolist(), graph.chain.tolist()
+    sources, begins = graph.source.tolist(), graph.edge_first.tolist()
+    end = np.empty_like(busy_ns)
+    latest = np.zeros(busy_ns.shape[1], dtype=np.int64)
+    for n in graph.order.tolist():
+        free = np.full(busy_ns.shape[1], graph.not_before[n], dtype=np.int64)
+        if n > firsts[chains[n]]:
+            np.maximum(free, end[n - 1], out=free)
+        waits = []
+        for e in range(begins[n], begins[n + 1]):
+            if eased[e]:
+                waits.append(end[sources[e]])
+            else:
+                np.maximum(free, end[sources[e]], out=free)
+        if waits:
+            free += shortened(np.maximum(np.max(waits, axis=0) - free, 0), share)
+        end[n] = free + busy_ns[n]
+        np.maximum(latest, end[n], out=latest)
+    return latest
+
+
+class MessageReplay:
+    """Longest paths with messages that take time; nothing happens by the run's clock."""
+
+    eases_waits = False
+
+    def __init__(self, load: Workload, numbers: Indices) -> None:
+        policy = load.execution.policy
+        self.tpg, self.graph = load.tpg, policy_graph(load.tpg, policy)
+        self.draws = _drawn(load, _node_by_node(load.tpg), numbers)
+        own = load.execution.messages
+        depth = 1 if policy == "sequential" else own.queue_depth
+        # By the planned clock nobody talks to anybody.
+        self._messages = (
+            Messages() if policy == "open-loop" else own._replace(queue_depth=depth)
+        )
+        nodes, chains = len(self.graph.order), len(self.graph.first) - 1
+        self._past = Past(
+            0,
+            np.full(nodes, -1, dtype=np.int64),
+            np.full(nodes, -1, dtype=np.int64),
+            np.zeros((chains, len(self.draws.numbers)), dtype=np.int64),
+        )
+
+    def base(self) -> Completions:
+        """Return what came of the replications as they were drawn."""
+        end = self._ends(self.draws.busy_ns, self._messages)
+        return explain(self.graph, end - self.draws.busy_ns, end)
+
+    def makespans_ns(self, lever: Lever, share: float) -> Nanoseconds:
+        """Return the makespans with a lever a share shorter, shape (r,) [ns]."""
+        messages = quicker(self._messages, share) if lever.messages else self._messages
+        with self.draws.less(lever, share) as busy_ns:
+            end = self._ends(busy_ns, messages)
+        return np.asarray(end.max(axis=0, initial=0), dtype=np.int64)
+
+    def _ends(self, busy_ns: Nanoseconds, messages: Messages) -> Nanoseconds:
+        return end_times(self.graph, busy_ns, messages, self._past)
+
+
+class EventReplay:
+    """The event engine, one replication after the other: stops by the run's clock."""
+
+    eases_waits = False
+
+    def __init__(self, load: Workload, numbers: Indices) -> None:
+        self._model, self._seed = load.execution, load.seed
+        policy = load.execution.policy
+        whole = load.execution.messages.instant and policy != "open-loop"
+        cut = contract(load.tpg) if whole else _node_by_node(load.tpg)
+        self.tpg, self.graph = cut.tpg, policy_graph(cut.tpg, policy)
+        self.draws = _drawn(load, cut, numbers)
+        barred = with_barriers(cut.tpg) if policy == "synchronous" else cut.tpg
+        self._tpg, self._dispatcher = barred, Dispatcher(barred)
+        self._planned = None
+        if policy == "open-loop":
+            self._planned = earliest_times(load.tpg, nominal_ns(load.tpg)).start
+
+    def base(self) -> Completions:
+        """Return what came of the replications as they were drawn."""
+        runs = self._runs(self.draws.busy_ns, self._model)
+        shape = self.draws.busy_ns.shape
+        start, end = (
+            np.array([np.concatenate(run[k]) for run in runs], dtype=np.int64)
+            for k in (0, 1)
+        )
+        return explain(self.graph, *(t.reshape(shape[::-1]).T for t in (start, end)))
+
+    def makespans_ns(self, lever: Lever, share: float) -> Nanoseconds:
+        """Return the makespans with a lever a share shorter, shape (r,) [ns]."""
+        model = self._model
+        if lever.messages:
+            model = replace(model, messages=quicker(model.messages, share))
+        if lever.stops:
+            fewer = _shorter_stops(model.disturbances, lever.stops, share)
+            model = replace(model, disturbances=fewer)
+        with self.draws.less(lever, share) as busy_ns:
+            runs = self._runs(busy_ns, model)
+        return np.array([max(map(max, end)) for _, end in runs], dtype=np.int64)
+
+    def _runs(
+        self, busy_ns: Nanoseconds, model: ExecutionModel
+    ) -> list[tuple[list[list[int]], list[list[int]]]]:
+        """Return start and end of every node in each replication."""
+        cuts = self.graph.first[1:-1]
+        runs = []
+        for column, number in enumerate(self.draws.numbers.tolist()):
+            busy = tuple(np.split(busy_ns[:, column], cuts))
+            times = NodeTimes(
+                tuple(np.zeros_like(row) for row in busy),
+                busy,
+                ((),) * len(busy),
+                (-1,) * len(busy),
+                sample_halts(
+                    self._tpg, model.disturbances, seed=self._seed, replication=number
+                ),
+            )
+            execution = Execution(
+                self._tpg,
+                times,
+                self._dispatcher.copy(),
+                model.messages,
+                sequential=model.policy == "sequential",
+                planned=self._planned,
+            )
+            execution.execute()
+            runs.append((execution.start, execution.end))
+        return runs
+
+
+def quicker(messages: Messages, share: float) -> Messages:
+    """Return messages that take a share less time."""
+    report, release = shortened(
+        np.array([messages.report_ns, messages.release_ns]), share
+    ).tolist()
+    return messages._replace(report_ns=report, release_ns=release)
+
+
+def _shorter_stops(own: Disturbances, which: str, share: float) -> Disturbances:
+    """Return disturbances whose stops by the clock last a share less."""
+    if which == "breakdowns" and own.breakdowns is not None:
+        mttr_s = (1.0 - share) * own.breakdowns.mttr_s
+        shorter = own.breakdowns.model_copy(update={"mttr_s": mttr_s})
+        return own.model_copy(update={"breakdowns": shorter})
+    stops = tuple(
+        stop.model_copy(update={"duration_s": (1.0 - share) * stop.duration_s})
+        for stop in own.emergency_stops
+        if share < 1.0
+    )
+    return own.model_copy(update={"emergency_stops": stops})
+
+
+def _node_by_node(tpg: TemporalPlanGraph) -> Contraction:
+    """Return a contraction that joins nothing."""
+    return Contraction(tpg, tuple(np.arange(len(c) + 1) for c in tpg.chains))
+
+
+def _drawn(load: Workload, cut: Contraction, numbers: Indices) -> Draws:
+    model = load.execution
+    sampler = NodeTimeSampler(load.tpg, model.durations, model.disturbances)
+    times = sampler.sample_segments(cut, seed=load.seed, replications=numbers)
+    return Draws.completing(numbers, times)
