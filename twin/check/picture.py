@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 from scipy.spatial import ConvexHull, QhullError
 
@@ -90,13 +92,25 @@ def draw_cell(subject: Subject, folder: Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be made: {error}") from error
+    save_png(cell_figure(subject), path)
+    return path
+
+
+def cell_figure(subject: Subject, *, width_in: float = 15.0) -> Figure:
+    """Return the picture of ``draw_cell``.
+
+    Args:
+        subject: the scenario and its cell.
+        width_in: of the picture [in]; the narrower it is, the fewer names have room.
+    """
     shapes = list(_shapes(subject))
     reaches = {r.name: reach_radius(r, _frame(r)) for r in subject.cell.robots}
     least, most = _extent(subject, shapes, reaches)
     size = np.maximum(most - least, 0.1)
     total = float(2.0 * size[0])
-    height = float(np.clip(13.6 / total * max(size[1], size[2]) + 1.3, 4.0, 11.0))
-    picture = new_picture(15.0, height, dpi=110)
+    drawn_in = (width_in - 1.4) / total * max(size[1], size[2])
+    height = float(np.clip(drawn_in + 1.3, 0.27 * width_in, 0.73 * width_in))
+    picture = new_picture(width_in, height, dpi=110)
     axes = picture.subplots(1, 2)
     for view, area in zip(_VIEWS, axes, strict=True):
         style_axes(area)
@@ -110,7 +124,7 @@ def draw_cell(subject: Subject, folder: Path) -> Path:
             _draw_shape(area, view, shape)
         _draw_goals(area, view, subject)
         _draw_robots(area, view, subject, reaches)
-        _draw_names(area, view, subject, total / (15.0 * 72.0))
+        _draw_names(area, view, subject, total / (width_in * 72.0))
         area.set_xlim(least[view.right], most[view.right])
         area.set_ylim(least[view.up], most[view.up])
     picture.suptitle(
@@ -118,9 +132,9 @@ def draw_cell(subject: Subject, folder: Path) -> Path:
         color=INK,
         fontsize=12,
     )
-    picture.supxlabel(_CAPTION, color=INK, fontsize=8)
-    save_png(picture, path)
-    return path
+    caption = fill(_CAPTION, width=int(14.0 * width_in))
+    picture.supxlabel(caption, color=INK, fontsize=8)
+    return picture
 
 
 def reach_radius(robot: PlacedRobot, frame: str) -> float | None:

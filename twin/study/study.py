@@ -75,6 +75,8 @@ class StudyResult:
         summary: the content of ``summary.json``.
         loads: the work of its cells.
         gains: what is worth fixing, by cell.
+        too_short: skills of replication 0 that were drawn shorter than joints' speed limits
+            allow, in the cell that has most of them.
     """
 
     folder: Path
@@ -82,6 +84,7 @@ class StudyResult:
     summary: Mapping[str, Any]
     loads: Sequence[Workload]
     gains: Sequence[CellGains]
+    too_short: int
 
 
 def start_study(
@@ -177,7 +180,13 @@ def _run(
     counts = [cell["replications"] for cell in summary["cells"]]
     gains = study_gains(experiment, loads, counts, progress)
     write_gains(folder, experiment, gains)
-    return StudyResult(folder, request, summary, loads, gains)
+    too_short = max(
+        load.execution.durations.bind(plans[NAMED_POLICIES[policy].plan]).raised(
+            seed=load.seed, replication=0
+        )
+        for load, (policy, _) in zip(loads, experiment.cells, strict=True)
+    )
+    return StudyResult(folder, request, summary, loads, gains, too_short)
 
 
 def _audits(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -23,7 +24,10 @@ from twin.cli import app
 ROOT = Path(__file__).parents[3]
 SCENARIO = ROOT / "scenarios/multi_arm/rearrangement.yaml"
 POLICIES = ("--policy", "sequential", "--policy", "asynchronous")
-TABLES = ("replications.parquet", "tasks.parquet", "edges.parquet", "summary.json")
+TABLES = (
+    *("replications.parquet", "tasks.parquet", "edges.parquet", "summary.json"),
+    *("gains.json", "gains.csv"),
+)
 
 
 def _twin(*arguments: str | Path) -> tuple[int, str]:
@@ -134,9 +138,90 @@ def test_the_report_opens_offline(study: Path) -> None:
     parser = _Outside()
     parser.feed((study / "report.html").read_text(encoding="utf-8"))
     assert parser.found == []
-    assert parser.tags.count("svg") == 5
-    for name in ("makespan", "waits", "gantt", "tornado", "response-skills-pick-scale"):
+    assert parser.tags.count("svg") == 4 + 2 * 4
+    names = ["cell", "makespan", "waits", "response-skills-pick-scale"]
+    for policy in ("sequential", "asynchronous"):
+        for scale in (1, 2):
+            cell = f"{policy}-skills.pick.scale-{scale}"
+            names += [f"gantt-{cell}", f"tornado-{cell}"]
+    for name in names:
         assert (study / f"{name}.png").stat().st_size > 5000
+
+
+def test_the_report_names_every_cell(study: Path) -> None:
+    page = (study / "report.html").read_text(encoding="utf-8")
+    for policy in ("sequential", "asynchronous"):
+        for scale in (1, 2):
+            label = f"{policy}, skills.pick.scale = {scale}"
+            assert page.count(f"<h2>What decides: {label}</h2>") == 1
+            assert f"{label}: tasks that were on the critical path most often" in page
+            assert f"{label}: seconds gained, with 95 % intervals, from" in page
+
+
+def test_the_first_page_says_what_it_rests_on(study: Path) -> None:
+    page = (study / "report.html").read_text(encoding="utf-8")
+    first = page[: page.index("<h2>How long it takes</h2>")]
+    assert first.count("<svg") == 1  # the cell
+    for words in (
+        "What is worth fixing",
+        "gains of the model",
+        "packaged times of a LEGO tool with force control",
+        "execution.skills: these skills take the packaged times",  # a warning: no LEGO
+        "(speed_model l1); joints have no limit of acceleration",
+        "<th>Disturbances</th><td>none</td>",
+        "1500 of each policy and variant, independent of each other",
+        "<th>Varied: skills.pick.scale</th><td>1, 2</td>",
+        "assembly-twin",
+    ):
+        assert words in first, words
+
+
+def test_the_report_fits_a_narrow_window(study: Path) -> None:
+    """No part of it has a width of its own; pictures shrink with the window."""
+    page = (study / "report.html").read_text(encoding="utf-8")
+    style = page[page.index("<style>") : page.index("</style>")]
+    assert "figure svg { display: block; max-width: 100%; height: auto; }" in style
+    assert "table {" in style
+    assert "min-width" not in style
+    assert style.count("white-space: nowrap") == 2  # numbers, and names of assumptions
+    assert "white-space: pre-wrap" in style
+    for tag in re.findall(r"<svg[^>]*>", page):
+        assert "viewBox=" in tag
+    for width in re.findall(r'style="width:(\d+)%"', page):
+        assert int(width) <= 100
+
+
+def test_the_same_study_gives_the_same_bytes(study: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "again"
+    shutil.copytree(study, folder)
+    pictures = sorted(path.name for path in study.glob("*.png"))
+    for name in (*pictures, "report.html"):
+        (folder / name).unlink()
+    process = subprocess.run(
+        [
+            *(sys.executable, "-m", "twin.cli", "study"),
+            *("--resume", str(folder), "--workers", "0", "-q"),
+        ],
+        cwd=ROOT,
+        check=False,
+    )
+    assert process.returncode == 0
+    for name in (*pictures, "report.html", *TABLES):
+        assert (folder / name).read_bytes() == (study / name).read_bytes(), name
+    assert "<dc:date" not in (study / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_terminal_says_what_is_worth_fixing(study: Path) -> None:
+    arguments = ["study", "--resume", str(study), "--workers", "0"]
+    found = CliRunner().invoke(app, arguments, env={"COLUMNS": "200"})
+    assert found.exit_code == 0
+    output = found.output
+    assert "worth fixing (asynchronous, skills.pick.scale = 1)" in output
+    cell = json.loads((study / "gains.json").read_text())["cells"][1]
+    assert cell["policy"] == "asynchronous"
+    for gain in cell["gains"][:5]:
+        assert f" {gain['name']} " in output
+    assert f" {cell['gains'][5]['name']} " not in output
 
 
 def test_a_folder_of_another_scenario_is_refused(study: Path, tmp_path: Path) -> None:

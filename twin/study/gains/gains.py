@@ -160,6 +160,8 @@ def _affordable(load: Workload, count: int, share: float) -> int:
         levers, budget = FEW.levers, _BUDGET_BY_EVENTS
         least, most = _LEAST_BY_EVENTS, _MOST_BY_EVENTS
     affordable = share * budget / (2 * levers * replay_cost(load))
+    # A replication of a study takes a few times as long as to execute it again by paths.
+    affordable = max(affordable, count / (4 * levers if needs_events(load) else levers))
     return min(count, int(np.clip(affordable, least, most)) // 2 * 2)
 
 

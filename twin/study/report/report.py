@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import html
-import io
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
 from typing import Any
@@ -13,28 +12,48 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from planning.transforms import Array
+from twin.check.finding import Subject
+from twin.check.picture import cell_figure
 from twin.host.atomic import write_text
 from twin.host.pictures import save_png
 from twin.host.progress import Report
-from twin.host.versions import versions
 from twin.run.policies import ASYNCHRONOUS, ASYNCHRONOUS_SHORTCUTS, NAMED_POLICIES
-from twin.study.folder import BLOCKS, PLANS, REPORT
-from twin.study.plans import load_plans, workloads
-from twin.study.replications.block_results import cell_blocks, cell_tally
-from twin.study.report.figures import (
-    draw_bands,
-    draw_ecdf,
-    draw_response,
-    draw_sobol,
-    draw_tornado,
-    draw_waits,
+from twin.study.folder import BLOCKS, REPORT
+from twin.study.gains.candidates import task_names
+from twin.study.replications.block_results import TaskTally, cell_blocks, cell_tally
+from twin.study.report.assumptions import assumptions, warnings
+from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
+from twin.study.report.figures import draw_ecdf, draw_response, draw_waits
+from twin.study.report.fixing import HONEST, critical_tasks_table, gains_table
+from twin.study.report.layout import WIDTH_IN
+from twin.study.report.markup import (
+    bullets,
+    estimate,
+    heading,
+    pairs,
+    paragraph,
+    picture,
+    span,
+    table,
+    text,
 )
-from twin.study.sensitivity import influences, sobol_indices
+from twin.study.sensitivity import SHARE, Influence, influences, sobol_indices
 from twin.study.study import StudyResult
 from twin.study.summary import cell_label, collisions
+from twin.study.tables import task_columns
 
 DRAWING = "report"
 """Name of the stage for progress displays."""
+
+_DRAWN = 8
+"""Cells whose charts are drawn; of further ones there are tables."""
+
+_FIRST, _LATER = 12, 8
+"""Rows of what is worth fixing, on the first page and for further cells."""
+
+_CRITICAL = 10
+
+Pieces = Iterator[str]
 
 
 def write_report(result: StudyResult, progress: Report) -> None:
@@ -43,57 +62,16 @@ def write_report(result: StudyResult, progress: Report) -> None:
     Raises:
         OutputError: a file cannot be written.
     """
-    progress(DRAWING, 0, 5)
-    pictures = dict(_pictures(result, progress))
-    for name, (figure, _) in pictures.items():
-        save_png(figure, result.folder / f"{name}.png")
-    write_text(result.folder / REPORT, _page(result, pictures))
-    progress(DRAWING, 5, 5)
-
-
-def _pictures(
-    result: StudyResult, progress: Report
-) -> Iterator[tuple[str, tuple[Figure, str]]]:
-    """Yield names of pictures, with the picture and its heading."""
-    experiment, summary = result.request.experiment, result.summary
-    policies = experiment.policies
-    samples = [makespans_s(result, cell) for cell in range(len(experiment.cells))]
-    yield "makespan", (draw_ecdf(summary, samples, policies), "How long it takes")
-    for key in experiment.variants[0]:
-        name = "response-" + key.replace(".", "-")
-        yield name, (draw_response(summary, key, policies), f"What {key} does")
-    progress(DRAWING, 1, 5)
-    yield "waits", (draw_waits(summary), "What the robots wait for")
-    loads = workloads(
-        result.request.scenario,
-        result.request.base,
-        load_plans(result.folder / PLANS, policies),
-        experiment,
-    )
-    cell = _shown_cell(policies)
-    tally = cell_tally(result.folder / BLOCKS, cell)
-    label = cell_label(summary["cells"][cell])
-    progress(DRAWING, 2, 5)
-    if len(tally.start_ns):
-        figure = draw_bands(loads[cell].tpg, tally)
-        yield "gantt", (figure, f"When tasks are done, and which are critical: {label}")
-    progress(DRAWING, 3, 5)
-    if "makespan_s" in summary["cells"][cell]:
-        found = influences(loads[cell])
-        mean = summary["cells"][cell]["makespan_s"]["estimate"]
-        figure = draw_tornado(found, mean)
-        yield "tornado", (figure, f"Which inputs the makespan hangs on: {label}")
-        points = result.request.sobol_points
-        if points:
-            indices = sobol_indices(
-                loads[cell],
-                points,
-                seed=result.request.scenario.seed,
-                progress=progress,
-            )
-            heading = f"Which inputs it hangs on when all vary at once: {label}"
-            yield "sobol", (draw_sobol(indices), heading)
-    progress(DRAWING, 4, 5)
+    cells = len(result.summary["cells"])
+    progress(DRAWING, 0, cells + 2)
+    pieces = [*_first_page(result), *_whole_study(result)]
+    progress(DRAWING, 1, cells + 2)
+    for place, cell in enumerate(_in_order(result)):
+        pieces += _cell(result, cell, progress)
+        progress(DRAWING, 2 + place, cells + 2)
+    pieces += _made(result)
+    write_text(result.folder / REPORT, _page(result, pieces))
+    progress(DRAWING, cells + 2, cells + 2)
 
 
 def makespans_s(result: StudyResult, cell: int) -> Array:
@@ -102,147 +80,227 @@ def makespans_s(result: StudyResult, cell: int) -> Array:
     return np.concatenate([block.rows.makespans_s() for block in blocks])
 
 
-def _shown_cell(policies: Sequence[str]) -> int:
-    """Return the cell whose tasks are shown: of the policy that coordinates best."""
+def _in_order(result: StudyResult) -> list[int]:
+    """Return the cells, first that of the policy that coordinates best."""
+    shown = shown_cell(result.request.experiment.policies)
+    others = (k for k in range(len(result.summary["cells"])) if k != shown)
+    return [shown, *others]
+
+
+def shown_cell(policies: Sequence[str]) -> int:
+    """Return the cell that is shown first: of the policy that coordinates best."""
     order = (ASYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS, *NAMED_POLICIES)
     return policies.index(next(policy for policy in order if policy in policies))
 
 
-def _page(result: StudyResult, pictures: Mapping[str, tuple[Figure, str]]) -> str:
-    summary = result.summary
-    title = f"{summary['scenario']}: study"
-    style = (
-        files("twin.study.report").joinpath("report.css").read_text(encoding="utf-8")
-    )
+def _label(result: StudyResult, cell: int) -> str:
+    return cell_label(result.summary["cells"][cell])
+
+
+def _drawn(result: StudyResult, figure: Figure, name: str) -> str:
+    """Write a picture into the folder, and return it for the page."""
+    save_png(figure, result.folder / f"{name}.png")
+    return picture(figure, name)
+
+
+def _page(result: StudyResult, pieces: Sequence[str]) -> str:
+    title = f"{result.summary['scenario']}: study"
+    css = files("twin.study.report").joinpath("report.css").read_text(encoding="utf-8")
     parts = [
         "<!doctype html>",
         '<html lang="en"><head><meta charset="utf-8">',
-        f"<title>{html.escape(title)}</title><style>{style}</style></head><body>",
-        f"<h1>{html.escape(title)}</h1>",
-        f"<p>{html.escape(_lead(result))}</p>",
-        _table(summary),
-        _differences(summary),
-        _open_loop(summary),
+        '<meta name="viewport" content="width=device-width">',
+        f"<title>{text(title)}</title><style>{css}</style></head><body>",
+        heading(title, 1),
+        *pieces,
+        "</body></html>",
     ]
-    for figure, heading in pictures.values():
-        parts.append(f"<h2>{html.escape(heading)}</h2>")
-        parts.append(f"<figure>{_svg(figure)}</figure>")
-    parts.append("<h2>How it was made</h2>")
-    made_with = ", ".join(f"{name} {number}" for name, number in versions().items())
-    parts.append(f"<p>{html.escape(f'Made with {made_with}')}</p>")
-    design = json.dumps(_design(result), indent=2, ensure_ascii=False)
-    parts.append(f"<pre>{html.escape(design)}</pre></body></html>")
     return "\n".join(part for part in parts if part) + "\n"
+
+
+def _first_page(result: StudyResult) -> Pieces:
+    """Yield results, what is worth fixing, the cell, and what all that rests on."""
+    request, summary = result.request, result.summary
+    yield paragraph(_lead(result))
+    subject = Subject(request.scenario, request.base)
+    doubts = [*warnings(subject), *summary["warnings"]]
+    if doubts:
+        yield paragraph(f"Warning: {' Warning: '.join(doubts)}", "warning")
+    yield _makespans(summary)
+    cell = _in_order(result)[0]
+    yield heading("What is worth fixing")
+    yield paragraph(HONEST, "note")
+    yield gains_table(
+        result.gains[cell],
+        _label(result, cell),
+        confidence=summary["confidence"],
+        most=_FIRST,
+    ) or paragraph(f"{_label(result, cell)}: nothing that was tried gains anything.")
+    if len(summary["cells"]) > 1:
+        yield paragraph("The other policies and variants follow one by one.", "note")
+    yield heading("The cell")
+    yield _drawn(result, cell_figure(subject, width_in=WIDTH_IN), "cell")
+    yield heading("What it rests on")
+    yield pairs(assumptions(result))
+
+
+def _whole_study(result: StudyResult) -> Pieces:
+    """Yield what compares policies and variants."""
+    experiment, summary = result.request.experiment, result.summary
+    policies = experiment.policies
+    yield _differences(summary)
+    yield _open_loop(summary)
+    samples = [makespans_s(result, cell) for cell in range(len(experiment.cells))]
+    yield heading("How long it takes")
+    yield _drawn(result, draw_ecdf(summary, samples, policies), "makespan")
+    for key in experiment.variants[0]:
+        yield heading(f"What {key} does")
+        name = "response-" + key.replace(".", "-")
+        yield _drawn(result, draw_response(summary, key, policies), name)
+    yield heading("What the robots wait for")
+    yield _drawn(result, draw_waits(summary), "waits")
+
+
+def _cell(result: StudyResult, cell: int, progress: Report) -> Pieces:
+    """Yield what decides in one cell: tasks, inputs, and what is worth fixing."""
+    order = _in_order(result)
+    label, load = _label(result, cell), result.loads[cell]
+    drawn, first = order.index(cell) < _DRAWN, cell == order[0]
+    name = re.sub(r"[^a-z0-9.]+", "-", label.lower()).strip("-")
+    yield heading(f"What decides: {label}")
+    summary = result.summary["cells"][cell]
+    if "makespan_s" not in summary:
+        yield paragraph("No replication was completed.")
+        return
+    tally = cell_tally(result.folder / BLOCKS, cell)
+    if drawn:
+        yield heading("When tasks are done, and which are critical", 3)
+        yield _drawn(result, draw_bands(load.tpg, tally), f"gantt-{name}")
+    yield critical_tasks_table(_task_rows(result, cell, tally), label, _CRITICAL)
+    found = influences(load)
+    mean = summary["makespan_s"]["estimate"]
+    yield heading("Which inputs the makespan hangs on", 3)
+    if drawn:
+        yield _drawn(result, draw_tornado(found, mean), f"tornado-{name}")
+    else:
+        yield _tornado_table(found, label)
+    points = result.request.sobol_points
+    if points and first:
+        yield heading("Which inputs it hangs on when all vary at once", 3)
+        seed = result.request.scenario.seed
+        indices = sobol_indices(load, points, seed=seed, progress=progress)
+        yield _drawn(result, draw_sobol(indices), "sobol")
+    if not first:
+        confidence = result.summary["confidence"]
+        gains = result.gains[cell]
+        yield heading("What is worth fixing", 3)
+        yield gains_table(gains, label, confidence=confidence, most=_LATER)
+
+
+def _task_rows(
+    result: StudyResult, cell: int, tally: TaskTally
+) -> list[Mapping[str, Any]]:
+    load = result.loads[cell]
+    columns = task_columns(load, tally)
+    names = task_names(load.tpg.tasks)
+    rows: list[Mapping[str, Any]] = []
+    for k, task in enumerate(columns["task"].tolist()):
+        slack = float(columns["slack_mean_s"][k])
+        rows.append(
+            {
+                "name": names[task],
+                "criticality": float(columns["criticality"][k]),
+                "slack_mean_s": slack if np.isfinite(slack) else None,
+                "time_p50_s": float(
+                    columns["end_p50_s"][k] - columns["start_p50_s"][k]
+                ),
+            }
+        )
+    return rows
+
+
+def _tornado_table(found: Sequence[Influence], label: str) -> str:
+    share = f"{100 * SHARE:.0f} %"
+    return table(
+        f"{label}: change of the mean makespan [s]",
+        ["input", f"{share} less", f"{share} more"],
+        [[text(o.name), f"{o.less_s:+.2f}", f"{o.more_s:+.2f}"] for o in found],
+        "named",
+    )
 
 
 def _lead(result: StudyResult) -> str:
     experiment, summary = result.request.experiment, result.summary
     counts = sorted({cell["replications"] for cell in summary["cells"]})
     many = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
-    text = (
+    words = (
         f"{many} replications of {len(experiment.policies)} policies"
         f" with the same draws, seed {result.request.scenario.seed}."
     )
     if experiment.replications is None:
-        text += (
+        words += (
             f" Sampling went on until the {100 * summary['confidence']:g} % interval of"
             f" every mean was within {100 * experiment.precision.relative_half_width:g} %,"
             f" or {experiment.precision.most} replications were done."
         )
-    return text
+    return words
 
 
-def _table(summary: Mapping[str, Any]) -> str:
+def _makespans(summary: Mapping[str, Any]) -> str:
     varied = list(summary["cells"][0]["variant"])
-    names = ["policy", *varied, "n", "mean", "P50", "P90", "P95", "P99"]
     deadline = summary["deadline_s"]
-    names += ["not completed"] + ([f"within {deadline:g} s"] if deadline else [])
-    head = "".join(f"<th>{html.escape(name)}</th>" for name in names)
+    head = ["policy", *varied, "n", "mean", "P50", "P90", "P95", "P99"]
+    head += ["not completed"] + ([f"within {deadline:g} s"] if deadline else [])
     rows = []
     for cell in summary["cells"]:
-        row = [cell["policy"], *(str(cell["variant"][key]) for key in varied)]
+        row = [text(cell["policy"]), *(text(cell["variant"][key]) for key in varied)]
         row.append(str(cell["replications"]))
         for key in ("makespan_s", *(f"makespan_p{p}_s" for p in (50, 90, 95, 99))):
-            row.append(_span(cell.get(key), "{:.1f}", 1.0))
-        row.append(_span(cell["not_completed"], "{:.1f} %", 100.0))
+            row.append(estimate(cell.get(key)))
+        row.append(estimate(cell["not_completed"], factor=100.0, unit=" %"))
         if deadline:
-            row.append(_span(cell.get("in_time"), "{:.1f} %", 100.0))
-        rows.append(
-            "<tr>" + "".join(f"<td>{html.escape(text)}</td>" for text in row) + "</tr>"
-        )
+            row.append(estimate(cell.get("in_time"), factor=100.0, unit=" %"))
+        rows.append(row)
     share = f"{100 * summary['confidence']:g} %"
-    caption = f"Makespan in seconds, with {share} intervals"
-    return (
-        f"<table><caption>{caption}</caption><thead><tr>{head}</tr></thead>"
-        f"<tbody>{''.join(rows)}</tbody></table>"
-    )
-
-
-def _span(entry: Mapping[str, Any] | None, form: str, factor: float) -> str:
-    if entry is None:
-        return "-"
-    text = form.format(factor * entry["estimate"])
-    if entry["low"] is None:
-        return text
-    low, high = (f"{factor * entry[side]:.1f}" for side in ("low", "high"))
-    return f"{text} ({low} to {high})"
+    return table(f"Makespan in seconds, with {share} intervals", head, rows)
 
 
 def _differences(summary: Mapping[str, Any]) -> str:
     texts = []
     for entry in summary["differences"]:
-        span = _span(entry["makespan_s"], "{:+.1f} s", 1.0)
+        difference = span(entry["makespan_s"], "{:+.1f} s")
         where = "".join(f", {key} = {value}" for key, value in entry["variant"].items())
         texts.append(
-            f"{entry['policy']} against {entry['reference']}{where}: {span},"
+            f"{entry['policy']} against {entry['reference']}{where}: {difference},"
             f" {100 * entry['relative']:+.1f} %"
         )
-    return _list("Differences, replication by replication", texts)
+    return bullets("Differences, replication by replication", texts)
 
 
 def _open_loop(summary: Mapping[str, Any]) -> str:
     texts = []
     for cell in summary["cells"]:
         if "collided" in cell:
-            share = _span(cell["collided"], "{:.0f} %", 100.0)
+            share = span(cell["collided"], "{:.0f} %", 100.0)
             texts.append(f"{cell_label(cell)}: {collisions(cell)}, {share}")
-    return _list("When nobody waits for anybody", texts)
+    return bullets("When nobody waits for anybody", texts)
 
 
-def _list(heading: str, texts: Sequence[str]) -> str:
-    """Return a list with its heading, nothing where there are no entries."""
-    items = "".join(f"<li>{html.escape(text)}</li>" for text in texts)
-    return f"<h2>{heading}</h2><ul>{items}</ul>" if items else ""
-
-
-def _design(result: StudyResult) -> dict[str, Any]:
+def _made(result: StudyResult) -> Pieces:
+    """Yield how the study was made, for those who want to repeat it."""
     experiment = result.request.experiment
-    return {
+    design = {
         "policies": experiment.policies,
         "variants": experiment.variants,
         "replications": experiment.replications,
         "antithetic": experiment.antithetic,
-        **_origin(result),
         "engines": [_engine(cell) for cell in result.summary["cells"]],
     }
-
-
-def _origin(result: StudyResult) -> dict[str, Any]:
-    """Return where the plans come from: a run, or a search with some shortcuts."""
-    if result.request.plan:
-        return {"plan": result.request.plan}
-    return {"shortcut_candidates": result.request.candidates}
+    yield heading("How it was made")
+    yield f"<pre>{text(json.dumps(design, indent=2, ensure_ascii=False))}</pre>"
 
 
 def _engine(cell: Mapping[str, Any]) -> dict[str, Any]:
     because = cell["event_engine_because"]
     own = {"cell": cell_label(cell), "engine": cell["engine"]}
     return own | ({"because": because} if because else {})
-
-
-def _svg(figure: Figure) -> str:
-    """Return a picture as an SVG element, the same for the same study."""
-    text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    svg = text.getvalue()
-    return svg[svg.index("<svg") :]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -10,8 +11,14 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from twin.study.replications.statistics import Interval
+from twin.study.report.fixing import LESS, P90
+from twin.study.report.report import shown_cell
 from twin.study.study import StudyResult
-from twin.study.summary import collisions
+from twin.study.summary import cell_label, collisions
+
+_TOP = 5
+"""Rows of what is worth fixing."""
 
 
 def print_study(result: StudyResult) -> None:
@@ -56,7 +63,38 @@ def print_study(result: StudyResult) -> None:
             console.print(f"{cell['policy']}: {collisions(cell)} ({share})")
     for warning in summary["warnings"]:
         console.print("[yellow]warning[/yellow]:", Text(warning), soft_wrap=True)
+    _print_gains(console, result)
     console.print(f"{result.folder}")
+
+
+def _print_gains(console: Console, result: StudyResult) -> None:
+    """Print what is worth fixing most in the cell that coordinates best."""
+    cell = shown_cell(result.request.experiment.policies)
+    gains = result.gains[cell]
+    if not gains.gains:
+        return
+    table = Table(
+        title=f"\nworth fixing ({cell_label(result.summary['cells'][cell])}): seconds that the"
+        f" model gains, {gains.replications} replications executed again",
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
+    table.add_column("what", overflow="fold")
+    for name in (f"mean, {LESS}", f"{P90}, {LESS}", "mean, gone"):
+        table.add_column(name, justify="right", max_width=14)
+    for gain in gains.gains[:_TOP]:
+        shown = (gain.shorter.mean, gain.shorter.p90, gain.gone.mean)
+        table.add_row(gain.lever.name, *map(_gained, shown))
+    console.print(table)
+
+
+def _gained(interval: Interval) -> str:
+    """Return seconds gained, with half the length of the interval where there is one."""
+    half = interval.half_width
+    if not isfinite(half):
+        return f"{interval.estimate:.2f}"
+    return f"{interval.estimate:.2f} ± {half:.2f}"
 
 
 def _row(cell: Mapping[str, Any], varied: list[str]) -> list[str]:

@@ -42,14 +42,14 @@ def test_gains_are_differences_of_the_same_replications() -> None:
 def test_replications_that_are_tried_follow_from_sizes_alone() -> None:
     assert cell_gains(ONE, toy_workload(1), 30).replications == 30
     assert cell_gains(ONE, toy_workload(1), 10**6).replications == 2000
-    assert cell_gains(ONE, toy_workload(1), 10**6, share=0.0).replications == 100
+    assert cell_gains(ONE, toy_workload(1), 5000, share=0.0).replications == 100
     stop = EmergencyStop(at_s=5.0, duration_s=20.0)
     load = toy_workload(
         1,
         disturbances=Disturbances(emergency_stops=(stop,)),
         reasons=("emergency_stops",),
     )
-    cell = cell_gains(ONE, load, 10**6, share=0.0)
+    cell = cell_gains(ONE, load, 500, share=0.0)
     assert (cell.replications, cell.engine) == (10, "events")
     assert "emergency stops" in [gain.lever.name for gain in cell.gains]
 

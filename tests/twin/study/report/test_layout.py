@@ -1,0 +1,129 @@
+"""Pictures of a study: everything lies within the picture, and nothing on anything else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
+
+from tests.twin.study.study_toys import toy_workload
+from tests.twin.twin_toys import random_tpg
+from twin.run.policies import NAMED_POLICIES
+from twin.study.replications.experiment import Block
+from twin.study.replications.workload import Engines
+from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
+from twin.study.report.figures import draw_ecdf, draw_response, draw_waits
+from twin.study.sensitivity import Influence, SobolIndex
+
+LONG = "breakdowns.of_a_robot_with_a_rather_long_name"
+
+
+def texts(figure: Figure) -> list[tuple[str, Bbox]]:
+    """Return all that is written in a picture and where it stands.
+
+    Ticks beyond the ends of an axis have names that are not drawn.
+    """
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer: Any = canvas.get_renderer()
+    beyond = set()
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            for tick in [*axis.get_major_ticks(), *axis.get_minor_ticks()]:
+                if not low <= tick.get_loc() <= high:
+                    beyond |= {tick.label1, tick.label2}
+    return [
+        (item.get_text(), item.get_window_extent(renderer))
+        for item in figure.findobj(Text)
+        if isinstance(item, Text)
+        and item not in beyond
+        and item.get_text().strip()
+        and item.get_visible()
+    ]
+
+
+def assert_legible(figure: Figure) -> None:
+    """Everything written lies within the picture, and no two texts on each other."""
+    found = texts(figure)
+    whole = figure.bbox
+    for words, box in found:
+        assert box.x0 >= whole.x0 - 1, words
+        assert box.x1 <= whole.x1 + 1, words
+        assert box.y0 >= whole.y0 - 1, words
+        assert box.y1 <= whole.y1 + 1, words
+    for (one, first), (two, second) in combinations(found, 2):
+        shared = Bbox.intersection(first.padded(-1), second.padded(-1))
+        assert shared is None or shared.width * shared.height < 1, (one, two)
+
+
+def cells(variants: int, *, policies: int = 7, name: str = LONG) -> Iterator[Any]:
+    for k in range(variants):
+        for policy in list(NAMED_POLICIES)[:policies]:
+            yield {
+                "policy": policy,
+                "variant": {name: 100.0 * k, "stalls.rate_per_h": 30} if name else {},
+                "makespan_s": {"estimate": 90.0 + k, "low": 89.0, "high": None},
+                "wait_s": {
+                    "wait_dependency_s": 10.0,
+                    "wait_conflict_s": 20.0 + k,
+                    "wait_other_s": 0.0,
+                },
+            }
+
+
+@pytest.mark.parametrize(("variants", "policies"), [(1, 7), (3, 2), (6, 7)])
+def test_comparisons_are_legible(variants: int, policies: int) -> None:
+    summary = {
+        "cells": list(cells(variants, policies=policies)),
+        "deadline_s": 95.0,
+    }
+    names = list(NAMED_POLICIES)[:policies]
+    rng = np.random.default_rng(0)
+    samples = [rng.normal(90.0, 3.0, 200) for _ in summary["cells"]]
+    for figure in (
+        draw_ecdf(summary, samples, names),
+        draw_waits(summary),
+        draw_response(summary, LONG, names),
+    ):
+        assert_legible(figure)
+        for legend in figure.findobj(Legend):
+            box = legend.get_window_extent()
+            axes = figure.axes[0].get_tightbbox()
+            assert axes is not None
+            assert box.y1 <= axes.y0 + 1
+            assert figure.bbox.x0 - 1 <= box.x0 <= box.x1 <= figure.bbox.x1 + 1
+        assert figure.axes[0].get_window_extent().height > 100
+
+
+def test_every_line_of_a_chart_differs_from_every_other() -> None:
+    summary = {"cells": list(cells(6)), "deadline_s": None}
+    figure = draw_ecdf(summary, [np.arange(5.0)] * 42, list(NAMED_POLICIES))
+    styles = {(line.get_color(), line.get_linestyle()) for line in figure.axes[0].lines}
+    assert len(styles) == 42
+
+
+def test_tornado_and_sobol_are_legible() -> None:
+    names = [f"motions of {LONG}_{k}" for k in range(20)]
+    found = [Influence(name, -20.0 + k, 20.0 - k) for k, name in enumerate(names)]
+    assert_legible(draw_tornado(found, 1234.5))
+    assert_legible(draw_sobol([SobolIndex(name, 0.1, 0.2) for name in names]))
+
+
+@pytest.mark.parametrize("tasks", [2, 14, 150])
+def test_bands_are_legible(tasks: int) -> None:
+    load = toy_workload(1)
+    load = replace(
+        load, tpg=random_tpg(1, dofs=(2, 2, 3), tasks=max(tasks, 3), edges=tasks)
+    )
+    tally = Engines(load).compute(Block(0, 0, 30)).tally
+    assert_legible(draw_bands(load.tpg, tally))

@@ -1,0 +1,158 @@
+"""Pictures of one cell of a study: its tasks, and the inputs that its makespan hangs on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from planning.tasks.task import TRANSIT
+from planning.transforms import Array
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.durations import NANOSECONDS
+from twin.host.pictures import INK, new_picture, style_axes
+from twin.study.replications.block_results import TaskTally, task_groups
+from twin.study.report.layout import WIDTH_IN, bar_chart, legend_below
+from twin.study.sensitivity import SHARE, Influence, SobolIndex
+
+_LESS, _MORE = "#1f5f9e", "#d97b29"
+_TASKS_A_ROW = 30
+_CRITICALITY = colormaps["YlOrRd"]
+
+
+def draw_bands(tpg: TemporalPlanGraph, tally: TaskTally) -> Figure:
+    """Draw the median start and end of every task, with bands from P10 to P90.
+
+    A task is coloured by its criticality index: how often it was on the critical path. The thin
+    lines before and after it reach from the P10 to the P90 of its start and of its end.
+
+    Args:
+        tpg: the plan that was executed.
+        tally: of its tasks; long plans wrap into several rows.
+    """
+    groups = task_groups(tpg)
+    lane_of = {chain.robot: k for k, chain in enumerate(tpg.chains)}
+    start = np.percentile(tally.start_ns, (10, 50, 90), axis=0) / NANOSECONDS
+    end = np.percentile(tally.end_ns, (10, 50, 90), axis=0) / NANOSECONDS
+    share = tally.critical / max(tally.count, 1)
+    total = float(end[2].max())
+    rows = max(1, -(-len(groups.task) // (_TASKS_A_ROW * len(lane_of))))
+    height = 1.2 + rows * (0.5 + 0.46 * len(lane_of))
+    figure = new_picture(WIDTH_IN, height, dpi=110)
+    panels: list[Axes] = figure.subplots(rows, 1, squeeze=False)[:, 0].tolist()
+    for row, axes in enumerate(panels):
+        low, high = total * row / rows, total * (row + 1) / rows
+        axes.set_xlim(low, high)
+        axes.set_ylim(len(lane_of) - 0.4, -0.6)
+        axes.set_yticks(range(len(lane_of)), list(lane_of))
+        style_axes(axes, grid="x")
+        for k, index in enumerate(groups.task.tolist()):
+            if end[2, k] < low or start[0, k] > high:
+                continue
+            task = tpg.tasks[index]
+            _draw_task(
+                axes,
+                lane_of[task.robot],
+                start[:, k],
+                end[:, k],
+                float(share[k]),
+                "" if task.kind == TRANSIT else str(task.step),
+            )
+    panels[-1].set_xlabel(
+        f"time [s]; bars from median start to median end, with the number of the step,\n"
+        f"lines from P10 to P90 of {len(tally.start_ns)} replications"
+    )
+    figure.colorbar(
+        ScalarMappable(Normalize(0, 100), _CRITICALITY),
+        ax=panels,
+        label="criticality index [%]",
+        fraction=0.02,
+        pad=0.01,
+    )
+    return figure
+
+
+def draw_tornado(influences: Sequence[Influence], mean_s: float) -> Figure:
+    """Draw what the mean makespan does when inputs are smaller and larger.
+
+    Args:
+        influences: the strongest first.
+        mean_s: the mean makespan [s].
+    """
+    shown = list(influences)[:14]
+    figure, axes = bar_chart([one.name for one in shown], 0.36)
+    for k, one in enumerate(shown):
+        axes.barh(k, one.less_s, color=_LESS, height=0.62)
+        axes.barh(k, one.more_s, color=_MORE, height=0.62)
+    for colour, word in ((_LESS, "less"), (_MORE, "more")):
+        axes.add_patch(
+            Rectangle((0, 0), 0, 0, color=colour, label=f"{100 * SHARE:.0f} % {word}")
+        )
+    axes.axvline(0, color=INK, linewidth=1.0)
+    axes.set_xlabel(f"change of the mean makespan of {mean_s:.1f} s [s]")
+    legend_below(axes)
+    return figure
+
+
+def draw_sobol(indices: Sequence[SobolIndex]) -> Figure:
+    """Draw the shares of inputs in the variance of the mean makespan."""
+    shown = list(indices)[:14]
+    figure, axes = bar_chart([one.name for one in shown], 0.42)
+    places = np.arange(len(shown))
+    for offset, colour, label, values in (
+        (-0.18, _LESS, "alone", [one.first for one in shown]),
+        (0.18, _MORE, "alone and together with others", [o.total for o in shown]),
+    ):
+        axes.barh(places + offset, values, height=0.34, color=colour, label=label)
+    legend_below(axes)
+    axes.set_xlabel(
+        f"share in the variance of the mean makespan, inputs within"
+        f" {100 * SHARE:.0f} % of what they are"
+    )
+    return figure
+
+
+def _draw_task(
+    axes: Axes,
+    lane: int,
+    start: Array,
+    end: Array,
+    share: float,
+    text: str,
+) -> None:
+    thin = not text
+    height = 0.34 if thin else 0.62
+    axes.barh(
+        lane,
+        end[1] - start[1],
+        left=start[1],
+        height=height,
+        color=_CRITICALITY(share) if share > 0 else "#eef0f2",
+        edgecolor="#8a929b",
+        linewidth=0.4,
+    )
+    for times, offset in ((start, -0.36), (end, 0.36)):
+        if not thin:
+            axes.plot(
+                times[[0, 2]], [lane + offset] * 2, color=INK, linewidth=1.1, alpha=0.7
+            )
+    # A number stands where its bar is seen; one that is wider would run into its neighbour's.
+    low, high = axes.get_xlim()
+    seen = max(float(start[1]), low), min(float(end[1]), high)
+    if text and seen[1] - seen[0] > (0.003 + 0.008 * len(text)) * (high - low):
+        axes.text(
+            0.5 * sum(seen),
+            lane,
+            text,
+            ha="center",
+            va="center",
+            fontsize=7,
+            color="white" if share > 0.6 else INK,
+            clip_on=True,
+        )

@@ -1,0 +1,99 @@
+"""Pieces of the report's page: tables, lists, estimates with intervals, pictures."""
+
+from __future__ import annotations
+
+import html
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+Entry = Mapping[str, Any]
+"""An estimate with its bounds, as ``summary.json`` has it."""
+
+
+def text(words: object) -> str:
+    """Return words as HTML."""
+    return html.escape(str(words))
+
+
+def heading(words: str, level: int = 2) -> str:
+    """Return a heading."""
+    return f"<h{level}>{text(words)}</h{level}>"
+
+
+def paragraph(words: str, kind: str = "") -> str:
+    """Return a paragraph of a class."""
+    return f'<p class="{kind}">{text(words)}</p>' if kind else f"<p>{text(words)}</p>"
+
+
+def bullets(title: str, texts: Sequence[str]) -> str:
+    """Return a list with its heading, nothing where there are no entries."""
+    items = "".join(f"<li>{text(words)}</li>" for words in texts)
+    return f"{heading(title)}<ul>{items}</ul>" if items else ""
+
+
+def table(
+    caption: str, head: Sequence[str], rows: Iterable[Sequence[str]], kind: str = ""
+) -> str:
+    """Return a table of cells that are HTML already; nothing where there are no rows."""
+    body = "".join(
+        "<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    names = "".join(f"<th>{text(name)}</th>" for name in head)
+    return (
+        f'<table class="{kind}"><caption>{text(caption)}</caption>'
+        f"<thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>"
+        if body
+        else ""
+    )
+
+
+def pairs(rows: Iterable[tuple[str, str]]) -> str:
+    """Return what is said about some things, a row each."""
+    body = "".join(
+        f"<tr><th>{text(name)}</th><td>{text(words)}</td></tr>" for name, words in rows
+    )
+    return f'<table class="pairs"><tbody>{body}</tbody></table>'
+
+
+def estimate(entry: Entry | None, *, factor: float = 1.0, unit: str = "") -> str:
+    """Return an estimate with its interval in small letters under it."""
+    if entry is None:
+        return "-"
+    value = f"<span>{_digits(factor * entry['estimate'])}{unit}</span>"
+    if entry["low"] is None or entry["high"] is None:
+        return value
+    low, high = (_digits(factor * entry[side]) for side in ("low", "high"))
+    return f'{value}<br><span class="interval">{low} to {high}</span>'
+
+
+def span(entry: Entry, form: str, factor: float = 1.0) -> str:
+    """Return an estimate with its interval in one line."""
+    words = form.format(factor * entry["estimate"])
+    if entry["low"] is None:
+        return words
+    low, high = (f"{factor * entry[side]:.1f}" for side in ("low", "high"))
+    return f"{words} ({low} to {high})"
+
+
+def picture(figure: Figure, name: str) -> str:
+    """Return a picture as an SVG element, the same bytes for the same picture.
+
+    Args:
+        figure: the picture.
+        name: of the picture on its page, which its identifiers begin with.
+    """
+    out = io.StringIO()
+    with rc_context({"svg.hashsalt": name}):
+        figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
+    svg = out.getvalue()
+    return f"<figure>{svg[svg.index('<svg') :]}</figure>"
+
+
+def _digits(value: float) -> str:
+    """Return a number with as many digits as say something."""
+    digits = 1 if abs(value) >= 9.995 else 2
+    return f"{value:.{digits}f}".replace("-0.00", "0.00")
