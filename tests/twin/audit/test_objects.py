@@ -19,7 +19,8 @@ from tests.twin.audit.audit_cell import (
     two_arm_cell,
 )
 from tests.twin.audit.test_audit import handled
-from twin.audit.audit import audit_run
+from twin.audit.audit import Auditor, audit_run
+from twin.audit.executed import read_recording
 from twin.audit.violation import Violation
 from twin.audit.wanted import Hold, Place, Wanted
 
@@ -338,3 +339,19 @@ def test_a_handover_between_two_that_move(tmp_path: Path) -> None:
         in_between = q[1] + 0.5 * (q[2] - q[1])
         run.put(4.5, "b1", "right", in_hand(cell, "right", in_between, there))
         assert [v.kind for v in found(run, tmp_path, STUDS, "support")] == kinds
+
+
+def test_a_support_of_the_plan_is_missed_too(tmp_path: Path) -> None:
+    """The scenario gives a structure, the planner chose where it is held."""
+    for leaves, kinds in ((9.0, []), (8.94, ["support"])):
+        run = supported(leaves)
+        plan = run.tpg()
+        place, support = plan.tasks
+        tasks = (
+            replace(place, kind="place-down", object="b1"),
+            replace(support, kind="support-top"),
+        )
+        recording = read_recording(run.write(tmp_path), run.cell)
+        with Auditor(replace(plan, tasks=tasks), wanted=STUDS) as auditor:
+            report = auditor.audit(recording, ordered=False)
+        assert [v.kind for v in report.violations] == kinds
