@@ -87,7 +87,8 @@ def follow(
     if recording is not None or view:
         from twin.follow.recording import LiveRecording
 
-        listeners.append(LiveRecording(tpg, recording, name=name, view=view))
+        live = LiveRecording(tpg, recording, name=name, view=view, policy=model.policy)
+        listeners.append(live)
     lines = _lines(events, wait=not once)
     follow_run(lines, run, forecaster, listeners, every_s=every)
     bad = bool(run.violations) or run.outcome == "failed"

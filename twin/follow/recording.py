@@ -10,6 +10,7 @@ import rerun as rr
 
 from planning.errors import OutputError
 from planning.transforms import Array
+from scheduling.graph.barriers import with_barriers
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
 from twin.durations import Nanoseconds
 from twin.follow.follow import RunListener
@@ -18,15 +19,21 @@ from twin.follow.state import FollowedRun, Violation
 from twin.recorders.rerun import layout as layout
 from twin.recorders.rerun.bodies import (
     draw_fixtures,
+    draw_later,
     draw_object,
-    draw_robot,
-    move_robot,
     place_object,
+    unseen,
 )
+from twin.recorders.rerun.event_rows import EventBacklog
+from twin.recorders.rerun.held_names import HeldNames
+from twin.recorders.rerun.lanes import draw_lane
 from twin.recorders.rerun.layout import entity_path
-from twin.recorders.rerun.recorder import draw_lane, log_events
+from twin.recorders.rerun.robots import draw_robot, move_robot
+from twin.recorders.rerun.words import PlanWords
 from twin.run.activities import FAILED, IDLE, RETRYING, STALLED, STOPPED, WAITING
 from twin.run.events import Event, EventLogError
+from twin.run.run_record import Policy
+from twin.run.team_colours import team_colours
 from twin.run.trajectory import Placement, Trajectory
 from twin.run.viewer import TIMELINE, live_viewer
 
@@ -54,6 +61,7 @@ class LiveRecording(RunListener):
         *,
         name: str = "run",
         view: bool = False,
+        policy: Policy = "asynchronous",
     ) -> None:
         """Begin a recording.
 
@@ -62,12 +70,15 @@ class LiveRecording(RunListener):
             path: of the ``.rrd`` file; None keeps none.
             name: of the recording.
             view: show it in a viewer while it grows.
+            policy: how nodes are released.
 
         Raises:
             OutputError: the file cannot be written.
             ViewerError: there is no viewer, or no display for it.
         """
         self._tpg = tpg
+        self._policy = policy
+        self._words = PlanWords(with_barriers(tpg) if policy == "synchronous" else tpg)
         self._chain = {chain.robot: k for k, chain in enumerate(tpg.chains)}
         self._handlings: dict[tuple[str, int, int], NodeHandling] = {
             (item.object, item.robot, item.node): item for item in tpg.handlings
@@ -82,13 +93,16 @@ class LiveRecording(RunListener):
 
     def close(self, run: FollowedRun) -> None:
         """Show all there is, and finish the file."""
-        self._flush()
+        self._now_ns = run.now_ns
+        self._flush(ended=True)
         self._rec.flush()
         self._rec.disconnect()
 
     def event(self, event: Event, run: FollowedRun) -> None:
         """Keep an event and what it says about motion and objects."""
-        self._events.append(event)
+        self._now_ns = run.now_ns
+        waits = self._waits(event, run)
+        self._events.take(event, waits or event.detail or WAITING)
         chain = self._chain.get(event.robot)
         if chain is None:
             return
@@ -96,7 +110,7 @@ class LiveRecording(RunListener):
             self._moved(chain, run)
         elif event.kind in ("attached", "detached"):
             self._handled(chain, event)
-        state = self._state(event)
+        state = waits or self._state(event)
         if state and self._lane_state.get(event.robot) != state:
             self._lane_state[event.robot] = state
             self._rec.set_time(TIMELINE, duration=np.timedelta64(event.t_ns, "ns"))
@@ -140,7 +154,7 @@ class LiveRecording(RunListener):
             if view:
                 sinks.append(rr.GrpcSink(live_viewer()))
             self._rec.set_sinks(
-                *sinks, default_blueprint=layout.follow_layout(self._tpg.cell)
+                *sinks, default_blueprint=layout.follow_layout(self._tpg)
             )
         except OSError as error:
             raise OutputError(f"{path}: cannot be written: {error}") from error
@@ -149,23 +163,31 @@ class LiveRecording(RunListener):
         """Draw the cell as it is before the run."""
         tpg, rec = self._tpg, self._rec
         draw_fixtures(rec, tpg.cell)
-        self._events: list[Event] = []
+        self._now_ns = 0
+        self._events = EventBacklog()
         self._lane_state: dict[str, str] = {}
-        self._lanes = {c.robot: draw_lane(rec, c.robot) for c in tpg.chains}
+        self._lanes = {
+            chain.robot: draw_lane(rec, chain.robot, dict(self._words.lane(k)))
+            for k, chain in enumerate(tpg.chains)
+        }
+        colours = team_colours([robot.name for robot in tpg.cell.robots])
+        self._held = HeldNames(rec, list(colours))
         self._trees = {}
         self._rows: dict[str, list[tuple[Nanoseconds, Array]]] = {}
         for robot in tpg.cell.robots:
             chain = self._chain.get(robot.name)
             q = robot.home if chain is None else tpg.chains[chain].start
-            self._trees[robot.name] = draw_robot(rec, robot)
+            self._trees[robot.name] = draw_robot(rec, robot, colours[robot.name])
             self._rows[robot.name] = [(np.array([0]), q[None])]
         self._drawn: set[str] = set()
+        self._placed: set[str] = set()
         self._shown = {chain.robot: 0 for chain in tpg.chains}
         for item in tpg.cell.objects:
-            if not item.later:
-                draw_object(rec, item, 0)
-                there = Placement(0, item.name, None, item.start)
-                place_object(rec, item.name, [there])
+            if item.later:
+                draw_later(rec, item, (0,), (False,))
+            else:
+                draw_object(rec, item)
+            place_object(rec, item.name, [unseen(item)])
         for name, (_, colour) in _QUANTILES.items():
             rec.log(
                 entity_path(layout.FORECAST, name),
@@ -176,9 +198,21 @@ class LiveRecording(RunListener):
 
     def _state(self, event: Event) -> str:
         """Return the state of a robot's lane from an event on, empty for no change."""
-        if event.kind in ("started", "resumed") and event.task >= 0:
-            return self._tpg.tasks[event.task].kind
-        return _STATES.get(event.kind, "")
+        if event.kind in ("started", "resumed"):
+            return self._words.task(event.task)
+        state = _STATES.get(event.kind, "")
+        return self._words.state(state, event.task) if state else ""
+
+    def _waits(self, event: Event, run: FollowedRun) -> str:
+        """Return what a robot waits for that says it waits, in words; else nothing."""
+        if event.kind != "waiting":
+            return ""
+        chain = self._chain.get(event.robot)
+        if chain is None or self._policy == "open-loop":
+            return ""
+        return self._words.wait(
+            chain, event.node, lambda k, n: bool(run.robots[k].end_ns[n] >= 0)
+        )
 
     def _moved(self, k: int, run: FollowedRun) -> None:
         """Keep the motion of the nodes that a robot has completed."""
@@ -201,19 +235,21 @@ class LiveRecording(RunListener):
             return
         thing = self._objects[event.object]
         if thing.later and item.holder is None and event.object not in self._drawn:
-            draw_object(self._rec, thing, event.t_ns)
+            draw_later(self._rec, thing, (event.t_ns,), (True,))
         self._drawn.add(event.object)
         placement = Placement(event.t_ns, item.object, item.holder, item.pose)
         place_object(self._rec, item.object, [placement])
+        self._held.take(placement)
 
-    def _flush(self) -> None:
-        """Send what has been collected."""
-        log_events(self._rec, self._tpg, self._events)
-        self._events.clear()
+    def _flush(self, *, ended: bool = False) -> None:
+        """Send what has been collected, besides waits that may still become long ones."""
+        self._events.send(self._rec, self._words, self._now_ns, ended=ended)
+        self._held.send()
         for robot in self._tpg.cell.robots:
             rows = self._rows[robot.name]
-            if len(rows) == 1 and rows[0][0][-1] > 0:
+            if len(rows) == 1 and robot.name in self._placed:
                 continue
+            self._placed.add(robot.name)
             t_ns = np.maximum.accumulate(np.concatenate([t for t, _ in rows]))
             q = np.vstack([q for _, q in rows])
             motion = Trajectory(robot.name, t_ns, q, np.full(len(t_ns), -1))

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, Rectangle
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
@@ -24,6 +24,7 @@ from twin.run.activities import (
 from twin.run.events import Event
 from twin.run.policies import IN_TURNS, policy_name
 from twin.run.run_record import Run
+from twin.run.team_colours import team_colours
 
 _TASKS_A_ROW = 36
 _WIDTH_IN = 15.0
@@ -43,7 +44,8 @@ def draw_gantt(
     """Draw what every robot did when, as a PNG picture.
 
     Bars are coloured by kind of task and carry the assembly step they serve; waits are hatched,
-    and arrows are the type-2 edges that ended them. Long runs wrap into several rows.
+    and arrows are the type-2 edges that ended them. Long runs wrap into several rows. Beside its
+    lane each robot has the colour that it has in the recording.
 
     Args:
         path: of the picture, replaced when it exists.
@@ -112,7 +114,13 @@ def _style(axis: Axes, robots: Sequence[str], window: tuple[float, float]) -> No
     axis.set_yticks(range(len(robots)), robots)
     style_axes(axis, grid="x")
     axis.tick_params(axis="x", labelsize=8, length=3)
-    axis.tick_params(axis="y", length=0)
+    axis.tick_params(axis="y", length=0, pad=12)
+    for k, colour in enumerate(team_colours(robots).values()):
+        swatch = Rectangle((-0.0085, k - _LANE_HEIGHT / 2), 0.0055, _LANE_HEIGHT)
+        swatch.set(
+            facecolor=colour, transform=axis.get_yaxis_transform(), clip_on=False
+        )
+        axis.add_patch(swatch)
 
 
 def _draw_lane(

@@ -22,6 +22,7 @@ from planning.errors import OutputError
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.plan_files import load_plan, save_plan
 from tests.twin.drawn_runs import VARIED
+from tests.twin.recorders.transform_chains import broken_chains
 from tests.twin.simulated import simulate
 from tests.twin.turning_arms import SCENARIO, turning_plan
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
@@ -317,6 +318,7 @@ def test_the_recording_holds_motion_forecasts_and_events(
     result = invoke("follow", run_folder, log, "--recording", path, "--every", 1)
     assert result.exit_code == 0, result.output
     assert len(list(RrdReader(path).blueprints())) == 1
+    assert broken_chains(path) == []
     makespan = json.loads((run_folder / "summary.json").read_text())["makespan_s"]
     rows: dict[str, list[int]] = {}
     for chunk in RrdReader(path).store().stream().filter(has_timeline="sim_time"):

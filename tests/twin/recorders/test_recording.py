@@ -3,10 +3,10 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pytest
 from rerun.chunk import RrdReader
 
@@ -16,12 +16,14 @@ from planning.robots.registry import robot_model
 from planning.transforms import from_quat_wxyz, from_rpy
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import VARIED
+from tests.twin.recorders.recorded_toys import rows, static
 from tests.twin.run.lane_oracle import robot_lanes
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
 from twin.recorders.observers import MemoryRecorder
-from twin.recorders.rerun.bodies import frame_times
 from twin.recorders.rerun.recorder import write_recording
+from twin.recorders.rerun.robots import frame_times
+from twin.run.activities import LANE_COLOURS, WAITING
 from twin.run.gantt import draw_gantt
 from twin.run.run_record import Run
 from twin.run.trajectory import object_placements, robot_trajectories
@@ -29,7 +31,7 @@ from twin.run.trajectory import object_placements, robot_trajectories
 
 def gp4_tpg() -> TemporalPlanGraph:
     """Two GP4 that face each other, in random motion."""
-    tpg = random_tpg(3, dofs=(6, 6), tasks=6)
+    tpg = random_tpg(4, dofs=(6, 6), tasks=10, edges=16)
     model = robot_model("gp4")
     bases = (from_rpy((0, 0, 0.9), (0, 0, 0)), from_rpy((0.9, 0, 0.9), (0, 0, np.pi)))
     robots = tuple(
@@ -48,18 +50,6 @@ def recorded(
     path = tmp_path_factory.mktemp("recording") / "run.rrd"
     write_recording(path, tpg, run, memory.events, name="toy")
     return tpg, run, memory, path
-
-
-def rows(path: Path, entity: str, column: str) -> list[tuple[int, list]]:
-    """Return (time [ns], cell) of a temporal column of an entity, by time."""
-    found = []
-    stream = RrdReader(path).store().stream()
-    for chunk in stream.filter(content=entity, has_timeline="sim_time"):
-        batch = chunk.to_record_batch()
-        if column in batch.schema.names:
-            times = batch.column("sim_time").cast(pa.int64()).to_pylist()
-            found += zip(times, batch.column(column).to_pylist(), strict=True)
-    return sorted(found, key=lambda row: row[0])
 
 
 def test_the_file_verifies(recorded: tuple) -> None:
@@ -87,16 +77,41 @@ def test_the_recording_holds_the_event_rows(recorded: tuple) -> None:
         ]
 
 
-def test_lanes_show_what_each_robot_does(recorded: tuple) -> None:
+def test_lanes_say_what_each_robot_does_and_whom_it_waits_for(recorded: tuple) -> None:
     tpg, run, _, path = recorded
+    steps = max(task.step for task in tpg.tasks)
+    names = [chain.robot for chain in tpg.chains]
+    waits = 0
     for lane in robot_lanes(tpg, run):
         assert (lane.spans[0].start_ns, lane.spans[-1].end_ns) == (0, run.makespan_ns)
-        cells = rows(path, f"/lanes/{lane.robot}", "StateChange:state")
-        shown = {t: cell[0] for t, cell in cells}
-        for before, after in zip(lane.spans, lane.spans[1:], strict=False):
-            assert before.end_ns == after.start_ns
-            if before.state != after.state:
-                assert shown[after.start_ns] == after.state
+        entity = f"/lanes/{lane.robot}"
+        shown = {t: cell[0] for t, cell in rows(path, entity, "StateChange:state")}
+        values = static(path, entity, "StateConfiguration:values")
+        painted = static(path, entity, "StateConfiguration:colors")
+        colour = {v: f"#{c >> 8:06x}" for v, c in zip(values, painted, strict=True)}
+        for before, after in pairwise([None, *lane.spans]):
+            if before is not None and before.state == after.state:
+                continue
+            text = shown[after.start_ns]
+            assert colour[text] == LANE_COLOURS[after.state]
+            if after.state == WAITING:
+                k = names.index(lane.robot)
+                there = run.start_ns[k] == after.end_ns
+                node = int(np.flatnonzero(there & (run.start_ns[k] > 0))[0])
+                others = {
+                    f"waits for {names[a]}: task {tpg.chains[a].task[m]} (step"
+                    for a, m, b, n in tpg.edges.tolist()
+                    if (b, n) == (k, node) and run.end_ns[a][m] > after.start_ns
+                }
+                assert (
+                    text[: text.index(" (step") + 6].replace(" and others", "")
+                    in others
+                )
+                waits += 1
+            elif after.task >= 0:
+                task = tpg.tasks[after.task]
+                assert text == f"{task.label} (step {task.step}/{steps})"
+    assert waits > 0
 
 
 def test_objects_hang_on_what_holds_them(recorded: tuple) -> None:

@@ -1,0 +1,272 @@
+"""What is seen in a recording: frames that lead to the world, names, colours, warnings, camera."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from tests.twin.drawn_runs import VARIED
+from tests.twin.recorders.recorded_toys import rows, static, toy_of
+from tests.twin.recorders.transform_chains import broken_chains
+from tests.twin.simulated import simulate
+from twin.follow.recording import LiveRecording
+from twin.follow.state import FollowedRun
+from twin.recorders.observers import MemoryRecorder
+from twin.recorders.rerun.camera import camera, eye_on, site_points
+from twin.recorders.rerun.event_rows import long_waits
+from twin.recorders.rerun.paint import paint
+from twin.recorders.rerun.recorder import write_recording
+from twin.run.events import Event
+from twin.run.run_record import Run
+from twin.run.team_colours import rgb, team_colours
+
+TEAMS = {
+    "arms": toy_of(["gp4", "panda", "gp4"], idle=1),
+    "site": toy_of(["mobile-manipulator", "mobile-iiwa14"]),
+}
+Recorded = tuple[TemporalPlanGraph, Run, MemoryRecorder, Path]
+
+
+@pytest.fixture(scope="module", params=list(TEAMS))
+def recorded(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Recorded:
+    tpg, memory = TEAMS[request.param], MemoryRecorder()
+    run = simulate(tpg, VARIED, seed=1, recorders=[memory])
+    path = tmp_path_factory.mktemp("seen") / "run.rrd"
+    write_recording(path, tpg, run, memory.events)
+    return tpg, run, memory, path
+
+
+@pytest.fixture(scope="module")
+def followed(recorded: Recorded) -> Path:
+    """The same run as ``twin follow`` records it while it goes on."""
+    tpg, _, memory, path = recorded
+    target = path.with_name("follow.rrd")
+    state, live = FollowedRun(tpg), LiveRecording(tpg, target)
+    for k, event in enumerate(memory.events):
+        state.apply(event)
+        live.event(event, state)
+        if k % 7 == 0:
+            live.waiting(state, 0.0)
+    live.close(state)
+    return target
+
+
+def test_every_frame_leads_to_the_world_from_the_first_row_on(
+    recorded: Recorded, followed: Path
+) -> None:
+    assert broken_chains(recorded[-1]) == []
+    assert broken_chains(followed) == []
+
+
+def test_a_part_that_comes_up_later_is_drawn_from_then_on(
+    recorded: Recorded, followed: Path
+) -> None:
+    _, _, memory, path = recorded
+    comes = next(e for e in memory.events if e.object == "later").t_ns
+    assert comes > 0
+    for file in (path, followed):
+        for entity in ("/objects/later", "/objects/later/edges"):
+            shown = rows(file, entity, "Boxes3D:half_sizes")
+            assert [(t, len(cell or ())) for t, cell in shown] == [(0, 0), (comes, 1)]
+
+
+def test_a_part_in_hand_is_named(recorded: Recorded, followed: Path) -> None:
+    tpg, _, memory, path = recorded
+    for file in (path, followed):
+        for robot in tpg.cell.robots:
+            named = [(0, "")]
+            for event in memory.events:
+                if event.kind == "attached" and event.robot == robot.name:
+                    named.append((event.t_ns, event.object))
+                elif event.kind == "detached" and event.object != "later":
+                    holder = next(
+                        e.robot for e in memory.events if e.kind == "attached"
+                    )
+                    named += [(event.t_ns, "")] if holder == robot.name else []
+            shown = rows(file, f"/held/{robot.name}", "Points3D:labels")
+            assert [(t, (cell or [""])[0]) for t, cell in shown] == sorted(named)
+
+
+def test_robots_are_named_and_painted_in_their_own_colours(recorded: Recorded) -> None:
+    tpg, _, _, path = recorded
+    for robot in tpg.cell.robots:
+        entity = f"/robot-{robot.name}/name"
+        assert static(path, entity, "Points3D:labels") == [robot.name]
+        assert static(path, entity, "Points3D:show_labels") == [True]
+    colours = team_colours([robot.name for robot in tpg.cell.robots])
+    for chain in tpg.chains:
+        styled = static(path, f"/progress/{chain.robot}", "SeriesLines:colors")
+        assert styled == [int(f"{colours[chain.robot][1:]}ff", 16)]
+
+
+def test_paint_covers_what_is_coloured_and_tints_white_meshes() -> None:
+    visual = '<link name="a"><visual><geometry>{}</geometry>{}</visual></link>'.format
+    coat = '<material name="{0}"><color rgba="{1} 1"/></material>'.format
+    box, mesh = '<box size="1 1 1"/>', '<mesh filename="a.dae"/>'
+    steel, white = coat("steel", "0.6 0.6 0.6"), coat("white", "1 1 1")
+    looks = {
+        "own": visual(box, coat("body", "0.9 0.4 0.1")),
+        "grey": visual(box, steel),
+        "named": coat("far", "0.1 0.1 0.9") + visual(box, '<material name="far"/>'),
+        "mesh": visual(mesh, white),
+        "grey mesh": visual(mesh, steel),
+        "bare mesh": visual(mesh, ""),
+        "white": visual(box, white),
+    }
+    seen = {}
+    for name, body in looks.items():
+        root = ElementTree.fromstring(f"<robot>{body}</robot>")
+        paint(root, (255, 0, 0))
+        color = root.find(".//visual/material/color")
+        seen[name] = (
+            [] if color is None else [float(c) for c in color.get("rgba").split()]
+        )
+    assert seen["own"] == seen["named"] == [1, 0, 0, 1]
+    assert seen["grey"] == seen["grey mesh"] == [0.6, 0.6, 0.6, 1]
+    assert seen["white"] == [1, 1, 1, 1]
+    assert seen["mesh"] == seen["bare mesh"]
+    red, green, blue, _ = seen["mesh"]
+    assert red == 1.0
+    assert 0.0 < green == blue < 0.4
+
+
+# Sight without one kind of cone, by Machado, Oliveira and Fernandes (2009), on linear channels.
+BLIND = {
+    "none": np.eye(3),
+    "protan": [
+        [0.152286, 1.052583, -0.204868],
+        [0.114503, 0.786281, 0.099216],
+        [-0.003882, -0.048116, 1.051998],
+    ],
+    "deutan": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ],
+}
+
+
+@pytest.mark.parametrize("sight", BLIND)
+def test_colours_of_a_team_stay_apart_for_colour_blind_eyes(sight: str) -> None:
+    names = [f"robot_{k}" for k in range(8)]
+    seen = [_lab(BLIND[sight] @ _linear(c)) for c in team_colours(names).values()]
+    apart = [float(np.linalg.norm(a - b)) for a, b in combinations(seen, 2)]
+    assert min(apart) > 12.0  # 2.3 is what can just be told
+    many = list(team_colours([f"robot_{k}" for k in range(16)]).values())
+    assert len(set(many)) == 16
+    assert many[:8] == list(team_colours(names).values())
+
+
+def _linear(colour: str) -> np.ndarray:
+    s = np.array(rgb(colour)) / 255.0
+    return np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
+
+
+def _lab(linear: np.ndarray) -> np.ndarray:
+    """Return CIE L*a*b* of linear sRGB channels."""
+    to_xyz = [
+        [0.4124, 0.3576, 0.1805],
+        [0.2126, 0.7152, 0.0722],
+        [0.0193, 0.1192, 0.9505],
+    ]
+    white = np.array([0.9505, 1.0, 1.089])
+    f = np.cbrt(np.maximum(np.array(to_xyz) @ np.clip(linear, 0, 1), 1e-6) / white)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+def test_only_waits_of_half_a_second_are_warnings(
+    recorded: Recorded, followed: Path
+) -> None:
+    tpg, run, memory, path = recorded
+    length = {
+        (tpg.chains[wait.chain].robot, wait.node): wait.end_ns - wait.start_ns
+        for wait in run.waits()
+    }
+    for file in (path, followed):
+        levels = rows(file, "/events", "TextLog:level")
+        kinds = rows(file, "/events", "kind")
+        nodes = rows(file, "/events", "node")
+        robots = rows(file, "/events", "robot")
+        waits = 0
+        for (_, level), (_, kind), (_, node), (_, robot) in zip(
+            levels, kinds, nodes, robots, strict=True
+        ):
+            if kind == ["waiting"]:
+                long = length[robot[0], node[0]] >= 5e8
+                assert level == (["WARN"] if long else ["DEBUG"])
+                waits += 1
+        assert waits == sum(event.kind == "waiting" for event in memory.events) > 0
+
+
+def test_a_wait_under_way_is_long_once_it_has_lasted() -> None:
+    events = [
+        Event(0, "a", "waiting", node=1),
+        Event(2 * 10**8, "b", "waiting", node=1),
+        Event(3 * 10**8, "a", "started", node=1),
+    ]
+    assert long_waits(events, 3 * 10**8) == {0: False, 1: None}
+    assert long_waits(events, 7 * 10**8) == {0: False, 1: True}
+
+
+def test_followed_lanes_say_what_recorded_ones_do(
+    recorded: Recorded, followed: Path
+) -> None:
+    tpg, _, _, path = recorded
+    for chain in tpg.chains:
+        entity = f"/lanes/{chain.robot}"
+        whole = dict(rows(path, entity, "StateChange:state"))
+        live = rows(followed, entity, "StateChange:state")
+        known = set(static(followed, entity, "StateConfiguration:values"))
+        assert {cell[0] for _, cell in live} <= known
+        for t, cell in live:
+            assert t not in whole or whole[t] in (cell, [""])
+
+
+@pytest.mark.parametrize("team", TEAMS)
+def test_the_camera_sees_all_of_the_site_from_near(team: str) -> None:
+    tpg = TEAMS[team]
+    view = camera(tpg)
+    eye = np.array(view.position.as_arrow_array().to_pylist()[0])
+    target = np.array(view.look_target.as_arrow_array().to_pylist()[0])
+    points = site_points(tpg)
+    for item in tpg.cell.objects:
+        assert np.all(points.min(axis=0) <= item.start[:3, 3])
+        assert np.all(points.max(axis=0) >= item.start[:3, 3])
+    seen = np.abs(_in_picture(points, eye, target, 16 / 9))
+    assert seen.max() <= 1.0
+    assert seen.max() > 0.9
+    assert eye[2] > target[2]
+
+
+def test_an_eye_sees_what_it_looks_at_wherever_that_is() -> None:
+    rng = np.random.default_rng(0)
+    for scale in (0.5, 1.0, 30.0):
+        points = scale * rng.uniform([-3, -1, 0], [1, 2, 0.5], (50, 3)) + 7.0
+        towards = np.array([0.4, -0.7, 0.5])
+        target, eye = eye_on(points, towards / np.linalg.norm(towards))
+        seen = np.abs(_in_picture(points, eye, target, 16 / 9))
+        assert 0.85 < seen.max() <= 1.0
+
+
+def _in_picture(
+    points: np.ndarray, eye: np.ndarray, target: np.ndarray, aspect: float
+) -> np.ndarray:
+    """Project points as an eye with a vertical angle of 55 degrees does; its edges are at 1."""
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    side = np.cross(forward, [0, 0, 1])
+    side /= np.linalg.norm(side)
+    up = np.cross(side, forward)
+    rays = points - eye
+    depth = rays @ forward
+    assert np.all(depth > 0)
+    half = np.tan(np.radians(27.5))
+    return np.stack(
+        [rays @ side / depth / half / aspect, rays @ up / depth / half], axis=1
+    )

@@ -1,0 +1,93 @@
+"""Lanes of a recording: what each robot does when, with part and step, and whom it waits for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import groupby
+
+import numpy as np
+import rerun as rr
+
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.recorders.rerun import layout as layout
+from twin.recorders.rerun.layout import entity_path
+from twin.recorders.rerun.time_and_pose import time_column
+from twin.recorders.rerun.words import PlanWords
+from twin.run.activities import (
+    IDLE,
+    LANE_COLOURS,
+    OTHER_COLOUR,
+    WAITING,
+    Activity,
+    robot_activities,
+)
+from twin.run.events import Event
+from twin.run.run_record import Run
+
+
+def draw_lane(rec: rr.RecordingStream, robot: str, states: Mapping[str, str]) -> str:
+    """Say which colours the words of a robot's lane have; return the lane's entity.
+
+    Args:
+        rec: the recording.
+        robot: whose lane.
+        states: the state that each text of the lane tells of.
+    """
+    colours = [LANE_COLOURS.get(state, OTHER_COLOUR) for state in states.values()]
+    opaque = [int(f"{colour[1:]}ff", 16) for colour in colours]
+    entity = entity_path(layout.LANES, robot)
+    texts = list(states)
+    rec.log(
+        entity,
+        rr.StateConfiguration(values=texts, colors=np.array(opaque, np.uint32)),
+        static=True,
+    )
+    return entity
+
+
+def log_lanes(
+    rec: rr.RecordingStream,
+    tpg: TemporalPlanGraph,
+    run: Run,
+    events: Sequence[Event],
+    words: PlanWords,
+) -> None:
+    """Show what each robot does as a lane of coloured states, idle when it is done."""
+    told = robot_activities(tpg, events)
+    index = tpg.chain_index
+    for robot in tpg.cell.robots:
+        lane = told.get(robot.name, ())
+        said = [(item, _text(words, run, index[robot.name], item)) for item in lane]
+        changes = []
+        states = {IDLE: IDLE}
+        for text, same in groupby(said, key=lambda pair: pair[1]):
+            first, _ = next(same)
+            changes.append((first.start_ns, text))
+            states[text] = first.state
+        end_ns = lane[-1].end_ns if lane else 0
+        if end_ns < run.makespan_ns:
+            changes.append((end_ns, IDLE))
+        changes.append((run.makespan_ns, ""))
+        rec.send_columns(
+            draw_lane(rec, robot.name, states),
+            indexes=[time_column([t for t, _ in changes])],
+            columns=rr.StateChange.columns(state=[text for _, text in changes]),
+        )
+
+
+def waits_for(words: PlanWords, run: Run, chain: int, node: int, t_ns: int) -> str:
+    """Return whom a node of a run waited for at a time [ns], in words; empty for nobody."""
+    if run.policy == "open-loop" or node < 0:
+        return ""
+
+    def complete(other: int, source: int) -> bool:
+        return 0 <= int(run.end_ns[other][source]) <= t_ns
+
+    return words.wait(chain, node, complete)
+
+
+def _text(words: PlanWords, run: Run, chain: int, item: Activity) -> str:
+    waits = ""
+    if item.state == WAITING:
+        waits = waits_for(words, run, chain, item.first, item.start_ns)
+    return waits or words.state(item.state, item.task)

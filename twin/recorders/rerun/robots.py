@@ -1,0 +1,155 @@
+"""Robots in the Rerun recording: what they look like, their names, how they move."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import rerun as rr
+from rerun.urdf import UrdfTree
+
+from planning.cell.workcell import PlacedRobot
+from planning.robots.registry import ROBOTS
+from planning.robots.urdf_file import find_mesh
+from twin.durations import NANOSECONDS, Nanoseconds
+from twin.recorders.rerun.layout import (
+    LABEL_COLOUR,
+    WORLD_FRAME,
+    entity_path,
+    robot_part,
+)
+from twin.recorders.rerun.paint import paint
+from twin.recorders.rerun.time_and_pose import fixed_pose, time_column
+from twin.run.team_colours import rgb
+from twin.run.trajectory import Trajectory
+
+_FRAME_S = 0.05
+_FRAME_STEP = 0.02
+
+
+def flange_frame(robot: str) -> str:
+    """Return the name of the frame that held objects hang on."""
+    return f"{robot}/@flange"
+
+
+def _link_frame(robot: str, link: str) -> str:
+    return f"{robot}/{link.removeprefix(f'{robot}/')}"
+
+
+def draw_robot(rec: rr.RecordingStream, robot: PlacedRobot, colour: str) -> UrdfTree:
+    """Draw a robot with its name in its colour, #rrggbb; return the joints to move it with."""
+    part = robot_part(robot.name)
+    entity = entity_path(part)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / robot.model.urdf.name
+        _write_painted(robot, colour, path)
+        tree = UrdfTree.from_file_path(
+            path,
+            entity_path_prefix=part,
+            frame_prefix=f"{robot.name}/",
+            static_transform_entity_path=f"{entity}/fixed",
+        )
+        _log_shapes(rec, tree, part)
+    joints = {joint.name: joint for joint in tree.joints()}
+    names = robot.model.joint_names
+    root = _link_frame(robot.name, tree.root_link().name)
+    tip = _link_frame(robot.name, joints[names[-1]].child_link)
+    base, hand = robot.base, robot.model.flange
+    rec.log(f"{entity}/base", fixed_pose(base, WORLD_FRAME, root), static=True)
+    rec.log(
+        f"{entity}/flange",
+        fixed_pose(hand, tip, flange_frame(robot.name)),
+        static=True,
+    )
+    entry = ROBOTS.get(robot.model.name)
+    for name, value in (entry.frozen if entry else {}).items():
+        # All joints are drawn at zero for good; what has a row in time stands there instead.
+        rec.send_columns(
+            entity_path(part, "joints", name),
+            indexes=[time_column([0])],
+            columns=joints[name].compute_transform_columns([value], clamp=False),
+        )
+    # The name stands at the robot's foot, where it hides nothing of the work.
+    foot = joints[names[3 if robot.model.is_mobile else 0]].parent_link
+    rec.log(
+        f"{entity}/name",
+        rr.CoordinateFrame(_link_frame(robot.name, foot)),
+        rr.Points3D(
+            [[0.0, 0.0, 0.0]],
+            radii=[0.001],
+            colors=[LABEL_COLOUR],
+            labels=[robot.name],
+            show_labels=True,
+        ),
+        static=True,
+    )
+    return tree
+
+
+def _log_shapes(rec: rr.RecordingStream, tree: UrdfTree, part: str) -> None:
+    """Draw what a URDF shows, in full colour; collision shapes only where it shows nothing."""
+    chunks = list(tree.stream())
+    visual = entity_path(part, tree.name, "visual_geometries")
+    collision = entity_path(part, tree.name, "collision_geometries")
+    if any(chunk.entity_path.startswith(visual) for chunk in chunks):
+        chunks = [c for c in chunks if not c.entity_path.startswith(collision)]
+    rr.send_chunks(chunks, recording=rec)
+    # Primitives come as wire frames unless told otherwise.
+    for chunk in chunks:
+        columns = " ".join(chunk.to_record_batch().schema.names)
+        for shape in (rr.Boxes3D, rr.Cylinders3D, rr.Ellipsoids3D):
+            if f"{shape.__name__}:" in columns:
+                solid = shape.from_fields(fill_mode=rr.components.FillMode.Solid)
+                rec.log(chunk.entity_path, solid, static=True)
+
+
+def move_robot(
+    rec: rr.RecordingStream, tree: UrdfTree, robot: PlacedRobot, motion: Trajectory
+) -> None:
+    """Move a robot that has been drawn along a trajectory, or a piece of one."""
+    t_ns = frame_times(motion)
+    q = motion.at(t_ns)
+    part = robot_part(robot.name)
+    column = {name: j for j, name in enumerate(robot.model.joint_names)}
+    for joint in tree.joints():
+        if joint.name not in column:
+            continue
+        values = q[:, column[joint.name]]
+        changes = np.append(True, np.diff(values) != 0.0)
+        rec.send_columns(
+            entity_path(part, "joints", joint.name),
+            indexes=[time_column(t_ns[changes])],
+            columns=joint.compute_transform_columns(
+                values[changes].tolist(), clamp=False
+            ),
+        )
+
+
+def frame_times(motion: Trajectory) -> Nanoseconds:
+    """Return times at which to show a robot so that its motion looks smooth, shape (f,) [ns].
+
+    Rerun holds a pose until the next: a motion between rows is cut into pieces of at most 50 ms
+    or 0.02 rad or m of every joint, whichever are longer. A robot that stands needs no pieces.
+    """
+    span_s = np.diff(motion.t_ns) / NANOSECONDS
+    step = np.max(np.abs(np.diff(motion.q, axis=0)), axis=1, initial=0.0)
+    pieces = np.minimum(np.ceil(span_s / _FRAME_S), np.ceil(step / _FRAME_STEP))
+    count = np.maximum(pieces, 1.0).astype(np.int64)
+    start = np.repeat(motion.t_ns[:-1], count)
+    number = np.arange(len(start)) - np.repeat(np.cumsum(count) - count, count)
+    length = np.repeat(np.diff(motion.t_ns), count)
+    cut = start + number * length // np.repeat(count, count)
+    return np.unique(np.append(cut, motion.t_ns[-1]))
+
+
+def _write_painted(robot: PlacedRobot, colour: str, path: Path) -> None:
+    """Copy a URDF in the robot's colour, every mesh path absolute: package roots differ."""
+    tree = ElementTree.parse(robot.model.urdf)
+    for mesh in tree.getroot().iter("mesh"):
+        found = find_mesh(mesh.get("filename", ""), robot.model.package_dirs)
+        if found is not None:
+            mesh.set("filename", str(found.resolve()))
+    paint(tree.getroot(), rgb(colour))
+    tree.write(path)
