@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
 
@@ -29,8 +28,8 @@ class RobotEntry(UrdfOptions):
         note: one line on what it is.
         home: HOME, joint by joint [rad or m].
         file: path of the description in its folder.
-        folder: of the description in pybullet_data; None for our own.
-        meshes: a further folder there in which meshes are looked up.
+        folder: of the description, of others' among ours; None for our own.
+        meshes: a further folder among ours in which meshes are looked up.
     """
 
     name: str
@@ -47,16 +46,7 @@ def _radians(*degrees: float) -> tuple[float, ...]:
     return tuple(float(value) for value in np.radians(degrees))
 
 
-def _pybullet_folder(name: str) -> Path:
-    """Find a folder of pybullet_data without importing pybullet."""
-    spec = find_spec("pybullet_data")
-    if spec is None or spec.origin is None:
-        raise RobotModelError(
-            f"the description of {name} comes with the Python package pybullet, "
-            "which is not installed"
-        )
-    return Path(spec.origin).parent / name
-
+_DESCRIPTIONS = Path(__file__).parent / "urdf"
 
 _GP4_FLANGE_DEPTH = 0.072
 # Last row of the Denavit-Hartenberg table per tool frame: d6 and a6 [m].
@@ -91,7 +81,7 @@ _ENTRIES = (
     ),
     RobotEntry(
         name="panda",
-        source="pybullet_data/franka_panda",
+        source="copy of pybullet_data/franka_panda",
         licence="Apache-2.0",
         note="Franka Emika Panda, 7 joints, hand with fingers held 40 mm apart",
         home=_radians(0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0),
@@ -104,7 +94,7 @@ _ENTRIES = (
     ),
     RobotEntry(
         name="iiwa14",
-        source="pybullet_data/kuka_iiwa",
+        source="copy of pybullet_data/kuka_iiwa",
         licence="BSD-2-Clause",
         note="KUKA LBR iiwa 14, 7 joints, bare flange; speeds of the data sheet",
         home=_radians(0.0, 30.0, 0.0, -75.0, 0.0, 75.0, 0.0),
@@ -129,7 +119,7 @@ _ENTRIES = (
     ),
     RobotEntry(
         name="mobile-iiwa14",
-        source="own platform; arm from pybullet_data/kuka_iiwa",
+        source="own platform; arm of pybullet_data/kuka_iiwa",
         licence="MIT; arm BSD-2-Clause",
         note="KUKA LBR iiwa 14 on a holonomic platform, vacuum pad, 10 joints",
         home=(0.0, 0.0, 0.0, 0.0, -0.35, 0.0, -1.9, 0.0, 1.591593, 0.0),
@@ -186,9 +176,9 @@ def _registered(name: str) -> RobotModel:
     from planning.robots.load_urdf import load_urdf
 
     entry = ROBOTS[name]
-    folders = [_pybullet_folder(own) for own in (entry.folder, entry.meshes) if own]
-    if entry.folder is None:
-        folders.insert(0, Path(__file__).parent / "urdf")
+    folders = [_DESCRIPTIONS / (entry.folder or "")]
+    if entry.meshes:
+        folders.append(_DESCRIPTIONS / entry.meshes)
     return load_urdf(folders[0] / entry.file, entry, package_dirs=tuple(folders))
 
 
