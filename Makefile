@@ -2,7 +2,9 @@
 
 SHELL := /bin/bash
 VENV ?= .venv
-PYTHON ?= $(shell command -v python3.11 || command -v python3)
+# The first of these that runs; pyenv has names on the PATH that do not.
+PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
+	$$p -c "" 2>/dev/null && { command -v $$p; break; }; done)
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # A file's tests stay in one process, as they share what they plan.
@@ -40,7 +42,7 @@ clean: ## remove the environment, caches and runs
 # The stamps make a second `make` skip the installation until its inputs change.
 
 $(VENV)/.created:
-	@test -n "$(PYTHON)" || { echo "No python3 found: install Python 3.11." >&2; exit 1; }
+	@test -n "$(PYTHON)" || { echo "No python3 found: install Python 3.11, 3.12 or 3.13." >&2; exit 1; }
 	@$(PYTHON) .ci/check_python.py
 	$(PYTHON) -m venv $(VENV)
 	@touch $@

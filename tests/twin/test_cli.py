@@ -175,7 +175,34 @@ def test_doctor_finds_everything_it_needs() -> None:
     found = json.loads(result.stdout)
     assert result.exit_code == 0, found["missing"]
     assert found["missing"] == {}
-    assert {"numba", "pybullet", "rerun-sdk"} <= set(found["versions"])
+    assert {"numba", "coal", "rerun-sdk"} <= set(found["versions"])
+    engine = "pybullet" if "pybullet" in found["versions"] else "coal"
+    assert found["audit_engine"] == engine
+
+
+def test_doctor_does_without_pybullet(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "twin.audit.worlds.bullet_world", None)
+    monkeypatch.setattr("twin.commands.doctor.OPTIONAL", ("pybullet", "no_pybullet"))
+    result = invoke("doctor")
+    assert result.exit_code == 0
+    assert "audit engine   coal" in result.stdout
+    assert "pip install 'assembly-twin[audit]'" in result.stdout
+
+
+def test_an_engine_that_is_not_there_is_told_of_before_planning(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "twin.audit.worlds.bullet_world", None)
+    scenario = ROOT / "scenarios" / "lego" / "cliff.yaml"
+    for engine, said in (
+        ("pybullet", "assembly-twin[audit]"),
+        ("fcl", "pybullet, coal"),
+    ):
+        result = invoke("run", scenario, "--audit-engine", engine, "--out", "r")
+        assert result.exit_code == 2
+        assert said in result.stderr
+        assert len(result.stderr.strip().splitlines()) == 1
+    assert not (here / "r").exists()
 
 
 def test_replay_of_nothing_says_so(here: Path) -> None:

@@ -1,12 +1,12 @@
-"""``twin doctor``: versions, for bug reports, and what is missing."""
+"""``twin doctor``: versions, for bug reports, what is missing, and what the audit uses."""
 
 from __future__ import annotations
 
 import os
 import platform
-import sys
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 
 import typer
 
@@ -27,7 +27,6 @@ PARTS = (
     ("ompl", "ompl.geometric"),
     ("pulp", "pulp"),
     ("highspy", "highspy"),
-    ("pybullet", "pybullet"),
     ("pyarrow", "pyarrow"),
     ("rerun-sdk", "rerun"),
     ("pydantic", "pydantic"),
@@ -38,28 +37,38 @@ PARTS = (
 )
 
 
+OPTIONAL = ("pybullet", "pybullet")
+"""Distribution and module that the program can do without."""
+
+
 @guarded
 def doctor(as_json: AsJson = False) -> int:
-    """Print versions for a bug report, and say what does not load."""
+    """Print versions for a bug report, say what does not load, and what the audit uses."""
+    from twin.audit.worlds.engine import INSTALL, engine_named
+
     found = {"python": platform.python_version(), "system": platform.platform()}
     found["processors"] = str(os.cpu_count())
     missing = {}
-    for distribution, module in PARTS:
+    for distribution, module in (*PARTS, OPTIONAL):
         try:
             with silenced():
                 import_module(module)
             found[distribution] = _version(distribution)
         except Exception as error:  # a broken library may raise anything on import
-            missing[distribution] = f"{type(error).__name__}: {error}"
+            if find_spec(module.partition(".")[0]) or (distribution, module) in PARTS:
+                missing[distribution] = f"{type(error).__name__}: {error}"
+    engine = None if "coal" in missing else engine_named(None)
     if as_json:
-        print_json({"versions": found, "missing": missing})
+        print_json({"versions": found, "missing": missing, "audit_engine": engine})
         return FAILED if missing else COMPLETED
     for name, text in found.items():
         typer.echo(f"{name:<14} {text}")
     for name, text in missing.items():
         typer.echo(f"{name:<14} does not load: {text}")
-    if "pybullet" in missing and sys.version_info >= (3, 12):
-        typer.echo("PyBullet has ready-made packages for Python 3.11 only.")
+    if engine is not None:
+        typer.echo(f"{'audit engine':<14} {engine}")
+    if OPTIONAL[0] not in found:
+        typer.echo(f"PyBullet, the audit's stronger witness: {INSTALL}")
     return FAILED if missing else COMPLETED
 
 

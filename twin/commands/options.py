@@ -23,5 +23,13 @@ Out = Annotated[
     Path | None,
     typer.Option(help="Folder for the results; default: logs/<scenario>-<UTC time>."),
 ]
+AuditEngine = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ENGINE",
+        help="What the audit measures with, pybullet or coal; by default PyBullet where it is"
+        " installed, else coal.",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]

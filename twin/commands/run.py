@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from planning.errors import RequestError, ScenarioError
-from twin.commands.options import AsJson, Out, Quiet, ScenarioFile, Seed, Shortcuts
+from twin.commands.options import (
+    AsJson,
+    AuditEngine,
+    Out,
+    Quiet,
+    ScenarioFile,
+    Seed,
+    Shortcuts,
+)
 from twin.host.guard import (
     COMPLETED,
     FAILED,
@@ -65,7 +73,9 @@ Settings = Annotated[
 ]
 Audit = Annotated[
     bool,
-    typer.Option("--audit/--no-audit", help="Check what was executed with PyBullet."),
+    typer.Option(
+        "--audit/--no-audit", help="Check what was executed with code of its own."
+    ),
 ]
 Recording = Annotated[
     bool,
@@ -85,6 +95,7 @@ def run(
     robots: Robots = None,
     settings: Settings = None,
     audit: Audit = True,
+    audit_engine: AuditEngine = None,
     recording: Recording = True,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -92,6 +103,12 @@ def run(
     """Plan a scenario, execute it in the twin, check it, and show the figures."""
     from twin.host.progress import StageDisplay, compilation_shown
     from twin.run.folder import run_folder
+
+    engine = None
+    if audit and audit_engine is not None:
+        from twin.audit.worlds.engine import engine_named
+
+        engine = engine_named(audit_engine)  # now, not after the planning
 
     base = scenario.parent
     given = {"policy": policy, "stalls.count_per_robot": stalls}
@@ -125,7 +142,7 @@ def run(
                 base=base,
                 origin=Origin(planned, report.messages(report.warnings)),
                 recording=recording,
-                audit=audit,
+                audit=engine or audit,
                 progress=progress,
             )
     if as_json:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from planning.errors import RequestError
-from twin.commands.options import AsJson, Out, Quiet, Seed, Shortcuts
+from twin.commands.options import AsJson, AuditEngine, Out, Quiet, Seed, Shortcuts
 from twin.host.guard import COMPLETED, guarded, print_json
 from twin.run.policies import ASYNCHRONOUS, OPEN_LOOP, SEQUENTIAL
 
@@ -129,6 +129,7 @@ def study(
     antithetic: Antithetic = False,
     sobol: Sobol = 0,
     audit_sample: Audited = 20,
+    audit_engine: AuditEngine = None,
     shortcuts: Shortcuts = None,
     seed: Seed = None,
     workers: Workers = None,
@@ -153,6 +154,7 @@ def study(
         TimeRemainingColumn,
     )
 
+    from twin.audit.worlds.engine import engine_named
     from twin.comparison.comparison import shortcut_budget
     from twin.host.progress import StageDisplay
     from twin.run.folder import locked, run_folder
@@ -164,6 +166,7 @@ def study(
     def executor() -> AbstractContextManager[Executor]:
         return open_executor(workers, cluster)
 
+    engine = engine_named(audit_engine) if audit_engine else None
     cluster = _cluster(scheduler, certificates, insecure)
     if cluster is not None:
         check_cluster(cluster)  # now, not after the planning
@@ -198,6 +201,7 @@ def study(
                 precision=Precision(precision, least, most, confidence),
                 antithetic=antithetic,
                 audited=audit_sample,
+                audit_engine=engine,
             )
             request = StudyRequest(
                 chosen,

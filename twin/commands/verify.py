@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from twin.commands.options import AsJson, Quiet
+from twin.commands.options import AsJson, AuditEngine, Quiet
 from twin.host.guard import COMPLETED, FAILED, guarded, print_json
 
 if TYPE_CHECKING:
@@ -33,23 +33,26 @@ Adversary = Annotated[
 def verify(
     folder: Folder,
     adversary: Adversary = True,
+    audit_engine: AuditEngine = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> int:
     """Prove that a saved plan is safe for any delays.
 
     The proof shares no code with the planner: it is slow and looks at everything anew. The
-    worst delays are then tried out in PyBullet: robots that stop for ever.
+    worst delays are then tried out and audited: robots that stop for ever.
     """
     from scheduling.verification.verify import verify_plan
+    from twin.audit.worlds.engine import engine_named
     from twin.host.progress import StageDisplay, of_stage
     from twin.trial.adversary import audit_standing_states
     from twin.trial.saved_plan import plan_of_run
 
+    engine = engine_named(audit_engine) if audit_engine else None
     tpg = plan_of_run(folder)
     with StageDisplay(enabled=not (quiet or as_json)) as display:
         report = verify_plan(tpg, progress=of_stage(display, "verification"))
-        standing = audit_standing_states(tpg, display) if adversary else None
+        standing = audit_standing_states(tpg, display, engine) if adversary else None
     ok = report.ok and not (standing and standing.violations)
     if as_json:
         print_json(_content(ok, report, standing))
@@ -67,7 +70,11 @@ def verify(
                 f"node {state.node}: {what}"
             )
         verdict = "safe for any delays" if ok else "not safe"
-        stops = f", {standing.states} standing states audited" if standing else ""
+        stops = (
+            f", {standing.states} standing states audited with {standing.engine}"
+            if standing
+            else ""
+        )
         typer.echo(
             f"{folder}: {verdict} ({len(report.problems)} problems; {report.pairs_checked} "
             f"pairs that may happen at once, robots {_millimetres(report)}{stops})"
@@ -97,6 +104,7 @@ def _content(
     if standing is not None:
         content["adversary"] = {
             "states": standing.states,
+            "engine": standing.engine,
             "min_distance_m": finite(standing.min_distance_m),
             "violations": [
                 {**asdict(state), **asdict(violation)}

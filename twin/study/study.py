@@ -14,6 +14,7 @@ import numpy as np
 from planning.errors import RequestError
 from scheduling.graph.plan_files import save_plan
 from twin.audit.audit import audit_run
+from twin.audit.worlds.engine import Engine, engine_named
 from twin.cluster.client import ClusterError, ClusterLostError
 from twin.durations import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
@@ -202,17 +203,23 @@ def _audits(
     if experiment.replications is not None:
         count = min(count, experiment.replications)
     found: dict[int, list[int]] = {}
-    for k, cell in enumerate(cells if count else ()):
+    if not (cells and count):
+        return found
+    engine = engine_named(experiment.audit_engine)
+    for k, cell in enumerate(cells):
         found[cell] = []
         drawn = replace(loads[cell], tpg=plans[NAMED_POLICIES[OPEN_LOOP].plan])
-        for collisions in _audit_open_loop(drawn, folder / AUDITS / str(cell), count):
+        place = folder / AUDITS / str(cell)
+        for collisions in _audit_open_loop(drawn, place, count, engine):
             found[cell].append(collisions)
             progress(CHECKING, k * count + len(found[cell]), len(cells) * count)
     return found
 
 
-def _audit_open_loop(load: Workload, folder: Path, count: int) -> Iterator[int]:
-    """Yield how many collisions PyBullet finds in each of the first replications.
+def _audit_open_loop(
+    load: Workload, folder: Path, count: int, engine: Engine
+) -> Iterator[int]:
+    """Yield how many collisions the audit finds in each of the first replications.
 
     What was found is kept, one small file a replication, so an interrupted study goes on.
     Replications that come to no end are left out. The work has the geometry of its plan.
@@ -232,10 +239,11 @@ def _audit_open_loop(load: Workload, folder: Path, count: int) -> Iterator[int]:
             replay.mkdir()
             save_plan(load.tpg, replay)
         write_motion(replay, load.tpg, run)
-        report = audit_run(replay, ordered=False)
+        report = audit_run(replay, ordered=False, engine=engine)
         least = report.min_distance_m
         found = {
             "replication": replication,
+            "engine": report.engine,
             "violations": len(report.violations),
             "min_distance_m": least if np.isfinite(least) else None,
         }

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from planning.transforms import Array
+from twin.audit.worlds.engine import engine_and_version, engine_named
 from twin.durations import NANOSECONDS
 from twin.study.replications.block_results import (
     COMPLETED,
@@ -60,6 +61,8 @@ def summarise_study(
             hit = sum(count > 0 for count in found)
             collided = share_interval(hit, len(found), confidence=confidence)
             entry["collided"] = collided.content()
+            engine = engine_named(experiment.audit_engine)
+            entry["audit_engine"] = engine_and_version(engine)
         cells.append(entry)
     return {
         "scenario": scenario,
@@ -81,7 +84,9 @@ def collisions(cell: Mapping[str, Any]) -> str:
     """Return in words how many audited replications of a cell collided."""
     count = cell["collided"]["count"]
     hits = round(cell["collided"]["estimate"] * count)
-    return f"{hits} of {count} audited replications collided"
+    return (
+        f"{hits} of {count} replications audited with {cell['audit_engine']} collided"
+    )
 
 
 def _cell(

@@ -18,6 +18,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.audit import Auditor
 from twin.audit.executed import ObjectRow, Recording, RobotRows
 from twin.audit.violation import Violation
+from twin.audit.worlds.engine import Engine, engine_and_version, engine_named
 from twin.host.progress import Report, report_nothing
 
 STOPPING = "robots that stop"
@@ -49,11 +50,13 @@ class AdversaryReport:
         states: how many were looked at.
         min_distance_m: least distance of any two robots in them [m].
         violations: each with the state it was seen in; empty when all is well.
+        engine: what distances were measured with, and its version.
     """
 
     states: int
     min_distance_m: float
     violations: tuple[tuple[StandingState, Violation], ...]
+    engine: str
 
 
 def standing_states(tpg: TemporalPlanGraph) -> Iterator[StandingState]:
@@ -108,17 +111,24 @@ def standing_recording(tpg: TemporalPlanGraph, state: StandingState) -> Recordin
 
 
 def audit_standing_states(
-    tpg: TemporalPlanGraph, progress: Report = report_nothing
+    tpg: TemporalPlanGraph,
+    progress: Report = report_nothing,
+    engine: Engine | None = None,
 ) -> AdversaryReport:
     """Stop every robot wherever another waits for it, and audit what then stands.
 
     Args:
         tpg: the plan.
         progress: told of the states looked at so far and their number.
+        engine: to measure with; by default PyBullet where it is installed, else coal.
+
+    Raises:
+        RequestError: the engine is not installed.
     """
     states = list(standing_states(tpg))
     least, found = math.inf, []
-    with Auditor(tpg) as auditor:
+    chosen = engine_named(engine)
+    with Auditor(tpg, chosen) as auditor:
         for k, state in enumerate(states):
             report = auditor.audit(
                 standing_recording(tpg, state), within=least, ordered=False
@@ -126,4 +136,4 @@ def audit_standing_states(
             least = report.min_distance_m
             found += [(state, violation) for violation in report.violations]
             progress(STOPPING, k + 1, len(states))
-    return AdversaryReport(len(states), least, tuple(found))
+    return AdversaryReport(len(states), least, tuple(found), engine_and_version(chosen))

@@ -13,6 +13,7 @@ from planning.errors import OutputError, TwinError
 from planning.files import read_file
 from scheduling.graph.plan_files import plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.audit.worlds.engine import Engine, engine_named
 from twin.engine.engine import Simulator
 from twin.host.atomic import finite, write_json
 from twin.host.progress import Report, report_nothing
@@ -50,7 +51,7 @@ class Preparation:
 
     Attributes:
         recording: whether ``run.rrd`` is wanted.
-        audit: whether PyBullet is to check what was executed.
+        audit: whether the audit is to check what was executed; an engine says with what.
         planning_s: wall-clock seconds of the planning stages.
         makespan_sequential_s: makespan of the plan in turns, one task after another [s].
         plan_sha256: hash of the plan.
@@ -60,7 +61,7 @@ class Preparation:
     """
 
     recording: bool
-    audit: bool
+    audit: bool | Engine
     planning_s: Mapping[str, float]
     makespan_sequential_s: float | None
     plan_sha256: str
@@ -132,7 +133,7 @@ def try_plan(
     base: Path = Path(),
     origin: Origin = Origin(),
     recording: bool = True,
-    audit: bool = True,
+    audit: bool | Engine = True,
     progress: Report = report_nothing,
 ) -> Trial:
     """Execute a plan once and write everything about it into a folder.
@@ -144,7 +145,7 @@ def try_plan(
         base: where relative paths of the scenario start.
         origin: how the plan was made, and what is doubtful about the cell, for the summary.
         recording: write ``run.rrd``.
-        audit: let PyBullet check what was executed.
+        audit: let the audit check what was executed; an engine says with what.
         progress: told how far each stage has come.
 
     Raises:
@@ -227,7 +228,11 @@ def conclude(
         progress(RECORDS, total, total)
     completed = run.outcome == "completed"
     ended = run.outcome != "aborted"
-    audit = _audit(scenario, folder, run, progress) if about.audit and ended else None
+    audit = (
+        _audit(scenario, folder, run, about, progress)
+        if about.audit and ended
+        else None
+    )
     summary = summarise(
         tpg,
         run,
@@ -279,17 +284,19 @@ def execute(
 
 
 def _audit(
-    scenario: Scenario, folder: Path, run: Run, progress: Report
+    scenario: Scenario, folder: Path, run: Run, about: Preparation, progress: Report
 ) -> dict[str, Any]:
     from twin.audit.audit import audit_run
     from twin.planning.kind import assembly_kind
 
+    engine = None if about.audit is True else engine_named(str(about.audit))
     report = audit_run(
         folder,
         progress,
         ordered=run.policy != "open-loop",
         wanted=assembly_kind(scenario.assembly).wanted(),
         finished=run.outcome == "completed",
+        engine=engine,
     )
     return {
         "engine": report.engine,

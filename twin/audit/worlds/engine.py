@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from importlib.metadata import PackageNotFoundError, version
 from typing import Literal
 
@@ -14,8 +15,10 @@ Engine = Literal["pybullet", "coal"]
 ENGINES: tuple[Engine, ...] = ("pybullet", "coal")
 """Libraries the audit can measure with, the stronger witness first."""
 
-INSTALL = "pip install 'assembly-twin[audit]'"
-"""What installs PyBullet."""
+INSTALL = "pip install 'assembly-twin[audit]'" + (
+    "" if sys.version_info < (3, 12) else " (compiles it, with a C++ compiler)"
+)
+"""What installs PyBullet: there are ready-made packages for Python 3.11 only."""
 
 
 def engine_named(name: str | None) -> Engine:
@@ -30,8 +33,7 @@ def engine_named(name: str | None) -> Engine:
         raise RequestError(f"audit: there is no engine {name!r}", choices=ENGINES)
     if name == "pybullet" and (why := _loads_pybullet()) is not None:
         raise RequestError(
-            f"audit: PyBullet does not load ({why}): {INSTALL}, or choose the engine coal;"
-            " ready-made packages of PyBullet are for Python 3.11 only"
+            f"audit: PyBullet does not load ({why}); choose the engine coal, or {INSTALL}"
         )
     return name
 

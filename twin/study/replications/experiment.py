@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from math import ceil
 
 from planning.errors import RequestError
+from twin.audit.worlds.engine import Engine
 from twin.run.policies import NAMED_POLICIES
 from twin.scenario.variations import Variant
 from twin.study.replications.statistics import Precision
@@ -45,6 +46,7 @@ class Experiment:
         precision: when replications are enough, where no number of them is given.
         antithetic: replications 2k and 2k + 1 are mirror images.
         audited: replications of the open-loop policy whose motion is checked for collisions.
+        audit_engine: what checks it; by default PyBullet where it is installed, else coal.
     """
 
     policies: tuple[str, ...]
@@ -53,6 +55,7 @@ class Experiment:
     precision: Precision = field(default_factory=Precision)
     antithetic: bool = False
     audited: int = 20
+    audit_engine: Engine | None = None
 
     def __post_init__(self) -> None:
         for policy in self.policies:
