@@ -41,7 +41,7 @@ WAY = {
     "try_plan": "execute the plan once",
     "Simulator": "let robots run, stall and wait",
     "JsonlRecorder": "write each event as it happens",
-    "Auditor": "replay it in PyBullet",
+    "Auditor": "replay and measure it",
     "summarise": "say what came of it",
 }
 """Stages of ``twin run``, by the function or class that stands for each."""
