@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.tasks.task import Task
+from planning.tasks.task import SKILLS, TRANSIT, Task
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
 from twin.durations import Nanoseconds
 from twin.engine.bulk.max_plus import Completions
@@ -33,7 +33,8 @@ class Most(NamedTuple):
     @property
     def levers(self) -> int:
         """Most candidates of all kinds."""
-        return self.tasks + self.waits + self.robots + 3 * (self.robots + 1) + 5
+        groups = self.robots + len(SKILLS) + 1 + 3 * (self.robots + 1)
+        return self.tasks + self.waits + groups + 5
 
 
 MANY, FEW = Most(tasks=20, waits=12, robots=8), Most(tasks=6, waits=0, robots=2)
@@ -70,6 +71,7 @@ def candidates(
     work = np.where(found.critical, replay.draws.work_ns, 0).mean(axis=1)
     levers = _best(_tasks(replay, work), most.tasks)
     levers += _best(_robots(replay, work), most.robots)
+    levers += _best(_skills(replay, work), len(SKILLS) + 1)
     if replay.eases_waits:
         levers += _best(_waits(replay, found), most.waits)
         for cause, name in WAIT_NAMES.items():
@@ -112,6 +114,15 @@ def _tasks(replay: Replay, work: Nanoseconds) -> Scored:
         robot = replay.tpg.tasks[index].robot
         lever = Lever("task", names[index], robot, index, rows)
         yield float(work[rows].sum()), lever
+
+
+def _skills(replay: Replay, work: Nanoseconds) -> Scored:
+    task = np.concatenate([chain.task for chain in replay.tpg.chains])
+    kind = np.array([item.kind for item in replay.tpg.tasks])[task]
+    for skill in (*SKILLS, TRANSIT):
+        rows = np.flatnonzero(kind == skill)
+        name = "every motion" if skill == TRANSIT else f"every {skill}"
+        yield float(work[rows].sum()), Lever("skill", name, rows=rows)
 
 
 def _robots(replay: Replay, work: Nanoseconds) -> Scored:

@@ -27,7 +27,8 @@ def write_gains(
     text = io.StringIO()
     rows = list(_rows(experiment, cells))
     varied = list(experiment.variants[0])
-    names = ["policy", *varied, "replications", "rank", "kind", "name", "robot", "task"]
+    names = ["policy", *varied, "replications", "rank", "kind", "many"]
+    names += ["name", "robot", "task"]
     for less in ("shorter", "gone"):
         for statistic in ("mean", "p90"):
             name = f"{less}_{statistic}_s"
@@ -45,8 +46,8 @@ def _rows(
         for rank, gain in enumerate(cell.gains, start=1):
             lever = gain.lever
             row: list[str | int | float | None] = [policy, *map(str, variant.values())]
-            row += [cell.replications, rank, lever.kind, lever.name]
-            row += [lever.robot, lever.task]
+            row += [cell.replications, rank, lever.kind, str(lever.many).lower()]
+            row += [lever.name, lever.robot, lever.task]
             for saving in (gain.shorter, gain.gone):
                 for interval in (saving.mean, saving.p90):
                     content = interval.content()
@@ -75,6 +76,7 @@ def _gain(gain: Gain) -> dict[str, Any]:
     lever = gain.lever
     return {
         "kind": lever.kind,
+        "many": lever.many,
         "name": lever.name,
         "robot": lever.robot,
         "task": lever.task,

@@ -36,6 +36,9 @@ _LEAST, _MOST = 100, 2000
 _LEAST_BY_EVENTS, _MOST_BY_EVENTS = 10, 200
 """Replications of a cell."""
 
+_MOST_VALUES = 8_000_000
+"""Nodes and edges times replications that are in memory at once."""
+
 
 @dataclass(frozen=True)
 class Saving:
@@ -78,6 +81,10 @@ class CellGains:
     replications: int
     engine: str
     gains: tuple[Gain, ...]
+
+    def best(self, most: int, *, many: bool) -> tuple[Gain, ...]:
+        """Return the greatest gains of many things at once, or of one thing each."""
+        return tuple(g for g in self.gains if g.lever.many == many)[:most]
 
 
 def study_gains(
@@ -122,17 +129,23 @@ def cell_gains(
     if len(replay.draws.numbers) == 0:
         return CellGains(0, engine, ())
     most = FEW if engine == "events" else MANY
-    levers = candidates(replay, replay.base(), load.execution, most)
-    gains = list(_gains(experiment, load, replay, levers))
+    found = replay.base()
+    levers = candidates(replay, found, load.execution, most)
+    base = _seconds(found.makespan_ns)
+    del found  # as large as all draws, several times
+    gains = list(_gains(experiment, load, replay, base, levers))
     gains.sort(key=lambda gain: -gain.shorter.mean.estimate)
     helpful = tuple(gain for gain in gains if gain.gone.mean.estimate > 0)
     return CellGains(len(replay.draws.numbers), engine, helpful)
 
 
 def _gains(
-    experiment: Experiment, load: Workload, replay: Replay, levers: Sequence[Lever]
+    experiment: Experiment,
+    load: Workload,
+    replay: Replay,
+    base: Array,
+    levers: Sequence[Lever],
 ) -> Iterator[Gain]:
-    base = _seconds(replay.base().makespan_ns)
     confidence = experiment.precision.confidence
     # Mirror images stay together only where none of them is left out.
     numbers = replay.draws.numbers
@@ -162,6 +175,7 @@ def _affordable(load: Workload, count: int, share: float) -> int:
     affordable = share * budget / (2 * levers * replay_cost(load))
     # A replication of a study takes a few times as long as to execute it again by paths.
     affordable = max(affordable, count / (4 * levers if needs_events(load) else levers))
+    most = max(least, min(most, _MOST_VALUES // replay_cost(load)))
     return min(count, int(np.clip(affordable, least, most)) // 2 * 2)
 
 

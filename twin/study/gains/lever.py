@@ -10,7 +10,7 @@ import numpy as np
 from planning.transforms import Indices
 from twin.uncertainty.chain_draws import Cause
 
-Kind = Literal["task", "robot", "wait", "stall", "message"]
+Kind = Literal["task", "skill", "robot", "wait", "stall", "message"]
 
 
 def _none() -> Indices:
@@ -22,7 +22,7 @@ class Lever:
     """Something that takes time in a plan, and could take less or none.
 
     Attributes:
-        kind: a task, all work of a robot, waits of one task for another or all waits of a
+        kind: a task, all tasks of a kind, all work of a robot, waits of one task for another or all waits of a
             cause, standstills, or messages.
         name: in words.
         robot: whose it is, empty where it is nobody's own.
@@ -43,3 +43,10 @@ class Lever:
     edges: Indices = field(default_factory=_none)
     stops: Literal["", "breakdowns", "emergency stops"] = ""
     messages: bool = False
+
+    @property
+    def many(self) -> bool:
+        """True where it is many things at once, and not one task, wait or robot's standstills."""
+        if self.kind in ("task", "wait"):
+            return self.task is None
+        return self.kind != "stall" or not self.robot

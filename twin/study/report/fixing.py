@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from twin.study.gains.gains import QUANTILE, SHORTER, CellGains
-from twin.study.report.markup import estimate, table, text
+from twin.study.gains.gains import QUANTILE, SHORTER, CellGains, Gain
+from twin.study.report.markup import estimate, paragraph, table, text
 
 KINDS = {
     "task": "task",
+    "skill": "skill",
     "robot": "robot",
     "wait": "wait",
     "stall": "standstill",
     "message": "messages",
 }
+
+_LEAST_S = 0.005
+"""Gains that are worth a line [s]."""
 
 LESS = f"{100 * SHORTER:.0f} % shorter"
 P90 = f"P{100 * QUANTILE:.0f}"
@@ -29,34 +33,36 @@ HONEST = (
 )
 
 
-def gains_table(cell: CellGains, label: str, *, confidence: float, most: int) -> str:
-    """Return the greatest gains of a cell as a table; nothing where there are none.
+def gains_tables(cell: CellGains, label: str, *, confidence: float, most: int) -> str:
+    """Return the greatest gains of a cell: one thing each, then many at once.
 
     Args:
         cell: its gains.
         label: of the cell.
         confidence: of the intervals.
-        most: rows that are shown.
+        most: rows of each table.
     """
-    shown = cell.gains[:most]
-    caption = (
-        f"{label}: seconds gained, with {100 * confidence:g} % intervals, from"
-        f" {cell.replications} replications executed again"
+    share = f"{100 * confidence:g} %"
+    made = f"seconds gained with {share} intervals, {cell.replications} replications"
+    tables = []
+    for what, many in (("one thing", False), ("many at once", True)):
+        found = cell.best(most, many=many)
+        shown = [gain for gain in found if gain.gone.mean.estimate >= _LEAST_S]
+        tables.append(_table(f"{label}: {what}, {made}", shown))
+    if not any(tables):
+        return paragraph(f"{label}: nothing that was tried gains anything.")
+    rest = len(cell.gains) - sum(len(cell.best(most, many=m)) for m in (False, True))
+    return "".join(tables) + (
+        paragraph(f"{rest} more are in gains.csv.", "note") if rest else ""
     )
-    if len(cell.gains) > most:
-        caption += f"; the first {most} of {len(cell.gains)}, all are in gains.csv"
-    head = [
-        "",
-        "",
-        "what",
-        f"mean, {LESS}",
-        f"{P90}, {LESS}",
-        "mean, gone",
-        f"{P90}, gone",
-    ]
-    longest = max([gain.shorter.mean.estimate for gain in shown], default=0.0)
+
+
+def _table(caption: str, gains: Sequence[Gain]) -> str:
+    """Return gains as a table, nothing where there are none."""
+    head = ["", "", "what", f"mean, {LESS}", f"{P90}, {LESS}", "mean, gone"]
+    longest = max([gain.shorter.mean.estimate for gain in gains], default=0.0)
     rows = []
-    for rank, gain in enumerate(shown, start=1):
+    for rank, gain in enumerate(gains, start=1):
         width = 100.0 * max(gain.shorter.mean.estimate, 0.0) / max(longest, 1e-12)
         bar = f'<div class="bar" style="width:{width:.0f}%"></div>'
         kind = f'<span class="kind">{KINDS[gain.lever.kind]}</span>'
@@ -64,7 +70,7 @@ def gains_table(cell: CellGains, label: str, *, confidence: float, most: int) ->
         for saving in (gain.shorter, gain.gone):
             row += [estimate(one.content()) for one in (saving.mean, saving.p90)]
         rows.append(row)
-    return table(caption, head, rows, "gains")
+    return table(caption, [*head, f"{P90}, gone"], rows, "gains")
 
 
 def critical_tasks_table(rows: list[Mapping[str, Any]], label: str, most: int) -> str:

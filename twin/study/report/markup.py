@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import io
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -17,6 +18,11 @@ Entry = Mapping[str, Any]
 def text(words: object) -> str:
     """Return words as HTML."""
     return html.escape(str(words))
+
+
+def breakable(words: object) -> str:
+    """Return words as HTML that may be broken behind dots and underscores."""
+    return re.sub(r"([._])", r"\1<wbr>", text(words))
 
 
 def heading(words: str, level: int = 2) -> str:
@@ -42,7 +48,7 @@ def table(
     body = "".join(
         "<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows
     )
-    names = "".join(f"<th>{text(name)}</th>" for name in head)
+    names = "".join(f"<th>{breakable(name)}</th>" for name in head)
     return (
         f'<table class="{kind}"><caption>{text(caption)}</caption>'
         f"<thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>"

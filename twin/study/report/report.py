@@ -24,9 +24,10 @@ from twin.study.replications.block_results import TaskTally, cell_blocks, cell_t
 from twin.study.report.assumptions import assumptions, warnings
 from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
 from twin.study.report.figures import draw_ecdf, draw_response, draw_waits
-from twin.study.report.fixing import HONEST, critical_tasks_table, gains_table
+from twin.study.report.fixing import HONEST, critical_tasks_table, gains_tables
 from twin.study.report.layout import WIDTH_IN
 from twin.study.report.markup import (
+    breakable,
     bullets,
     estimate,
     heading,
@@ -48,8 +49,11 @@ DRAWING = "report"
 _DRAWN = 8
 """Cells whose charts are drawn; of further ones there are tables."""
 
-_FIRST, _LATER = 12, 8
-"""Rows of what is worth fixing, on the first page and for further cells."""
+_AT_ONCE = 8
+"""Cells whose makespans are on the first page; of more it has those of the first variant."""
+
+_FIRST, _LATER = 7, 5
+"""Rows of each table of what is worth fixing, on the first page and for further cells."""
 
 _CRITICAL = 10
 
@@ -126,16 +130,20 @@ def _first_page(result: StudyResult) -> Pieces:
     doubts = [*warnings(subject), *summary["warnings"]]
     if doubts:
         yield paragraph(f"Warning: {' Warning: '.join(doubts)}", "warning")
-    yield _makespans(summary)
+    policies = len(request.experiment.policies)
+    many = len(summary["cells"]) > _AT_ONCE
+    yield _makespans(summary, summary["cells"][:policies] if many else None)
+    if many:
+        yield paragraph("The other variants are in a table further down.", "note")
     cell = _in_order(result)[0]
     yield heading("What is worth fixing")
     yield paragraph(HONEST, "note")
-    yield gains_table(
+    yield gains_tables(
         result.gains[cell],
         _label(result, cell),
         confidence=summary["confidence"],
         most=_FIRST,
-    ) or paragraph(f"{_label(result, cell)}: nothing that was tried gains anything.")
+    )
     if len(summary["cells"]) > 1:
         yield paragraph("The other policies and variants follow one by one.", "note")
     yield heading("The cell")
@@ -148,6 +156,9 @@ def _whole_study(result: StudyResult) -> Pieces:
     """Yield what compares policies and variants."""
     experiment, summary = result.request.experiment, result.summary
     policies = experiment.policies
+    if len(summary["cells"]) > _AT_ONCE:
+        yield heading("All policies and variants")
+        yield _makespans(summary)
     yield _differences(summary)
     yield _open_loop(summary)
     samples = [makespans_s(result, cell) for cell in range(len(experiment.cells))]
@@ -194,7 +205,7 @@ def _cell(result: StudyResult, cell: int, progress: Report) -> Pieces:
         confidence = result.summary["confidence"]
         gains = result.gains[cell]
         yield heading("What is worth fixing", 3)
-        yield gains_table(gains, label, confidence=confidence, most=_LATER)
+        yield gains_tables(gains, label, confidence=confidence, most=_LATER)
 
 
 def _task_rows(
@@ -246,14 +257,20 @@ def _lead(result: StudyResult) -> str:
     return words
 
 
-def _makespans(summary: Mapping[str, Any]) -> str:
+def _makespans(
+    summary: Mapping[str, Any], cells: Sequence[Mapping[str, Any]] | None = None
+) -> str:
+    """Return the makespans of some cells, by default all, as a table."""
     varied = list(summary["cells"][0]["variant"])
     deadline = summary["deadline_s"]
     head = ["policy", *varied, "n", "mean", "P50", "P90", "P95", "P99"]
     head += ["not completed"] + ([f"within {deadline:g} s"] if deadline else [])
     rows = []
     for cell in summary["cells"]:
-        row = [text(cell["policy"]), *(text(cell["variant"][key]) for key in varied)]
+        row = [
+            text(cell["policy"]),
+            *(breakable(cell["variant"][key]) for key in varied),
+        ]
         row.append(str(cell["replications"]))
         for key in ("makespan_s", *(f"makespan_p{p}_s" for p in (50, 90, 95, 99))):
             row.append(estimate(cell.get(key)))

@@ -17,8 +17,8 @@ from twin.study.report.report import shown_cell
 from twin.study.study import StudyResult
 from twin.study.summary import cell_label, collisions
 
-_TOP = 5
-"""Rows of what is worth fixing."""
+_TOP = ((True, 2), (False, 3))
+"""Rows of what is worth fixing: many things at once, and one thing each."""
 
 
 def print_study(result: StudyResult) -> None:
@@ -83,9 +83,11 @@ def _print_gains(console: Console, result: StudyResult) -> None:
     table.add_column("what", overflow="fold")
     for name in (f"mean, {LESS}", f"{P90}, {LESS}", "mean, gone"):
         table.add_column(name, justify="right", max_width=14)
-    for gain in gains.gains[:_TOP]:
-        shown = (gain.shorter.mean, gain.shorter.p90, gain.gone.mean)
-        table.add_row(gain.lever.name, *map(_gained, shown))
+    for many, most in _TOP:
+        for gain in gains.best(most, many=many):
+            shown = (gain.shorter.mean, gain.shorter.p90, gain.gone.mean)
+            table.add_row(gain.lever.name, *map(_gained, shown))
+        table.add_section()
     console.print(table)
 
 

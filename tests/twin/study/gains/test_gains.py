@@ -29,7 +29,9 @@ def test_gains_are_differences_of_the_same_replications() -> None:
     base = replay.base().makespan_ns / 1e9
     gains = [gain.shorter.mean.estimate for gain in cell.gains]
     assert gains == sorted(gains, reverse=True)
-    assert {gain.lever.kind for gain in cell.gains} == {"task", "robot", "wait"}
+    assert {gain.lever.kind for gain in cell.gains} == {
+        *("task", "skill", "robot", "wait")
+    }
     for gain in cell.gains:
         for saving, share in ((gain.shorter, 0.2), (gain.gone, 1.0)):
             changed = replay.makespans_ns(gain.lever, share) / 1e9

@@ -80,7 +80,9 @@ def test_messages_give_the_nanoseconds_of_the_event_engine(policy: Policy) -> No
     quick, events = replay_of(load, NUMBERS), EventReplay(load, NUMBERS)
     assert isinstance(quick, MessageReplay)
     found = levers(load, quick)
-    assert {lever.kind for lever in found} == {"task", "robot", "stall", "message"}
+    assert {lever.kind for lever in found} == {
+        *("task", "skill", "robot", "stall", "message")
+    }
     for lever in found:
         for share in (0.0, 0.2, 1.0):
             assert np.array_equal(
@@ -217,7 +219,7 @@ def test_no_lever_gains_more_than_it_takes_on_the_critical_path() -> None:
     found = replay.base()
     work = np.where(found.critical, replay.draws.work_ns, 0)
     for lever in levers(load, replay):
-        if lever.kind in ("task", "robot"):
+        if lever.kind in ("task", "skill", "robot"):
             fall = found.makespan_ns - replay.makespans_ns(lever, 1.0)
             assert np.all(fall >= 0)
             assert np.all(fall <= work[lever.rows].sum(axis=0))
