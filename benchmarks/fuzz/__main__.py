@@ -4,7 +4,7 @@
 
 Every case is a file with random damage that commands then read, in a child process. A case is bad when
 a command ends with another code than 0, 1 or 2 (70 is the last resort for what nobody foresaw), takes more
-than 10 s, or brings its process above 2 GB. A case is named by target, seed and number, so it can be
+than 10 s of processor time, has not ended after two minutes, or brings its process above 2 GB. A case is named by target, seed and number, so it can be
 repeated alone: ``python -m benchmarks.fuzz plans --first 812 --cases 1 --show``.
 """
 
