@@ -7,6 +7,7 @@ cells make up the hull: the union of the capsules contains it.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import lru_cache
 from itertools import product
 
@@ -87,14 +88,19 @@ def box_body(name: str, size: npt.ArrayLike) -> ConvexBody:
 
 
 def hull_vertices(vertices: npt.ArrayLike) -> Array:
-    """Return the extreme points of a cloud, shape (v, 3); a flat cloud is only thinned."""
+    """Return the extreme points of a cloud, shape (v, 3), also of one in a plane or on a line."""
     points = np.unique(np.asarray(vertices, dtype=np.float64), axis=0)
     if len(points) < 5:
         return points
-    try:
+    with suppress(QhullError):
         return np.asarray(points[ConvexHull(points).vertices])
-    except QhullError:  # all points in one plane
-        return points
+    # All points lie in one plane, or nearly so: their corners are those of their image in it.
+    middle = points.mean(axis=0)
+    plane = np.linalg.svd(points - middle, full_matrices=False)[2]
+    image = (points - middle) @ plane.T
+    with suppress(QhullError):
+        return np.asarray(points[np.sort(ConvexHull(image[:, :2]).vertices)])
+    return np.asarray(points[[image[:, 0].argmin(), image[:, 0].argmax()]])
 
 
 @lru_cache(maxsize=256)

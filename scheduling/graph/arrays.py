@@ -19,6 +19,9 @@ LARGEST_BYTES = 2**30
 FARTHEST = 1e4
 """Greatest size, distance from the origin [m] and joint value [rad or m] that is believed."""
 
+THINNEST = 1e-4
+"""Least edge of a box [m], as in scenarios: thinner ones are flat to collision libraries."""
+
 _SLACK = 1e-6  # of joint limits, for values that were rounded [rad or m]
 
 LONGEST_S = 1e6
@@ -47,7 +50,8 @@ def check_arrays(document: Mapping[str, Any], arrays: Arrays) -> None:
             )
             _require(abs(values) <= limit, name, values, f"is beyond {limit:g}")
     for name in ("fixture_size", "object_size"):
-        _require(arrays[name] > 0, name, arrays[name], "must be greater than 0")
+        sizes, least = arrays[name], f"must be at least {THINNEST:g}"
+        _require(sizes >= THINNEST, name, sizes, least)
     for name in arrays:
         if name.endswith(("pose", "base", "start")) and arrays[name].shape[-2:] == (
             4,

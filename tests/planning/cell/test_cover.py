@@ -143,3 +143,14 @@ def test_hull_vertices_drops_inner_points() -> None:
     corners = box_body("b", (1.0, 1.0, 1.0)).vertices
     kept = hull_vertices(np.vstack([corners, 0.3 * corners]))
     assert len(kept) == 8
+
+
+def test_hull_vertices_of_a_plane_and_a_line() -> None:
+    rng = np.random.default_rng(0)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    square = np.array([[x, y, 0.0] for x in (0.0, 1.0) for y in (0.0, 2.0)])
+    inner = np.column_stack([rng.uniform(0.1, 0.9, (40, 2)), np.zeros(40)])
+    kept = hull_vertices(np.vstack([square, inner]) @ turn.T)
+    assert {tuple(p) for p in np.round(kept @ turn, 9) + 0.0} == set(map(tuple, square))
+    line = np.linspace(0.0, 1.0, 30)[:, None] * np.array([1.0, 2.0, 3.0])
+    assert hull_vertices(line).tolist() == [[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]]

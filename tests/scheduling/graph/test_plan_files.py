@@ -181,7 +181,7 @@ def _replaced(name: str, make: Callable[[Any], Any]) -> Callable[[Numbers], None
         (_spoilt("edges", 0, 77), "is the index of no chain"),
         (_spoilt("cause", 0, 9), "must be 0 or 1"),
         (_spoilt("robot_0_base", 0, 2.0), "is no pose"),
-        (_spoilt("object_size", 0, 0.0), "must be greater than 0"),
+        (_spoilt("object_size", 0, 0.0), "must be at least 0.0001"),
         (_replaced("edges", lambda a: a[:, :2]), "is int64 of shape"),
         (_replaced("cause", lambda a: a.astype(float)), "is float64 of shape"),
         (_replaced("chain_0_skill", lambda a: a[:-1]), "chain_0_skill is bool of"),
