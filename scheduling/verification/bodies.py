@@ -1,15 +1,12 @@
-"""Occupancies of the robots, piece by piece, and which pieces may come near each other at once.
+"""Robots of a plan, piece by piece: where each part of them is, and what it sweeps.
 
 A *piece* is a straight joint-space motion of a node, or a robot that stands between two nodes.
-Pieces are dense samples: the middle of the motion, grown by a bound of how far any point gets
-from there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -18,8 +15,10 @@ from planning.cell.workcell import PlacedRobot
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.verification.graph_structure import Precedence
+from scheduling.verification.motions import Motion
 from scheduling.verification.object_places import Carried, Resting
-from scheduling.verification.reference import TOLERANCE, Part, ReferenceRobot, measure
+from scheduling.verification.reference import ReferenceRobot, resting_part
+from scheduling.verification.sweeps import Sweeps
 
 PIECE = 0.02
 """Motions are cut until no point gets further than this from the middle [m]."""
@@ -30,7 +29,7 @@ class Pieces:
     """All pieces of one robot, in order.
 
     Attributes:
-        q_a, q_b: ends, shape (s, n).
+        knots: piece k leads from knot k to knot k + 1, shape (s + 1, n).
         begin: a node that is complete before ``begin`` starts is over before the piece; -1
             for a piece that may last from the start, shape (s,).
         end: the piece is over once node ``end`` is complete; the number of nodes for a piece
@@ -42,8 +41,7 @@ class Pieces:
         tasks: tasks that may allow a contact, shape (s, 2).
     """
 
-    q_a: Array
-    q_b: Array
+    knots: Array
     begin: Indices
     end: Indices
     node: Indices
@@ -64,25 +62,17 @@ class Pieces:
 
 @dataclass(frozen=True)
 class Body:
-    """A part in the pieces in which it is there.
+    """A part of a robot, or all that it carries at one time or another.
 
     Attributes:
-        robot: the robot.
-        part: the part.
+        motions: the part; or what is carried, one after another.
+        which: which of them is there in each piece, -1 for none, shape (s,).
         load: whether it is carried and no part of the robot.
-        pieces: which ones, rising, shape (k,).
-        turn: rotation of its joint in the middle of each piece, shape (k, 9).
-        centre: of the sphere around it in the middle of each piece, shape (k, 3) [m].
-        radius: of that sphere, grown by the motion within the piece, shape (k,) [m].
     """
 
-    robot: RobotBodies
-    part: Part
+    motions: tuple[Motion, ...]
+    which: Indices
     load: bool
-    pieces: Indices
-    turn: Array
-    centre: Array
-    radius: Array
 
 
 class RobotBodies:
@@ -97,9 +87,7 @@ class RobotBodies:
     Attributes:
         name: of the robot.
         chain: index of its chain, None if it has no node.
-        robot: its geometry.
         pieces: its pieces.
-        frames: joint frames in the middle of each piece, shape (s, n + 1, 4, 4).
         bodies: its parts, then what it carries.
     """
 
@@ -111,7 +99,6 @@ class RobotBodies:
         carried: list[Carried],
     ) -> None:
         self.name, self.chain = placed.name, tpg.chain_index.get(placed.name)
-        self.robot = robot
         loads = [
             (c, robot.load(c.object, tpg.cell.object(c.object).size, c.pose))
             for c in carried
@@ -120,94 +107,89 @@ class RobotBodies:
         if self.chain is None:
             self.pieces = _standing_for_ever(placed.home)
         else:
-            weights = np.array([p.weight for p in self.robot.parts])
-            if loads:
-                weights = np.vstack([weights, [part.weight for _, part in loads]])
+            parts = [*robot.parts, *(part for _, part in loads)]
+            weights = np.array([part.weight for part in parts])
             self.pieces = _cut(tpg.chains[self.chain], weights)
-        middle = 0.5 * (self.pieces.q_a + self.pieces.q_b)
-        self.frames = robot.joint_frames_along(middle)
-        everywhere = np.arange(len(self.pieces))
-        self.bodies = [self._body(p, False, everywhere) for p in self.robot.parts]
-        for c, part in loads:
-            since = self.pieces.moment(*c.start)
-            until = self.pieces.moment(*c.end)
-            inside = (self.pieces.since >= since) & (self.pieces.until <= until)
-            if c.given:
-                inside &= ~(self.pieces.standing & (self.pieces.since == since))
-            if c.fetched:
-                inside &= ~(self.pieces.standing & (self.pieces.until == until))
-            if np.any(inside):
-                self.bodies.append(self._body(part, True, np.flatnonzero(inside)))
+        knots = self.pieces.knots
+        frames = robot.joint_frames_along(knots)
+        everywhere = np.zeros(len(self.pieces), dtype=np.int64)
+        self.bodies = [
+            Body((Motion(robot, p, knots, frames[:, p.joint + 1]),), everywhere, False)
+            for p in robot.parts
+        ]
+        held = [
+            (self._while_held(c), Motion(robot, p, knots, frames[:, p.joint + 1]))
+            for c, p in loads
+        ]
+        while held:  # loads that are not there at once share a body
+            taken, which = [], np.full(len(self.pieces), -1)
+            for inside, motion in held:
+                if np.all(which[inside] < 0):
+                    which[inside] = len(taken)
+                    taken.append(motion)
+            self.bodies.append(Body(tuple(taken), which, True))
+            held = [item for item in held if not any(item[1] is m for m in taken)]
 
-    def _body(self, part: Part, load: bool, pieces: Indices) -> Body:
-        frames = self.frames[pieces, part.joint + 1]
-        centre = frames[:, :3, :3] @ part.centre + frames[:, :3, 3]
-        step = np.abs(self.pieces.q_b[pieces] - self.pieces.q_a[pieces])
-        radius = part.radius + 0.5 * step @ part.weight
-        turn = frames[:, :3, :3].reshape(-1, 9)
-        return Body(self, part, load, pieces, turn, centre, radius)
+    @cached_property
+    def sweeps(self) -> Sweeps:
+        """What each body sweeps in each piece."""
+        sweeps = Sweeps.nothing(len(self.pieces), len(self.bodies))
+        for x, body in enumerate(self.bodies):
+            for k, motion in enumerate(body.motions):
+                pieces = np.flatnonzero(body.which == k)
+                sweeps.low[0][:, pieces, x], sweeps.high[0][:, pieces, x] = (
+                    motion.extents(pieces)
+                )
+        return sweeps.with_coarser()
 
+    def which(self, bodies: Indices, pieces: Indices) -> Indices:
+        """Return which motion of each body there is in a piece, shape (k,)."""
+        table = np.stack([body.which for body in self.bodies])
+        return np.asarray(table[bodies, pieces])
 
-def _standing_for_ever(home: Array) -> Pieces:
-    one = np.zeros(1, dtype=np.int64)
-    return Pieces(
-        home[None],
-        home[None],
-        one - 1,
-        one,
-        one,
-        np.ones(1, dtype=np.bool_),
-        one,
-        one,
-        1,
-        np.full((1, 2), -1),
-    )
-
-
-def _cut(chain: NodeChain, weights: Array) -> Pieces:
-    """Return the pieces of a chain: each hold, then the motions of the node after it."""
-    count = len(chain)
-    room = int(np.max(np.diff(chain.first))) + 1
-    q_a, q_b, rows, tasks = [], [], [], []
-    before = chain.start
-    for node in range(count + 1):
-        near = [int(chain.task[k]) for k in (node - 1, node) if 0 <= k < count]
-        q_a.append(before)
-        q_b.append(before)
-        rows.append((node - 1, node, node, True, node * room, node * room))
-        tasks.append((near[0], near[-1]))
-        if node == count:
-            break
-        for k, q in enumerate(
-            chain.waypoints[chain.first[node] : chain.first[node + 1]]
-        ):
-            reach = float(np.max(weights @ np.abs(q - before)))
-            parts = max(1, int(np.ceil(0.5 * reach / PIECE)))
-            ends = before + np.linspace(0.0, 1.0, parts + 1)[:, None] * (q - before)
-            ends[-1] = q
-            moment = node * room + k
-            for a, b in pairwise(ends):
-                q_a.append(a)
-                q_b.append(b)
-                rows.append((node, node, node, False, moment, moment + 1))
-                tasks.append((int(chain.task[node]),) * 2)
-            before = q
-    begin, end, nodes, standing, since, until = np.array(rows, dtype=np.int64).T
-    return Pieces(
-        np.array(q_a),
-        np.array(q_b),
-        begin,
-        end,
-        nodes,
-        standing.astype(np.bool_),
-        since,
-        until,
-        room,
-        np.array(tasks, dtype=np.int64),
-    )
+    def _while_held(self, c: Carried) -> npt.NDArray[np.bool_]:
+        pieces = self.pieces
+        since, until = pieces.moment(*c.start), pieces.moment(*c.end)
+        inside = (pieces.since >= since) & (pieces.until <= until)
+        if c.given:
+            inside &= ~(pieces.standing & (pieces.since == since))
+        if c.fetched:
+            inside &= ~(pieces.standing & (pieces.until == until))
+        return inside
 
 
-_BLOCK = 48
+class StillBodies:
+    """All that lies in the world at one time or another.
+
+    Args:
+        resting: what lies where, and when.
+
+    Attributes:
+        resting: see above.
+        motions: of each, none.
+    """
+
+    def __init__(self, resting: list[Resting]) -> None:
+        self.resting = resting
+        self.motions = [
+            Motion(
+                None,
+                resting_part(rest.object, rest.size, rest.pose),
+                np.zeros((2, 0)),
+                np.tile(np.eye(4), (2, 1, 1)),
+            )
+            for rest in resting
+        ]
+
+    @cached_property
+    def sweeps(self) -> Sweeps:
+        """What each occupies."""
+        sweeps = Sweeps.nothing(len(self.resting), 1)
+        piece = np.zeros(1, dtype=np.int64)
+        for k, motion in enumerate(self.motions):
+            low, high = motion.extents(piece)
+            sweeps.low[0][:, k, 0], sweeps.high[0][:, k, 0] = low[:, 0], high[:, 0]
+        return sweeps
 
 
 def over_before(
@@ -221,94 +203,89 @@ def over_before(
     return np.where(begin >= 0, known[np.maximum(begin, 0)], 0)
 
 
-def close_pairs(
-    x: Body, y: Body, past_a: Indices, past_b: Indices, limit: float
-) -> Iterator[tuple[Indices, Indices]]:
-    """Yield pairs of pieces that may happen at once and in which two spheres come close.
+def at_once(
+    a: RobotBodies, b: RobotBodies, precedence: Precedence
+) -> tuple[Indices, Indices]:
+    """Return, per piece of a robot, the pieces of another that may happen at the same time.
 
-    They come in groups, as positions in ``x.pieces`` and in ``y.pieces``.
+    They follow each other: those from the first number on, up to the second one.
     """
-    end_a, end_b = x.robot.pieces.end[x.pieces], y.robot.pieces.end[y.pieces]
-    past_a, past_b = past_a[y.pieces], past_b[x.pieces]
-    for k in range(0, len(x.pieces), _BLOCK):
-        block = slice(k, k + _BLOCK)
-        j0 = int(np.searchsorted(end_b, past_b[block].min()))
-        j1 = int(np.searchsorted(past_a, end_a[block].max(), side="right"))
-        if j0 >= j1:
-            continue
-        centre, radius = x.centre[block], x.radius[block]
-        low, high = centre.min(axis=0), centre.max(axis=0)
-        others = y.centre[j0:j1]
-        room = y.radius[j0:j1] + (float(radius.max()) + limit)
-        gap = np.maximum(np.maximum(low - others, others - high), 0.0)
-        near = np.flatnonzero(np.einsum("ij,ij->i", gap, gap) < room * room)
-        if not len(near):
-            continue
-        others, room = others[near], y.radius[j0:j1][near]
-        step = centre[:, None] - others[None]
-        reach = radius[:, None] + room[None] + limit
-        hit = np.einsum("ijk,ijk->ij", step, step) < reach * reach
-        hit &= end_a[block][:, None] >= past_a[j0:j1][near][None]
-        hit &= end_b[j0:j1][near][None] >= past_b[block][:, None]
-        rows, columns = np.nonzero(hit)
-        if len(rows):
-            yield k + rows, j0 + near[columns]
-
-
-def unsettled(
-    x: Body, y: Body, close: tuple[Indices, Indices], limit: float
-) -> Iterator[tuple[int, int]]:
-    """Yield the pairs of pieces that one measurement for many of them does not settle.
-
-    What is measured in the middle of two pieces holds for others as well, less what both parts
-    are displaced from there to the middle of the others, and move within them.
-    """
-    rows, columns = close
-    while len(rows):
-        k = len(rows) // 2
-        row, column = int(rows[k]), int(columns[k])
-        i, j = int(x.pieces[row]), int(y.pieces[column])
-        frame_x = x.robot.frames[i, x.part.joint + 1]
-        frame_y = y.robot.frames[j, y.part.joint + 1]
-        gap = measure(x.part, frame_x, y.part, frame_y)
-        left = gap - _displaced(x, row, rows) - _displaced(y, column, columns)
-        unsettled = left < limit - TOLERANCE
-        if unsettled[k]:
-            unsettled[k] = False
-            yield i, j
-        rows, columns = rows[unsettled], columns[unsettled]
-
-
-def _displaced(body: Body, start: int, others: Indices) -> Array:
-    """Return how far any point of a body gets from one piece's middle in other pieces [m]."""
-    low = min(int(others.min()), start)
-    span = slice(low, max(int(others.max()), start) + 1)
-    turned = body.turn[span] - body.turn[start]
-    shift = body.centre[span] - body.centre[start]
-    angle = np.sqrt(np.einsum("ij,ij->i", turned, turned) / 2.0)
-    moved = np.sqrt(np.einsum("ij,ij->i", shift, shift))
-    within = body.radius[span] - body.part.radius
-    return np.asarray((moved + body.part.radius * angle + within)[others - low])
+    low = np.searchsorted(b.pieces.end, over_before(b.chain, a, precedence))
+    past = over_before(a.chain, b, precedence)
+    high = np.searchsorted(past, a.pieces.end, side="right")
+    return low, np.maximum(low, high)
 
 
 def while_there(
-    robot: RobotBodies, rest: Resting, precedence: Precedence
-) -> npt.NDArray[np.bool_]:
-    """Return, per piece of a robot, whether it may happen while something is at rest."""
-    pieces = robot.pieces
-    out = np.ones(len(pieces), dtype=np.bool_)
-    if robot.chain is None:
-        return out
-    if rest.put is not None:
-        chain, node, waypoint = rest.put
-        if chain == robot.chain:
-            out &= pieces.until > pieces.moment(node, waypoint)
-        else:
-            out &= pieces.end >= precedence.complete[robot.chain][chain][node]
-    if rest.taken is not None:
-        chain, node, waypoint = rest.taken
-        if chain == robot.chain:
-            out &= pieces.since < pieces.moment(node, waypoint)
-        else:
-            out &= over_before(chain, robot, precedence) <= node
-    return out
+    robot: RobotBodies, resting: list[Resting], precedence: Precedence
+) -> tuple[Indices, Indices]:
+    """Return, per thing at rest, the pieces of a robot that may happen while it is there."""
+    pieces, chain = robot.pieces, robot.chain
+    low = np.zeros(len(resting), dtype=np.int64)
+    high = np.full(len(resting), len(pieces))
+    if chain is None:
+        return low, high
+    past = {
+        c: over_before(c, robot, precedence) for c in range(len(precedence.complete))
+    }
+    for k, rest in enumerate(resting):
+        if rest.put is not None:
+            c, node, waypoint = rest.put
+            if c == chain:
+                moment = pieces.moment(node, waypoint)
+                low[k] = np.searchsorted(pieces.until, moment, side="right")
+            else:
+                low[k] = np.searchsorted(
+                    pieces.end, precedence.complete[chain][c][node]
+                )
+        if rest.taken is not None:
+            c, node, waypoint = rest.taken
+            if c == chain:
+                high[k] = np.searchsorted(pieces.since, pieces.moment(node, waypoint))
+            else:
+                high[k] = np.searchsorted(past[c], node, side="right")
+    return low, np.maximum(low, high)
+
+
+def _standing_for_ever(home: Array) -> Pieces:
+    one = np.zeros(1, dtype=np.int64)
+    stands, tasks = np.ones(1, dtype=np.bool_), np.full((1, 2), -1)
+    return Pieces(np.stack([home] * 2), one - 1, one, one, stands, one, one, 1, tasks)
+
+
+def _cut(chain: NodeChain, weights: Array) -> Pieces:
+    """Return the pieces of a chain: each hold, then the motions of the node after it."""
+    count, first = len(chain), chain.first
+    room = int(np.max(np.diff(first))) + 1
+    before = np.vstack([chain.start[None], chain.waypoints[:-1]])
+    way = chain.waypoints - before
+    reach = (np.abs(way) @ weights.T).max(axis=1)
+    parts = np.maximum(1, np.ceil(0.5 * reach / PIECE).astype(np.int64))
+    # Motions, each cut into its parts; then a hold before the first of each node.
+    motion = np.repeat(np.arange(len(way)), parts)
+    start = np.cumsum(parts) - parts
+    part = np.arange(len(motion)) - start[motion] + 1
+    ends = before[motion] + (part / parts[motion])[:, None] * way[motion]
+    last = part == parts[motion]
+    ends[last] = chain.waypoints
+    node = np.repeat(np.arange(count), np.diff(first))[motion]
+    moment = node * room + motion - first[node]
+    holds = np.arange(count + 1)
+    where = np.append(start, len(motion))[first]
+    stands = np.vstack([before, chain.waypoints[-1:]])[first]
+    near = np.stack([np.maximum(holds - 1, 0), np.minimum(holds, count - 1)], axis=1)
+
+    def woven(moving: Indices, still: Indices) -> Indices:
+        return np.insert(moving, where, still, axis=0)
+
+    return Pieces(
+        np.vstack([chain.start[None], woven(ends, stands)]),
+        woven(node, holds - 1),
+        woven(node, holds),
+        woven(node, holds),
+        np.insert(np.zeros(len(motion), dtype=np.bool_), where, True),
+        woven(moment, holds * room),
+        woven(moment + 1, holds * room),
+        room,
+        woven(np.repeat(chain.task[node][:, None], 2, axis=1), chain.task[near]),
+    )

@@ -185,6 +185,10 @@ class Precedence:
         """Tell whether node u of chain a must be complete before node v of chain b starts."""
         return bool(self.complete[a][b][v] > u)
 
+    def not_after(self, a: int, u: int, b: int) -> int:
+        """Return how many of the first nodes of chain b need not wait for node u of chain a."""
+        return int(np.searchsorted(self.complete[a][b], u, side="right"))
+
 
 def find_precedence(tpg: TemporalPlanGraph) -> Precedence | None:
     """Return the order that type-1 and type-2 edges impose, None if they form a cycle."""

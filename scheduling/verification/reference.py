@@ -48,6 +48,12 @@ class ReferenceRobot:
 
     Args:
         placed: which one; of its model only the file, names and frames are used.
+
+    Attributes:
+        base: its pose in the world, shape (4, 4).
+        dof: number of joints n.
+        turns: True for joints that turn, False for those that slide, shape (n,).
+        parts: its convex bodies.
     """
 
     def __init__(self, placed: PlacedRobot) -> None:
@@ -60,6 +66,7 @@ class ReferenceRobot:
         )
         self._flange = placed.model.flange
         self._subspaces = [_subspace(joint) for joint in list(model.joints)[1:]]
+        self.turns = np.array([bool(np.any(turn)) for _, turn in self._subspaces])
         tool = {part.body.name for part in placed.model.parts if part.group == "tool"}
         self.parts = []
         for item in geometry.geometryObjects:
@@ -137,18 +144,24 @@ def resting_part(entity: str, size: Array, pose: Transform) -> Part:
 
 def measure(a: Part, frame_a: Transform, b: Part, frame_b: Transform) -> float:
     """Return the signed distance of two parts whose joints are at the given frames [m]."""
+    return separation(a, frame_a, b, frame_b)[0]
+
+
+def separation(
+    a: Part, frame_a: Transform, b: Part, frame_b: Transform
+) -> tuple[float, Array]:
+    """Return the signed distance of two parts [m] and the direction from a to b, shape (3,)."""
     _RESULT.clear()
     pose_a, pose_b = frame_a @ a.local, frame_b @ b.local
-    return float(
-        coal.distance(
-            a.shape,
-            coal.Transform3s(pose_a[:3, :3], pose_a[:3, 3]),
-            b.shape,
-            coal.Transform3s(pose_b[:3, :3], pose_b[:3, 3]),
-            _REQUEST,
-            _RESULT,
-        )
+    distance = coal.distance(
+        a.shape,
+        coal.Transform3s(pose_a[:3, :3], pose_a[:3, 3]),
+        b.shape,
+        coal.Transform3s(pose_b[:3, :3], pose_b[:3, 3]),
+        _REQUEST,
+        _RESULT,
     )
+    return float(distance), np.array(_RESULT.normal)
 
 
 def _subspace(joint: Any) -> tuple[Array, Array]:

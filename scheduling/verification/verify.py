@@ -9,23 +9,19 @@ ordered, (b) so are a node and a robot that stands, (c) and a node and an object
 
 from __future__ import annotations
 
-import heapq
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import combinations, product
-from typing import NamedTuple
+from itertools import combinations
 
 import numpy as np
+import numpy.typing as npt
 
-from planning.transforms import Array, Transform
+from planning.transforms import Indices, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.bodies import (
-    Body,
     RobotBodies,
-    close_pairs,
-    over_before,
-    unsettled,
+    StillBodies,
+    at_once,
     while_there,
 )
 from scheduling.verification.graph_structure import (
@@ -34,22 +30,17 @@ from scheduling.verification.graph_structure import (
     Problem,
     check_structure,
 )
-from scheduling.verification.object_places import Resting, object_histories
-from scheduling.verification.reference import (
-    TOLERANCE,
-    Part,
-    ReferenceRobot,
-    measure,
-    resting_part,
-)
+from scheduling.verification.measuring import Measuring
+from scheduling.verification.motions import Motion
+from scheduling.verification.object_places import object_histories
+from scheduling.verification.reference import TOLERANCE, ReferenceRobot
+from scheduling.verification.sweeps import Close, close_pairs
 
 __all__ = ["Moment", "Problem", "VerificationReport", "verify_plan"]
 
 
-_FINEST = 1e-5
-
-_Key = tuple[int, int, bool, bool]
-"""Nodes of both sides, and whether each robot stands before its node."""
+_Key = tuple[int, int]
+"""Of both sides: 2 * node, and one more where the robot stands before it."""
 
 Progress = Callable[[int, int], None]
 """Called with the pairs of robots (or robots and resting things) done so far, and their number."""
@@ -98,14 +89,14 @@ def verify_plan(
         check.run(precedence)
     return VerificationReport(
         check.pairs,
-        check.least[True],
-        check.least[False],
+        check.robots.least,
+        check.objects.least,
         tuple([*problems, *check.problems][:limit]),
     )
 
 
 class _ClearanceCheck:
-    """Measures all pairs of pieces that may happen at once.
+    """Looks at all pairs of pieces that may happen at once.
 
     Args:
         tpg: the plan.
@@ -115,23 +106,23 @@ class _ClearanceCheck:
     Attributes:
         problems: found so far.
         pairs: pairs of pieces looked at.
-        least: least distances measured, by whether they are between two robots [m].
+        robots, objects: measure between two robots, and between other things.
     """
 
     def __init__(self, tpg: TemporalPlanGraph, limit: int, progress: Progress) -> None:
         self.tpg, self.limit, self.progress = tpg, limit, progress
         self.problems: list[Problem] = []
         self.pairs = 0
-        self.least = {True: math.inf, False: math.inf}
+        self.robots, self.objects = Measuring(), Measuring()
         self.allowed: dict[frozenset[str], list[frozenset[int]]] = {}
         for contact in tpg.allowed:
             pair = frozenset((contact.first, contact.second))
             self.allowed.setdefault(pair, []).append(contact.tasks)
 
     def run(self, precedence: Precedence) -> None:
-        """Check that whatever may happen at once keeps apart."""
+        """Check all pairs of robots, then every robot against what rests in the world."""
         tpg, cell = self.tpg, self.tpg.cell
-        geometry = {placed.name: ReferenceRobot(placed) for placed in cell.robots}
+        geometry = {robot.name: ReferenceRobot(robot) for robot in cell.robots}
 
         def flange(chain: int, node: int) -> Transform:
             c = tpg.chains[chain]
@@ -143,167 +134,160 @@ class _ClearanceCheck:
             RobotBodies(tpg, placed, geometry[placed.name], carried)
             for placed in cell.robots
         ]
+        still = StillBodies(resting)
         pairs = list(combinations(robots, 2))
         total = len(pairs) + len(robots)
         for done, (a, b) in enumerate(pairs, 1):
             self._robots(a, b, precedence)
             self.progress(done, total)
         for done, robot in enumerate(robots, len(pairs) + 1):
-            for rest in resting:
-                self._rest(robot, rest, precedence)
+            self._rest(robot, still, precedence)
             self.progress(done, total)
 
     def _robots(self, a: RobotBodies, b: RobotBodies, precedence: Precedence) -> None:
-        # Per piece of one robot: nodes of the other that are over before it.
-        past_a = over_before(a.chain, b, precedence)
-        past_b = over_before(b.chain, a, precedence)
-        low = np.searchsorted(b.pieces.end, past_b)
-        high = np.searchsorted(past_a, a.pieces.end, side="right")
-        self.pairs += int(np.maximum(high - low, 0).sum())
-        seen: dict[_Key, Problem] = {}
+        windows = at_once(a, b, precedence)
+        self.pairs += int((windows[1] - windows[0]).sum())
         clearances = self.tpg.cell.clearances
-        for x, y in product(a.bodies, b.bodies):
-            loaded = x.load or y.load
-            limit = clearances.robot_object if loaded else clearances.robot_robot
-            for close in close_pairs(x, y, past_a, past_b, limit):
+        loaded = np.array(
+            [[x.load or y.load for y in b.bodies] for x in a.bodies], dtype=np.bool_
+        )
+        limits = np.where(loaded, clearances.robot_object, clearances.robot_robot)
+        seen: dict[_Key, Problem] = {}
+        for close in close_pairs(a.sweeps, b.sweeps, windows, limits):
+            which = a.which(close.x, close.i), b.which(close.y, close.j)
+            for (x, k, y, m), rows, columns in _groups(close, *which):
                 if len(self.problems) + len(seen) >= self.limit:
                     break
-                for i, j in unsettled(x, y, close, limit):
-                    self._check((_side(x, i), _side(y, j)), limit, seen, not loaded)
+                sides = (
+                    _RobotSide(a, a.bodies[x].motions[k]),
+                    _RobotSide(b, b.bodies[y].motions[m]),
+                )
+                kind = self.objects if loaded[x, y] else self.robots
+                self._settle(sides, (rows, columns), limits[x, y], kind, seen)
         self.problems += _without_repeats(seen)
 
-    def _rest(self, robot: RobotBodies, rest: Resting, precedence: Precedence) -> None:
-        still = _Side(
-            None,
-            resting_part(rest.object, rest.size, rest.pose),
-            np.zeros(0),
-            np.zeros(0),
-            np.eye(4),
-            Moment(None, -1, -1, True, rest.object),
-            rest.tasks,
-        )
-        fixture = any(f.name == rest.object for f in self.tpg.cell.fixtures)
-        there = while_there(robot, rest, precedence)
-        self.pairs += int(there.sum())
-        limit = self.tpg.cell.clearances.robot_object
-        inverse = rest.pose[:3, :3]
-        seen: dict[_Key, Problem] = {}
-        for x in robot.bodies:
-            if fixture and x.part.joint < 0:
-                continue
-            local = (x.centre - rest.pose[:3, 3]) @ inverse
-            out = np.linalg.norm(
-                np.maximum(np.abs(local) - 0.5 * rest.size, 0.0), axis=1
-            )
-            close = (out < x.radius + limit) & there[x.pieces]
-            for i in x.pieces[close].tolist():
-                self._check((_side(x, i), still), limit, seen, False)
-        self.problems += _without_repeats(seen)
-
-    def _check(
-        self,
-        sides: tuple[_Side, _Side],
-        limit: float,
-        seen: dict[_Key, Problem],
-        between_robots: bool,
+    def _rest(
+        self, robot: RobotBodies, still: StillBodies, precedence: Precedence
     ) -> None:
-        """Note two sides that come too close, unless they may or are noted already."""
-        first, second = sides[0].moment, sides[1].moment
-        key = (first.node, second.node, first.standing, second.standing)
-        if key not in seen and not self._may_touch(*sides):
-            found = self._closer(sides, limit, between_robots)
-            if found is not None:
-                seen[key] = _conflict(first, second, found)
+        windows = while_there(robot, still.resting, precedence)
+        self.pairs += int((windows[1] - windows[0]).sum())
+        limit = self.tpg.cell.clearances.robot_object
+        fixtures = {f.name for f in self.tpg.cell.fixtures}
+        limits = np.full((1, len(robot.bodies)), limit)
+        seen: dict[int, dict[_Key, Problem]] = {}
+        for close in close_pairs(still.sweeps, robot.sweeps, windows, limits):
+            groups = _groups(close, close.i, robot.which(close.y, close.j))
+            for (_, lies, y, m), _, pieces in groups:
+                if len(self.problems) + sum(map(len, seen.values())) >= self.limit:
+                    break
+                rest, motion = still.resting[lies], robot.bodies[y].motions[m]
+                if motion.part.joint < 0 and rest.object in fixtures:
+                    continue
+                self._settle(
+                    (
+                        _RobotSide(robot, motion),
+                        _StillSide(still.motions[lies], rest.tasks),
+                    ),
+                    (pieces, np.zeros_like(pieces)),
+                    limit,
+                    self.objects,
+                    seen.setdefault(lies, {}),
+                )
+        for lies in sorted(seen):
+            self.problems += _without_repeats(seen[lies])
 
-    def _may_touch(self, a: _Side, b: _Side) -> bool:
-        x, y = a.part.entity, b.part.entity
-        return x == y or any(
-            (a.tasks is None or not tasks.isdisjoint(a.tasks))
-            and (b.tasks is None or not tasks.isdisjoint(b.tasks))
-            for tasks in self.allowed.get(frozenset((x, y)), ())
+    def _settle(
+        self,
+        sides: tuple[_RobotSide, _RobotSide | _StillSide],
+        pairs: tuple[Indices, Indices],
+        limit: float,
+        measuring: Measuring,
+        seen: dict[_Key, Problem],
+    ) -> None:
+        """Note what comes too close in some pairs of pieces, unless it may."""
+        a, b = sides
+        entities = a.motion.part.entity, b.motion.part.entity
+        if entities[0] == entities[1]:
+            return
+        left = np.ones(len(pairs[0]), dtype=np.bool_)
+        for tasks in self.allowed.get(frozenset(entities), ()):
+            left &= ~(a.in_tasks(pairs[0], tasks) & b.in_tasks(pairs[1], tasks))
+        keys = np.stack([a.keys(pairs[0]), b.keys(pairs[1])])
+        if seen:
+            left &= [key not in seen for key in zip(*keys.tolist(), strict=True)]
+        rows, columns = pairs[0][left], pairs[1][left]
+        keys = keys[:, left]
+        alike = (
+            np.ravel_multi_index(tuple(keys), tuple(keys.max(axis=1) + 1))
+            if len(rows)
+            else rows
+        )
+        for k, distance in measuring.too_close(
+            a.motion, b.motion, (rows, columns), limit - TOLERANCE, alike
+        ):
+            first, second = a.moment(int(rows[k])), b.moment(int(columns[k]))
+            seen[keys[0, k], keys[1, k]] = _conflict(first, second, distance)
+
+
+@dataclass(frozen=True)
+class _RobotSide:
+    """A part of a robot, or what it carries."""
+
+    robot: RobotBodies
+    motion: Motion
+
+    def in_tasks(self, pieces: Indices, tasks: frozenset[int]) -> npt.NDArray[np.bool_]:
+        """Tell in which pieces one of some tasks is done."""
+        return np.isin(self.robot.pieces.tasks[pieces], list(tasks)).any(axis=1)
+
+    def keys(self, pieces: Indices) -> Indices:
+        """Return one number for a node, and one for the stand before it: two a node."""
+        all_pieces = self.robot.pieces
+        return 2 * all_pieces.node[pieces] + all_pieces.standing[pieces]
+
+    def moment(self, piece: int) -> Moment:
+        """Return a piece as it is named in a problem."""
+        pieces = self.robot.pieces
+        return Moment(
+            self.robot.name,
+            int(pieces.node[piece]),
+            int(pieces.tasks[piece, 1]),
+            bool(pieces.standing[piece]),
+            self.motion.part.entity,
         )
 
-    def _closer(
-        self, sides: tuple[_Side, _Side], limit: float, between_robots: bool
-    ) -> float | None:
-        """Return a distance below the limit, None if there is none.
 
-        Both motions are halved until the sample in the middle decides: either it is too close,
-        or it is further away than both can move from there.
-        """
-        count = 0
-        todo = [(0.0, count, sides)]
-        while todo:  # what may be closest first
-            _, _, sides = heapq.heappop(todo)
-            a, b = sides
-            gap = measure(a.part, a.frame, b.part, b.frame)
-            self.least[between_robots] = min(self.least[between_robots], gap)
-            if gap < limit - TOLERANCE:
-                return gap
-            moved = a.moved(), b.moved()
-            if gap - sum(moved) >= limit - TOLERANCE or max(moved) < _FINEST:
-                continue
-            if moved[0] >= moved[1]:
-                halves = [(half, b) for half in a.halves()]
-            else:
-                halves = [(a, half) for half in b.halves()]
-            for half in halves:
-                count += 1
-                heapq.heappush(todo, (gap - sum(moved), count, half))
-        return None
+@dataclass(frozen=True)
+class _StillSide:
+    """Something that lies in the world, or in the hand of a robot that stands."""
 
-
-class _Side(NamedTuple):
-    """A part in a straight motion of its robot.
-
-    Attributes:
-        robot: the robot, None for what rests in the world.
-        part: the part.
-        q_a, q_b: where the motion begins and ends, shape (n,).
-        frame: pose of the part's joint in the middle of the motion, shape (4, 4).
-        moment: as it is named in a problem.
-        tasks: that may allow a contact, None where that is for the other side to say.
-    """
-
-    robot: ReferenceRobot | None
-    part: Part
-    q_a: Array
-    q_b: Array
-    frame: Transform
-    moment: Moment
+    motion: Motion
     tasks: tuple[int, ...] | None
 
-    def moved(self) -> float:
-        """Return how far the part gets at most from where it is in the middle [m]."""
-        return 0.5 * float(np.abs(self.q_b - self.q_a) @ self.part.weight)
+    def in_tasks(self, pieces: Indices, tasks: frozenset[int]) -> npt.NDArray[np.bool_]:
+        """Tell whether one of some tasks is done; it is for the other side to say where it lies."""
+        there = self.tasks is None or not tasks.isdisjoint(self.tasks)
+        return np.full(len(pieces), there)
 
-    def halves(self) -> Iterator[_Side]:
-        """Yield both halves of the motion."""
-        assert self.robot is not None
-        middle = 0.5 * (self.q_a + self.q_b)
-        for q_a, q_b in ((self.q_a, middle), (middle, self.q_b)):
-            frame = self.robot.joint_frame(0.5 * (q_a + q_b), self.part.joint)
-            yield self._replace(q_a=q_a, q_b=q_b, frame=frame)
+    def keys(self, pieces: Indices) -> Indices:
+        """Return the same number for all pieces."""
+        return np.zeros(len(pieces), dtype=np.int64)
+
+    def moment(self, piece: int) -> Moment:
+        """Return how it is named in a problem."""
+        return Moment(None, -1, -1, True, self.motion.part.entity)
 
 
-def _side(body: Body, piece: int) -> _Side:
-    robot, part, pieces = body.robot, body.part, body.robot.pieces
-    tasks = tuple(pieces.tasks[piece].tolist())
-    return _Side(
-        robot.robot,
-        part,
-        pieces.q_a[piece],
-        pieces.q_b[piece],
-        robot.frames[piece, part.joint + 1],
-        Moment(
-            robot.name,
-            int(pieces.node[piece]),
-            tasks[1],
-            bool(pieces.standing[piece]),
-            part.entity,
-        ),
-        tasks,
-    )
+def _groups(
+    close: Close, which_x: Indices, which_y: Indices
+) -> Iterator[tuple[tuple[int, int, int, int], Indices, Indices]]:
+    """Yield body and motion of both sides, and the pieces in which these two come close."""
+    kinds = np.stack([close.x, which_x, close.y, which_y])
+    order = np.lexsort(kinds)
+    changes = np.any(np.diff(kinds[:, order], axis=1) != 0, axis=0)
+    for chosen in np.split(order, np.flatnonzero(changes) + 1):
+        x, k, y, m = kinds[:, chosen[0]].tolist()
+        yield (x, k, y, m), close.i[chosen], close.j[chosen]
 
 
 def _conflict(first: Moment, second: Moment, distance: float) -> Problem:
@@ -325,9 +309,9 @@ def _conflict(first: Moment, second: Moment, distance: float) -> Problem:
 def _without_repeats(seen: dict[_Key, Problem]) -> list[Problem]:
     """Leave out stands next to a motion that is named already: it starts or ends with them."""
     out = []
-    for (u, v, u_stands, v_stands), problem in sorted(seen.items(), key=lambda p: p[0]):
-        moving = [(n, v, False, v_stands) for n in (u - 1, u) if u_stands]
-        moving += [(u, n, u_stands, False) for n in (v - 1, v) if v_stands]
+    for (u, v), problem in sorted(seen.items(), key=lambda p: p[0]):
+        moving = [(n, v) for n in (u - 3, u - 1) if u % 2]
+        moving += [(u, n) for n in (v - 3, v - 1) if v % 2]
         if not any(key in seen for key in moving):
             out.append(problem)
     return out

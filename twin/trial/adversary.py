@@ -15,6 +15,7 @@ import numpy as np
 
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.verification.graph_structure import find_precedence
 from twin.audit.audit import Auditor
 from twin.audit.executed import ObjectRow, Recording, RobotRows
 from twin.audit.violation import Violation
@@ -61,8 +62,15 @@ class AdversaryReport:
 
 def standing_states(tpg: TemporalPlanGraph) -> Iterator[StandingState]:
     """Yield two states for the source of every type-2 edge: stopped at its start and its end."""
+    precedence = find_precedence(tpg)
     for chain, node in sorted({(a, u) for a, u, _, _ in tpg.edges.tolist()}):
-        completed = run_until_still(tpg, chain, node)
+        if precedence is None:  # a cycle: some nodes are never complete
+            completed = run_until_still(tpg, chain, node)
+        else:
+            completed = tuple(
+                node if k == chain else precedence.not_after(chain, node, k)
+                for k in range(len(tpg.chains))
+            )
         for at_end in (False, True):
             yield StandingState(tpg.chains[chain].robot, node, at_end, completed)
 
@@ -87,11 +95,7 @@ def run_until_still(tpg: TemporalPlanGraph, frozen: int, node: int) -> tuple[int
 def standing_recording(tpg: TemporalPlanGraph, state: StandingState) -> Recording:
     """Return a standing state as one second in which nothing moves."""
     robots = {}
-    chains = {chain.robot: k for k, chain in enumerate(tpg.chains)}
-    counts = list(state.completed)
-    stopped = chains[state.robot]
-    if state.at_end:
-        counts[stopped] += 1
+    chains, counts = tpg.chain_index, _begun(tpg, state)
     for placed in tpg.cell.robots:
         if placed.name not in chains:
             q, nodes = placed.home, [-1, -1]
@@ -108,6 +112,13 @@ def standing_recording(tpg: TemporalPlanGraph, state: StandingState) -> Recordin
         if h.node < counts[h.robot]
     )
     return Recording(robots, objects, 1.0)
+
+
+def _begun(tpg: TemporalPlanGraph, state: StandingState) -> tuple[int, ...]:
+    """Return at the end of how many of its nodes each chain stands."""
+    counts = list(state.completed)
+    counts[tpg.chain_index[state.robot]] += state.at_end
+    return tuple(counts)
 
 
 def audit_standing_states(
@@ -128,12 +139,15 @@ def audit_standing_states(
     states = list(standing_states(tpg))
     least, found = math.inf, []
     chosen = engine_named(engine)
+    known: dict[tuple[int, ...], tuple[Violation, ...]] = {}
     with Auditor(tpg, chosen) as auditor:
         for k, state in enumerate(states):
-            report = auditor.audit(
-                standing_recording(tpg, state), within=least, ordered=False
-            )
-            least = report.min_distance_m
-            found += [(state, violation) for violation in report.violations]
+            counts = _begun(tpg, state)
+            if counts not in known:  # the same may come of many stops
+                report = auditor.audit(
+                    standing_recording(tpg, state), within=least, ordered=False
+                )
+                least, known[counts] = report.min_distance_m, report.violations
+            found += [(state, violation) for violation in known[counts]]
             progress(STOPPING, k + 1, len(states))
     return AdversaryReport(len(states), least, tuple(found), engine_and_version(chosen))

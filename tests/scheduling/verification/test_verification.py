@@ -378,3 +378,13 @@ def test_others_run_on_until_they_wait_for_the_robot_that_stopped() -> None:
         ("left", 1, False, (1, 0)),
         ("left", 1, True, (1, 0)),
     ]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_standing_states_are_those_of_a_dispatcher(seed: int) -> None:
+    tpg = build_tpg(random_turns(seed, 4, gap=0.62))
+    index = tpg.chain_index
+    states = list(standing_states(tpg))
+    assert len(states) > 6
+    for state in states:
+        assert state.completed == run_until_still(tpg, index[state.robot], state.node)
