@@ -122,7 +122,8 @@ class RobotBodies:
             for c, p in loads
         ]
         while held:  # loads that are not there at once share a body
-            taken, which = [], np.full(len(self.pieces), -1)
+            taken: list[Motion] = []
+            which = np.full(len(self.pieces), -1)
             for inside, motion in held:
                 if np.all(which[inside] < 0):
                     which[inside] = len(taken)
@@ -279,7 +280,7 @@ def _cut(chain: NodeChain, weights: Array) -> Pieces:
         return np.insert(moving, where, still, axis=0)
 
     return Pieces(
-        np.vstack([chain.start[None], woven(ends, stands)]),
+        np.vstack([chain.start[None], np.insert(ends, where, stands, axis=0)]),
         woven(node, holds - 1),
         woven(node, holds),
         woven(node, holds),

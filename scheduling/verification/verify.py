@@ -238,7 +238,8 @@ class _RobotSide:
 
     def in_tasks(self, pieces: Indices, tasks: frozenset[int]) -> npt.NDArray[np.bool_]:
         """Tell in which pieces one of some tasks is done."""
-        return np.isin(self.robot.pieces.tasks[pieces], list(tasks)).any(axis=1)
+        found = np.isin(self.robot.pieces.tasks[pieces], list(tasks))
+        return np.asarray(found.any(axis=1))
 
     def keys(self, pieces: Indices) -> Indices:
         """Return one number for a node, and one for the stand before it: two a node."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 
 import numpy as np
 
@@ -25,11 +26,10 @@ class ContactRule:
 
     Args:
         tpg: the allowed contacts of the plan, and the tasks of nodes.
-        recording: tells which task each robot is at.
     """
 
-    def __init__(self, tpg: TemporalPlanGraph, recording: Recording) -> None:
-        self._recording = recording
+    def __init__(self, tpg: TemporalPlanGraph) -> None:
+        self._recording = Recording({}, (), 0.0)
         self._tasks = {chain.robot: chain.task for chain in tpg.chains}
         self._known: dict[tuple[str, float], frozenset[int]] = {}
         objects = {box.name for box in tpg.cell.objects}
@@ -46,6 +46,12 @@ class ContactRule:
                 and partners <= tools.keys() | fixtures
             ):
                 self._allowed.setdefault(pair, []).append(contact.tasks)
+
+    def during(self, recording: Recording) -> ContactRule:
+        """Return the rule for an execution, which tells which task each robot is at."""
+        rule = copy(self)
+        rule._recording, rule._known = recording, {}
+        return rule
 
     def depth(
         self, first: str, second: str, holders: Mapping[str, str | None], t: float

@@ -128,6 +128,7 @@ class Auditor(AbstractContextManager["Auditor"]):
         wanted: Wanted | None = None,
     ) -> None:
         self._tpg, self._wanted = tpg, wanted
+        self._rule = ContactRule(tpg)
         self._engine = engine_named(engine)
         self._world = open_world(tpg.cell, self._engine)
         self._exempt = overlapping_at_home(self._world)
@@ -157,7 +158,7 @@ class Auditor(AbstractContextManager["Auditor"]):
                 report is at most this [m].
             ordered: whether type-2 edges had to be kept.
         """
-        rule = ContactRule(self._tpg, recording)
+        rule = self._rule.during(recording)
         watch = _Watch(self._world, rule, self._exempt, within)
         wanted = self._wanted
         others = wanted and (

@@ -115,7 +115,9 @@ def gaps(
         asked: what must be excluded.
     """
     least = asked.least
-    watched = list(_pairs(stretch, len(world.robot_shapes), exempt, least()))
+    stands = all(r.distinct[0] == r.distinct[-1] for r in stretch.robots)
+    find = _standing_pairs if stands else _pairs
+    watched = list(find(stretch, len(world.robot_shapes), exempt, least()))
     due = [(pair.close[0], k) for k, pair in enumerate(watched)]
     heapq.heapify(due)
     before: list[_Measured | None] = [None] * len(watched)
@@ -248,6 +250,35 @@ def _pairs(
             else:
                 moved = travelled[i] + travelled[j]
             yield _Watched(a, b, close.tolist(), moved.tolist(), between_robots)
+
+
+def _standing_pairs(
+    stretch: Stretch, arms: int, exempt: frozenset[tuple[int, int]], least: float
+) -> Iterator[_Watched]:
+    """Yield the pairs that are near each other in a stretch in which nothing moves."""
+    tracks, count = [*stretch.moving, *stretch.resting], len(stretch.moving)
+    if not count:
+        return
+    centre = np.array([track.centre[0] for track in tracks])
+    radius = np.array([track.shape.radius for track in tracks])
+    reach = radius[:count, None] + radius[:count]
+    holder = np.array([-1 if t.holder is None else t.holder for t in tracks[:count]])
+    arm = np.arange(count) < arms
+    between = (holder[:, None] != holder) & arm
+    gap = np.linalg.norm(centre[:count, None] - centre[:count], axis=2)
+    near = np.triu(gap <= reach + np.where(between, max(least, 0.0), 0.0), 1)
+    still = [0.0] * len(stretch.t)
+    for i, j in np.argwhere(near).tolist():
+        if (i, j) not in exempt:
+            a, b = tracks[i], tracks[j]
+            yield _Watched(a, b, [0], still, bool(between[i, j]))
+    free = np.flatnonzero(
+        [not (k < arms and t.link == 0) for k, t in enumerate(tracks[:count])]
+    )
+    for b in stretch.resting:
+        beside = _outside(b, centre[free]) <= radius[free]
+        for i in free[beside].tolist():
+            yield _Watched(tracks[i], b, [0], still, False)
 
 
 def _outside(box: Track, points: Array) -> Array:

@@ -56,6 +56,8 @@ def motion_bounds(
         As seen from the base and each moved link up to ``link``, shape (m - 1, link + 1) [m].
     """
     out = np.zeros((len(centre) - 1, link + 1))
+    if samples.distinct[0] == samples.distinct[-1]:  # it stands
+        return out
     travel = np.abs(np.diff(samples.q, axis=0))
     turned = np.where(axes.prismatic, 0.0, travel)
     inside = np.cumsum(turned, axis=1) - turned

@@ -46,6 +46,7 @@ class BulletWorld:
         self._bullet.setPhysicsEngineParameter(enableFileCaching=0)
         # Bullet's numbers of body and link of each shape, and by how much it inflates it [m].
         self._known: list[tuple[int, int, float]] = []
+        self._placed: dict[int, Transform] = {}
         self._bodies: list[int] = []
         self._moved: list[list[int]] = []
         self.robot_shapes: list[Shape] = []
@@ -166,6 +167,10 @@ class BulletWorld:
 
     def place(self, box: Shape, pose: Transform) -> None:
         """Pose a fixture or an object in the world."""
+        before = self._placed.get(box.number)
+        if before is not None and np.array_equal(before, pose):
+            return
+        self._placed[box.number] = pose.copy()
         w, x, y, z = quat_wxyz(pose)
         self._bullet.resetBasePositionAndOrientation(
             self._known[box.number][0], pose[:3, 3].tolist(), [x, y, z, w]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Literal
 
@@ -47,6 +48,7 @@ def _loads_pybullet() -> str | None:
     return None
 
 
+@cache
 def engine_and_version(engine: Engine) -> str:
     """Return an engine as reports name it: ``"coal 3.0.3"``."""
     try:
