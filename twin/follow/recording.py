@@ -25,9 +25,9 @@ from twin.recorders.rerun.bodies import (
     unseen,
 )
 from twin.recorders.rerun.event_rows import EventBacklog
-from twin.recorders.rerun.held_names import HeldNames
 from twin.recorders.rerun.lanes import draw_lane
 from twin.recorders.rerun.layout import entity_path
+from twin.recorders.rerun.robot_names import RobotNames
 from twin.recorders.rerun.robots import draw_robot, move_robot
 from twin.recorders.rerun.words import PlanWords
 from twin.run.activities import FAILED, IDLE, RETRYING, STALLED, STOPPED, WAITING
@@ -171,7 +171,7 @@ class LiveRecording(RunListener):
             for k, chain in enumerate(tpg.chains)
         }
         colours = team_colours([robot.name for robot in tpg.cell.robots])
-        self._held = HeldNames(rec, list(colours))
+        self._names = RobotNames(rec, list(colours))
         self._trees = {}
         self._rows: dict[str, list[tuple[Nanoseconds, Array]]] = {}
         for robot in tpg.cell.robots:
@@ -239,12 +239,12 @@ class LiveRecording(RunListener):
         self._drawn.add(event.object)
         placement = Placement(event.t_ns, item.object, item.holder, item.pose)
         place_object(self._rec, item.object, [placement])
-        self._held.take(placement)
+        self._names.take(placement)
 
     def _flush(self, *, ended: bool = False) -> None:
         """Send what has been collected, besides waits that may still become long ones."""
         self._events.send(self._rec, self._words, self._now_ns, ended=ended)
-        self._held.send()
+        self._names.send()
         for robot in self._tpg.cell.robots:
             rows = self._rows[robot.name]
             if len(rows) == 1 and robot.name in self._placed:

@@ -77,29 +77,47 @@ def test_a_part_that_comes_up_later_is_drawn_from_then_on(
             assert [(t, len(cell or ())) for t, cell in shown] == [(0, 0), (comes, 1)]
 
 
-def test_a_part_in_hand_is_named(recorded: Recorded, followed: Path) -> None:
+def test_robots_are_named_and_so_is_what_they_hold(
+    recorded: Recorded, followed: Path
+) -> None:
     tpg, _, memory, path = recorded
+    taken = [event for event in memory.events if event.kind == "attached"]
     for file in (path, followed):
         for robot in tpg.cell.robots:
-            named = [(0, "")]
+            expected = {0: robot.name}
             for event in memory.events:
+                held = [e for e in taken if e.t_ns <= event.t_ns]
                 if event.kind == "attached" and event.robot == robot.name:
-                    named.append((event.t_ns, event.object))
-                elif event.kind == "detached" and event.object != "later":
-                    holder = next(
-                        e.robot for e in memory.events if e.kind == "attached"
-                    )
-                    named += [(event.t_ns, "")] if holder == robot.name else []
-            shown = rows(file, f"/held/{robot.name}", "Points3D:labels")
-            assert [(t, (cell or [""])[0]) for t, cell in shown] == sorted(named)
+                    expected[event.t_ns] = f"{robot.name}: {event.object}"
+                elif (
+                    event.kind == "detached"
+                    and held
+                    and (held[-1].robot, held[-1].object) == (robot.name, event.object)
+                ):
+                    expected[event.t_ns] = robot.name
+            entity = f"/robot-{robot.name}/name"
+            shown = rows(file, entity, "Points3D:labels")
+            assert {t: cell[0] for t, cell in shown} == expected
+            assert static(file, entity, "Points3D:show_labels") == [True]
+    assert len(taken) == 2
 
 
-def test_robots_are_named_and_painted_in_their_own_colours(recorded: Recorded) -> None:
+def test_events_are_told_in_sentences(recorded: Recorded, followed: Path) -> None:
+    tpg, _, memory, path = recorded
+    for file in (path, followed):
+        told = [cell[0] for _, cell in rows(file, "/events", "TextLog:text")]
+        for event in memory.events:
+            task = tpg.tasks[event.task]
+            step = f"(step {task.step}/{tpg.tasks[-1].step})"
+            if event.kind == "attached":
+                assert f"{event.robot} holds {event.object}" in told
+            elif event.kind == "started":
+                assert f"{event.robot} started {task.label} {step}" in told
+        assert "run finished: completed" in told
+
+
+def test_curves_have_the_colours_of_the_robots(recorded: Recorded) -> None:
     tpg, _, _, path = recorded
-    for robot in tpg.cell.robots:
-        entity = f"/robot-{robot.name}/name"
-        assert static(path, entity, "Points3D:labels") == [robot.name]
-        assert static(path, entity, "Points3D:show_labels") == [True]
     colours = team_colours([robot.name for robot in tpg.cell.robots])
     for chain in tpg.chains:
         styled = static(path, f"/progress/{chain.robot}", "SeriesLines:colors")

@@ -14,7 +14,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 _TAN_UP = 0.5206  # of half the viewer's vertical angle of view, 55 degrees
 _ASPECT = 1.75  # of the 3-D view in a window of common shape
-_MARGIN = 1.08
+_MARGIN = 1.04
 _MOST_CONFIGURATIONS = 60
 _LEAST_M = 0.3
 _BESIDE = math.atan2(0.22, 1.05)

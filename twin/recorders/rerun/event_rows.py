@@ -115,9 +115,9 @@ def _level(words: PlanWords, event: Event) -> str:
 def _sentence(words: PlanWords, event: Event) -> str:
     if not event.robot:
         return f"run {event.kind}: {event.detail}"
-    if event.kind == "attached":
+    if event.detail == f"to {event.robot}":
         return f"{event.robot} holds {event.object}"
-    if event.kind == "detached":
+    if event.kind in ("attached", "detached"):
         return f"{event.robot}: {event.object} {event.detail}"
     said = f"{event.robot} {event.kind} {words.task(event.task)}".rstrip()
     return f"{said}: {event.detail}" if event.detail else said

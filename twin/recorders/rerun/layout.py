@@ -19,11 +19,7 @@ WAITING = "waiting"
 EVENTS = "events"
 OBJECTS = "objects"
 FIXTURES = "fixtures"
-HELD = "held"
 FORECAST = "forecast"
-
-LABEL_COLOUR = (255, 255, 255)
-"""Colour of names in 3-D, which stand on dark plates."""
 
 
 def entity_path(*parts: str) -> str:
@@ -106,7 +102,6 @@ def _scene(tpg: TemporalPlanGraph) -> rrb.Spatial3DView:
             *(f"{entity_path(robot_part(robot.name))}/**" for robot in tpg.cell.robots),
             f"/{OBJECTS}/**",
             f"/{FIXTURES}/**",
-            f"/{HELD}/**",
         ],
         background=[247, 248, 250],
         line_grid=False,

@@ -17,9 +17,9 @@ from twin.host.atomic import replacing
 from twin.recorders.rerun import layout as layout
 from twin.recorders.rerun.bodies import draw_fixtures, log_objects
 from twin.recorders.rerun.event_rows import Wait, log_events, long_waits
-from twin.recorders.rerun.held_names import HeldNames
 from twin.recorders.rerun.lanes import log_lanes, waits_for
 from twin.recorders.rerun.layout import entity_path
+from twin.recorders.rerun.robot_names import RobotNames
 from twin.recorders.rerun.robots import draw_robot, move_robot
 from twin.recorders.rerun.time_and_pose import time_column
 from twin.recorders.rerun.words import PlanWords
@@ -73,10 +73,10 @@ def write_recording(
             move_robot(rec, tree, robot, motion)
         placements = object_placements(tpg, run)
         log_objects(rec, tpg.cell, placements)
-        held = HeldNames(rec, list(colours))
+        names = RobotNames(rec, list(colours))
         for placement in placements:
-            held.take(placement)
-        held.send()
+            names.take(placement)
+        names.send()
         log_lanes(rec, tpg, run, events, words)
         _log_progress(rec, tpg, run, colours)
         log_events(rec, words, events, _waits(tpg, run, words, events))

@@ -14,12 +14,7 @@ from planning.cell.workcell import PlacedRobot
 from planning.robots.registry import ROBOTS
 from planning.robots.urdf_file import find_mesh
 from twin.durations import NANOSECONDS, Nanoseconds
-from twin.recorders.rerun.layout import (
-    LABEL_COLOUR,
-    WORLD_FRAME,
-    entity_path,
-    robot_part,
-)
+from twin.recorders.rerun.layout import WORLD_FRAME, entity_path, robot_part
 from twin.recorders.rerun.paint import paint
 from twin.recorders.rerun.time_and_pose import fixed_pose, time_column
 from twin.run.team_colours import rgb
@@ -27,6 +22,7 @@ from twin.run.trajectory import Trajectory
 
 _FRAME_S = 0.05
 _FRAME_STEP = 0.02
+_NAME_COLOUR = (255, 255, 255)  # names stand on dark plates
 
 
 def flange_frame(robot: str) -> str:
@@ -34,12 +30,20 @@ def flange_frame(robot: str) -> str:
     return f"{robot}/@flange"
 
 
+def name_entity(robot: str) -> str:
+    """Return the path of the entity that shows a robot's name."""
+    return f"{entity_path(robot_part(robot))}/name"
+
+
 def _link_frame(robot: str, link: str) -> str:
     return f"{robot}/{link.removeprefix(f'{robot}/')}"
 
 
 def draw_robot(rec: rr.RecordingStream, robot: PlacedRobot, colour: str) -> UrdfTree:
-    """Draw a robot with its name in its colour, #rrggbb; return the joints to move it with."""
+    """Draw a robot in its colour, #rrggbb; return the joints to move it with.
+
+    There is a place for its name at its foot, and none yet.
+    """
     part = robot_part(robot.name)
     entity = entity_path(part)
     with tempfile.TemporaryDirectory() as folder:
@@ -71,16 +75,14 @@ def draw_robot(rec: rr.RecordingStream, robot: PlacedRobot, colour: str) -> Urdf
             indexes=[time_column([0])],
             columns=joints[name].compute_transform_columns([value], clamp=False),
         )
-    # The name stands at the robot's foot, where it hides nothing of the work.
     foot = joints[names[3 if robot.model.is_mobile else 0]].parent_link
     rec.log(
-        f"{entity}/name",
+        name_entity(robot.name),
         rr.CoordinateFrame(_link_frame(robot.name, foot)),
-        rr.Points3D(
-            [[0.0, 0.0, 0.0]],
+        rr.Points3D.from_fields(
+            positions=[[0.0, 0.0, 0.0]],
             radii=[0.001],
-            colors=[LABEL_COLOUR],
-            labels=[robot.name],
+            colors=[_NAME_COLOUR],
             show_labels=True,
         ),
         static=True,
