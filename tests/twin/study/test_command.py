@@ -185,7 +185,7 @@ def test_the_report_fits_a_narrow_window(study: Path) -> None:
     assert "figure svg { display: block; max-width: 100%; height: auto; }" in style
     assert "table {" in style
     assert "min-width" not in style
-    assert style.count("white-space: nowrap") == 2  # numbers, and names of assumptions
+    assert style.count("white-space: nowrap") == 3  # numbers, names of assumptions
     assert "white-space: pre-wrap" in style
     for tag in re.findall(r"<svg[^>]*>", page):
         assert "viewBox=" in tag

@@ -27,20 +27,22 @@ from twin.study.report.figures import draw_ecdf, draw_response, draw_waits
 from twin.study.report.fixing import HONEST, critical_tasks_table, gains_tables
 from twin.study.report.layout import WIDTH_IN
 from twin.study.report.markup import (
-    breakable,
-    bullets,
-    estimate,
     heading,
     pairs,
     paragraph,
     picture,
-    span,
     table,
     text,
 )
+from twin.study.report.overview import (
+    collided,
+    differences,
+    lead,
+    makespans_table,
+)
 from twin.study.sensitivity import SHARE, Influence, influences, sobol_indices
 from twin.study.study import StudyResult
-from twin.study.summary import cell_label, collisions
+from twin.study.summary import cell_label
 from twin.study.tables import task_columns
 
 DRAWING = "report"
@@ -125,14 +127,14 @@ def _page(result: StudyResult, pieces: Sequence[str]) -> str:
 def _first_page(result: StudyResult) -> Pieces:
     """Yield results, what is worth fixing, the cell, and what all that rests on."""
     request, summary = result.request, result.summary
-    yield paragraph(_lead(result))
+    yield paragraph(lead(result))
     subject = Subject(request.scenario, request.base)
     doubts = [*warnings(subject), *summary["warnings"]]
     if doubts:
         yield paragraph(f"Warning: {' Warning: '.join(doubts)}", "warning")
     policies = len(request.experiment.policies)
     many = len(summary["cells"]) > _AT_ONCE
-    yield _makespans(summary, summary["cells"][:policies] if many else None)
+    yield makespans_table(summary, summary["cells"][:policies] if many else None)
     if many:
         yield paragraph("The other variants are in a table further down.", "note")
     cell = _in_order(result)[0]
@@ -158,9 +160,9 @@ def _whole_study(result: StudyResult) -> Pieces:
     policies = experiment.policies
     if len(summary["cells"]) > _AT_ONCE:
         yield heading("All policies and variants")
-        yield _makespans(summary)
-    yield _differences(summary)
-    yield _open_loop(summary)
+        yield makespans_table(summary)
+    yield differences(summary)
+    yield collided(summary)
     samples = [makespans_s(result, cell) for cell in range(len(experiment.cells))]
     yield heading("How long it takes")
     yield _drawn(result, draw_ecdf(summary, samples, policies), "makespan")
@@ -238,69 +240,6 @@ def _tornado_table(found: Sequence[Influence], label: str) -> str:
         [[text(o.name), f"{o.less_s:+.2f}", f"{o.more_s:+.2f}"] for o in found],
         "named",
     )
-
-
-def _lead(result: StudyResult) -> str:
-    experiment, summary = result.request.experiment, result.summary
-    counts = sorted({cell["replications"] for cell in summary["cells"]})
-    many = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
-    words = (
-        f"{many} replications of {len(experiment.policies)} policies"
-        f" with the same draws, seed {result.request.scenario.seed}."
-    )
-    if experiment.replications is None:
-        words += (
-            f" Sampling went on until the {100 * summary['confidence']:g} % interval of"
-            f" every mean was within {100 * experiment.precision.relative_half_width:g} %,"
-            f" or {experiment.precision.most} replications were done."
-        )
-    return words
-
-
-def _makespans(
-    summary: Mapping[str, Any], cells: Sequence[Mapping[str, Any]] | None = None
-) -> str:
-    """Return the makespans of some cells, by default all, as a table."""
-    varied = list(summary["cells"][0]["variant"])
-    deadline = summary["deadline_s"]
-    head = ["policy", *varied, "n", "mean", "P50", "P90", "P95", "P99"]
-    head += ["not completed"] + ([f"within {deadline:g} s"] if deadline else [])
-    rows = []
-    for cell in summary["cells"]:
-        row = [
-            text(cell["policy"]),
-            *(breakable(cell["variant"][key]) for key in varied),
-        ]
-        row.append(str(cell["replications"]))
-        for key in ("makespan_s", *(f"makespan_p{p}_s" for p in (50, 90, 95, 99))):
-            row.append(estimate(cell.get(key)))
-        row.append(estimate(cell["not_completed"], factor=100.0, unit=" %"))
-        if deadline:
-            row.append(estimate(cell.get("in_time"), factor=100.0, unit=" %"))
-        rows.append(row)
-    share = f"{100 * summary['confidence']:g} %"
-    return table(f"Makespan in seconds, with {share} intervals", head, rows)
-
-
-def _differences(summary: Mapping[str, Any]) -> str:
-    texts = []
-    for entry in summary["differences"]:
-        difference = span(entry["makespan_s"], "{:+.1f} s")
-        where = "".join(f", {key} = {value}" for key, value in entry["variant"].items())
-        texts.append(
-            f"{entry['policy']} against {entry['reference']}{where}: {difference},"
-            f" {100 * entry['relative']:+.1f} %"
-        )
-    return bullets("Differences, replication by replication", texts)
-
-
-def _open_loop(summary: Mapping[str, Any]) -> str:
-    texts = []
-    for cell in summary["cells"]:
-        if "collided" in cell:
-            share = span(cell["collided"], "{:.0f} %", 100.0)
-            texts.append(f"{cell_label(cell)}: {collisions(cell)}, {share}")
-    return bullets("When nobody waits for anybody", texts)
 
 
 def _made(result: StudyResult) -> Pieces:
