@@ -20,7 +20,7 @@ from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.accepted_overlaps import ContactRule
 from twin.audit.edge_order import edge_violations, logged_spans, moved_spans
-from twin.audit.executed import Recording, read_recording
+from twin.audit.executed import ObjectRow, Recording, read_recording
 from twin.audit.grips import GripWatch
 from twin.audit.joint_checks import joint_violations
 from twin.audit.pairs import Asked, gaps
@@ -258,8 +258,10 @@ class _Watch:
                 travel_of_points(ends[:, :3, :3], ends[:, :3, 3], shape.radius)[0]
             )
             if jump > JUMP:
+                after = stretch.placements[box.name].holder
+                detail = f"when it goes from {_whose(before)} to {after or 'rest'}"
                 self._jumped.append(
-                    Violation(t, t, box.name, "jump", jump, kind="jump")
+                    Violation(t, t, box.name, "jump", jump, detail, "jump")
                 )
 
     def report(self, engine: str, besides: Sequence[Violation] = ()) -> AuditReport:
@@ -274,6 +276,10 @@ class _Watch:
         return AuditReport(
             self._configurations, self._least, self._bound, _by_time(found), engine
         )
+
+
+def _whose(row: ObjectRow | None) -> str:
+    return (row.holder if row else None) or "rest"
 
 
 def _by_time(found: Iterable[Violation]) -> tuple[Violation, ...]:
