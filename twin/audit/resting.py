@@ -130,8 +130,8 @@ class RestWatch:
                 continue
             goal = self._goals.get(name)
             if goal is None or not np.allclose(goal, self._poses[name], atol=1e-3):
-                return min(TOUCH, self._wanted.touch_m)
-        return self._wanted.touch_m
+                return TOUCH
+        return max(TOUCH, self._wanted.touch_m)
 
     def _sinks_into(self, upper: str, lower: str) -> bool:
         """Tell whether one object comes nearer to another if it sinks."""

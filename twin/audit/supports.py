@@ -21,6 +21,9 @@ SUPPORT = 0.003
 """A tool that holds against objects is no further away from one: studs, 1.7 mm high, are no part
 of the boxes [m]."""
 
+STANDING = 1e-9
+"""Joints that move by less than this stand: rounding [rad or m]."""
+
 _FAR = 10.0
 _SUPPORTS = ("support-bottom", "support-top")
 _PLACES = ("place-down", "place-up")
@@ -102,7 +105,7 @@ def _node_span(rows: RobotRows, k: int) -> tuple[float, float]:
 def _stands(rows: RobotRows, begin: float, end: float) -> bool:
     inside = rows.t[(rows.t > begin) & (rows.t < end)]
     q = rows.at(np.concatenate([[begin], inside, [end]]))
-    return bool(np.all(q == q[0]))
+    return bool(np.all(np.abs(q - q[0]) <= STANDING))
 
 
 def _handed_over(recording: Recording, change: _Change) -> Iterator[Violation]:

@@ -44,8 +44,8 @@ class Wanted:
     Attributes:
         places: of all that is put somewhere; any order.
         hold: what keeps objects at rest.
-        touch_m: what is nearer than this touches; of named objects that are not in their
-            places yet at most ``TOUCH`` [m].
+        touch_m: what is nearer than this touches, between named objects in their places and
+            fixtures; ``TOUCH`` for others, and at least [m].
         opening_m: how far fingers stand open in the geometry of tools: they close on what they
             hold from there; 0 for tools that do not close [m].
     """

@@ -64,7 +64,7 @@ class PickPlaceKind(AssemblyKind):
             for k, name in enumerate(self.section.steps, start=1)
         )
         section = self.section
-        return Wanted(places, "weight", opening_m=section.grips.opening_m)
+        return Wanted(places, "weight", section.touch_m, section.grips.opening_m)
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
