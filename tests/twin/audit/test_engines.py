@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from planning.cell.cover import box_body
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.errors import RequestError
 from planning.robots.registry import robot_model
-from planning.transforms import from_rpy, rotation
+from planning.transforms import from_rpy, rotation, translation
 from tests.twin.audit.audit_cell import HandWrittenRun, brick, reach, two_arm_cell
 from twin.audit.accepted_overlaps import SLACK
 from twin.audit.audit import AuditReport, audit_run
@@ -182,6 +183,62 @@ def test_coal_keeps_angles_of_continuous_joints(tmp_path: Path) -> None:
     box, ball = world.robot_shapes
     assert (box.joint, ball.joint) == (-1, 0)
     assert world.distance(box, ball, 1.0) == pytest.approx(0.2, abs=1e-6)
+
+
+ROLLS = """<robot name="rolls">
+  <link name="base"><collision><geometry><cylinder radius="0.05" length="0.2"/></geometry>
+  </collision></link>
+  <link name="hand"><collision><origin xyz="0.12 0.03 0.05" rpy="0.4 1.1 0.2"/>
+    <geometry><cylinder radius="0.04" length="0.15"/></geometry></collision></link>
+  <joint name="turn" type="revolute"><parent link="base"/><child link="hand"/>
+    <origin xyz="0.1 0.05 0.15"/><axis xyz="0 0.6 0.8"/>
+    <limit lower="-3" upper="3" velocity="2" effort="1"/></joint>
+</robot>"""
+
+
+def _into(cylinder: tuple[np.ndarray, float, float], point: np.ndarray) -> np.ndarray:
+    """The point of a cylinder (pose, radius, half length) that is nearest to another one."""
+    pose, radius, half = cylinder
+    local = pose[:3, :3].T @ (point - pose[:3, 3])
+    local[:2] *= min(1.0, radius / max(float(np.linalg.norm(local[:2])), 1e-12))
+    local[2] = np.clip(local[2], -half, half)
+    return np.asarray(pose[:3, :3] @ local + pose[:3, 3])
+
+
+@pytest.mark.parametrize(
+    ("engine", "tolerance"),
+    [pytest.param("pybullet", TOLERANCE, marks=needs_pybullet), ("coal", 2e-6)],
+)
+def test_distances_of_cylinders_are_true(
+    tmp_path: Path, engine: Engine, tolerance: float
+) -> None:
+    """Oracle: projections from one to the other and back, which end at the nearest points."""
+    urdf = tmp_path / "rolls.urdf"
+    urdf.write_text(ROLLS)
+    model = robot_model(str(urdf))
+    world = open_world(
+        Workcell((PlacedRobot("r", model, np.eye(4), model.home),), (), ()), engine
+    )
+    axis = np.array([0.0, 0.6, 0.8])
+    apart = 0
+    for angle in np.linspace(-2.9, 2.9, 9):
+        joint = translation(0.1, 0.05, 0.15)
+        joint[:3, :3] = Rotation.from_rotvec(angle * axis).as_matrix()
+        hand = joint @ from_rpy([0.12, 0.03, 0.05], [0.4, 1.1, 0.2])
+        cylinders = (np.eye(4), 0.05, 0.1), (hand, 0.04, 0.075)
+        there = hand[:3, 3]
+        for _ in range(2000):
+            here = _into(cylinders[0], there)
+            there = _into(cylinders[1], here)
+        expected = float(np.linalg.norm(here - there))
+        if expected < 1e-4:
+            continue
+        apart += 1
+        world.configure(0, np.array([angle]))
+        found = world.distance(*world.robot_shapes, 1.0)
+        assert found == pytest.approx(expected, abs=tolerance)
+    world.close()
+    assert apart > 4
 
 
 def test_without_pybullet_coal_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
