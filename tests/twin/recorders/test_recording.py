@@ -26,6 +26,7 @@ from twin.recorders.rerun.robots import frame_times
 from twin.run.activities import LANE_COLOURS, WAITING
 from twin.run.gantt import draw_gantt
 from twin.run.run_record import Run
+from twin.run.team_colours import rgb, team_colours
 from twin.run.trajectory import object_placements, robot_trajectories
 
 
@@ -186,6 +187,12 @@ def test_a_gantt_chart_is_drawn(recorded: tuple, tmp_path: Path) -> None:
     assert picture.shape[1] > 1500
     colours = np.unique(picture.reshape(-1, picture.shape[2])[::7], axis=0)
     assert len(colours) > 20
+    seen = {
+        tuple(c)
+        for c in np.rint(255 * picture[::3, ::1, :3]).astype(int).reshape(-1, 3)
+    }
+    names = [robot.name for robot in tpg.cell.robots]
+    assert {rgb(colour) for colour in team_colours(names).values()} <= seen
 
 
 def test_long_runs_wrap_into_rows(tmp_path: Path) -> None:
