@@ -8,12 +8,13 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import Normalize, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from planning.tasks.task import TRANSIT
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.host.pictures import INK, new_picture, style_axes
@@ -52,18 +53,16 @@ def draw_bands(tpg: TemporalPlanGraph, tally: TaskTally) -> Figure:
         axes.set_ylim(len(lane_of) - 0.4, -0.6)
         axes.set_yticks(range(len(lane_of)), list(lane_of))
         style_axes(axes, grid="x")
-        for k, index in enumerate(groups.task.tolist()):
-            if end[2, k] < low or start[0, k] > high:
-                continue
-            task = tpg.tasks[index]
-            _draw_task(
-                axes,
-                lane_of[task.robot],
-                start[:, k],
-                end[:, k],
-                float(share[k]),
-                "" if task.kind == TRANSIT else str(task.step),
-            )
+        seen = np.flatnonzero((end[2] >= low) & (start[0] <= high))
+        tasks = [tpg.tasks[index] for index in groups.task[seen].tolist()]
+        _draw_tasks(
+            axes,
+            np.array([lane_of[task.robot] for task in tasks]),
+            start[:, seen],
+            end[:, seen],
+            share[seen],
+            ["" if task.kind == TRANSIT else str(task.step) for task in tasks],
+        )
     panels[-1].set_xlabel(
         f"time [s]; bars from median start to median end, with the number of the step,\n"
         f"lines from P10 to P90 of {len(tally.start_ns)} replications"
@@ -118,41 +117,48 @@ def draw_sobol(indices: Sequence[SobolIndex]) -> Figure:
     return figure
 
 
-def _draw_task(
+def _draw_tasks(
     axes: Axes,
-    lane: int,
+    lanes: Indices,
     start: Array,
     end: Array,
-    share: float,
-    text: str,
+    share: Array,
+    texts: Sequence[str],
 ) -> None:
-    thin = not text
-    height = 0.34 if thin else 0.62
-    axes.barh(
-        lane,
-        end[1] - start[1],
-        left=start[1],
-        height=height,
-        color=_CRITICALITY(share) if share > 0 else "#eef0f2",
-        edgecolor="#8a929b",
-        linewidth=0.4,
-    )
-    for times, offset in ((start, -0.36), (end, 0.36)):
-        if not thin:
-            axes.plot(
-                times[[0, 2]], [lane + offset] * 2, color=INK, linewidth=1.1, alpha=0.7
-            )
-    # A number stands where its bar is seen; one that is wider would run into its neighbour's.
-    low, high = axes.get_xlim()
-    seen = max(float(start[1]), low), min(float(end[1]), high)
-    if text and seen[1] - seen[0] > (0.003 + 0.008 * len(text)) * (high - low):
-        axes.text(
-            0.5 * sum(seen),
-            lane,
-            text,
-            ha="center",
-            va="center",
-            fontsize=7,
-            color="white" if share > 0.6 else INK,
-            clip_on=True,
+    """Draw tasks: bars, all at once, with their numbers and the bands of those that have one."""
+    named = np.array([bool(text) for text in texts], dtype=bool)
+    half = np.where(named, 0.31, 0.17)
+    left, right, low, high = start[1], end[1], lanes - half, lanes + half
+    corners = np.stack([(left, low), (right, low), (right, high), (left, high)], axis=0)
+    colours = _CRITICALITY(share)
+    colours[share <= 0] = to_rgba("#eef0f2")
+    axes.add_collection(
+        PolyCollection(
+            list(np.moveaxis(corners, 2, 0)),
+            facecolors=colours,
+            edgecolors="#8a929b",
+            linewidths=0.4,
         )
+    )
+    bands = [
+        [(times[0, k], lanes[k] + offset), (times[2, k], lanes[k] + offset)]
+        for times, offset in ((start, -0.36), (end, 0.36))
+        for k in np.flatnonzero(named)
+    ]
+    axes.add_collection(LineCollection(bands, colors=INK, linewidths=1.1, alpha=0.7))
+    begin, until = axes.get_xlim()
+    for k in np.flatnonzero(named).tolist():
+        # A number stands where its bar is seen; a wider one would run into its neighbour's.
+        seen = max(float(left[k]), begin), min(float(right[k]), until)
+        room = (0.003 + 0.008 * len(texts[k])) * (until - begin)
+        if seen[1] - seen[0] > room:
+            axes.text(
+                0.5 * sum(seen),
+                lanes[k],
+                texts[k],
+                ha="center",
+                va="center",
+                fontsize=7,
+                color="white" if share[k] > 0.6 else INK,
+                clip_on=True,
+            )
