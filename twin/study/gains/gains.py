@@ -29,12 +29,12 @@ TRYING = "what is worth fixing"
 _BUDGET = 500_000_000
 """Nodes and edges looked at for a study: some seconds, whatever its size."""
 
-_BUDGET_BY_EVENTS = 400_000
+_BUDGET_BY_EVENTS = 1_000_000
 """The same where the event engine has to do it."""
 
 _LEAST, _MOST = 100, 2000
-_LEAST_BY_EVENTS, _MOST_BY_EVENTS = 10, 200
-"""Replications of a cell."""
+_LEAST_BY_EVENTS, _MOST_BY_EVENTS = 8, 200
+"""Replications of a cell; where fewer are affordable by events nothing is tried."""
 
 _MOST_VALUES = 8_000_000
 """Nodes and edges times replications that are in memory at once."""
@@ -73,7 +73,8 @@ class CellGains:
     """Gains in one cell of a study.
 
     Attributes:
-        replications: that were executed again, the first ones that complete.
+        replications: that were executed again, the first ones that complete; 0 where the plan
+            is too large for that, or none completes.
         engine: ``paths`` or ``events``.
         gains: the greatest first.
     """
@@ -124,8 +125,10 @@ def cell_gains(
         share: of what a study may spend.
     """
     numbers = np.arange(_affordable(load, count, share), dtype=np.int64)
-    replay = replay_of(load, numbers)
     engine = "events" if needs_events(load) else "paths"
+    if len(numbers) == 0:
+        return CellGains(0, engine, ())
+    replay = replay_of(load, numbers)
     if len(replay.draws.numbers) == 0:
         return CellGains(0, engine, ())
     most = FEW if engine == "events" else MANY
@@ -175,6 +178,8 @@ def _affordable(load: Workload, count: int, share: float) -> int:
     affordable = share * budget / (2 * levers * replay_cost(load))
     # A replication of a study takes a few times as long as to execute it again by paths.
     affordable = max(affordable, count / (4 * levers if needs_events(load) else levers))
+    if needs_events(load) and affordable < least:
+        return 0
     most = max(least, min(most, _MOST_VALUES // replay_cost(load)))
     return min(count, int(np.clip(affordable, least, most)) // 2 * 2)
 

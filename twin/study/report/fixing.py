@@ -42,6 +42,11 @@ def gains_tables(cell: CellGains, label: str, *, confidence: float, most: int) -
         confidence: of the intervals.
         most: rows of each table.
     """
+    if cell.replications == 0:
+        return paragraph(
+            f"{label}: nothing was tried. No replication was completed, or the event engine would"
+            " take longer for it than for the study; more replications give it more time."
+        )
     share = f"{100 * confidence:g} %"
     made = f"seconds gained with {share} intervals, {cell.replications} replications"
     tables = []

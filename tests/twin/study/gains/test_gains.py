@@ -51,8 +51,9 @@ def test_replications_that_are_tried_follow_from_sizes_alone() -> None:
         disturbances=Disturbances(emergency_stops=(stop,)),
         reasons=("emergency_stops",),
     )
-    cell = cell_gains(ONE, load, 500, share=0.0)
-    assert (cell.replications, cell.engine) == (10, "events")
+    assert cell_gains(ONE, load, 500, share=0.0).replications == 0
+    cell = cell_gains(ONE, load, 1000, share=0.0)
+    assert (cell.replications, cell.engine) == (8, "events")
     assert "emergency stops" in [gain.lever.name for gain in cell.gains]
 
 
