@@ -79,8 +79,14 @@ def needs_events(load: Workload) -> bool:
 
 def replay_cost(load: Workload) -> int:
     """Return how many nodes and edges are looked at in one replication."""
-    tpg = load.tpg if load.reasons else contract(load.tpg).tpg
+    tpg = contract(load.tpg).tpg if _in_segments(load) else load.tpg
     return sum(len(chain) for chain in tpg.chains) + len(tpg.edges)
+
+
+def _in_segments(load: Workload) -> bool:
+    """Tell whether joined nodes give the same times: no messages, no planned clock."""
+    by_clock = needs_events(load) and load.execution.policy == "open-loop"
+    return load.execution.messages.instant and not by_clock
 
 
 class PathReplay:
@@ -190,8 +196,7 @@ class EventReplay:
     def __init__(self, load: Workload, numbers: Indices) -> None:
         self._model, self._seed = load.execution, load.seed
         policy = load.execution.policy
-        whole = load.execution.messages.instant and policy != "open-loop"
-        cut = contract(load.tpg) if whole else _node_by_node(load.tpg)
+        cut = contract(load.tpg) if _in_segments(load) else _node_by_node(load.tpg)
         self.tpg, self.graph = cut.tpg, policy_graph(cut.tpg, policy)
         self.draws = _drawn(load, cut, numbers)
         barred = with_barriers(cut.tpg) if policy == "synchronous" else cut.tpg
