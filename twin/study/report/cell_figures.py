@@ -84,9 +84,8 @@ def draw_tornado(influences: Sequence[Influence], mean_s: float) -> Figure:
         influences: the strongest first.
         mean_s: the mean makespan [s].
     """
-    shown = list(influences)[:14]
-    figure, axes = bar_chart([one.name for one in shown], 0.36)
-    for k, one in enumerate(shown):
+    figure, axes = bar_chart([one.name for one in influences], 0.36)
+    for k, one in enumerate(influences):
         axes.barh(k, one.less_s, color=_LESS, height=0.62)
         axes.barh(k, one.more_s, color=_MORE, height=0.62)
     for colour, word in ((_LESS, "less"), (_MORE, "more")):
@@ -101,12 +100,11 @@ def draw_tornado(influences: Sequence[Influence], mean_s: float) -> Figure:
 
 def draw_sobol(indices: Sequence[SobolIndex]) -> Figure:
     """Draw the shares of inputs in the variance of the mean makespan."""
-    shown = list(indices)[:14]
-    figure, axes = bar_chart([one.name for one in shown], 0.42)
-    places = np.arange(len(shown))
+    figure, axes = bar_chart([one.name for one in indices], 0.42)
+    places = np.arange(len(indices))
     for offset, colour, label, values in (
-        (-0.18, _LESS, "alone", [one.first for one in shown]),
-        (0.18, _MORE, "alone and together with others", [o.total for o in shown]),
+        (-0.18, _LESS, "alone", [one.first for one in indices]),
+        (0.18, _MORE, "alone and together with others", [o.total for o in indices]),
     ):
         axes.barh(places + offset, values, height=0.34, color=colour, label=label)
     legend_below(axes)
