@@ -39,6 +39,8 @@ class NodeChain:
         skill: True for skill nodes, shape (nodes,).
         duration: nominal duration of each node, shape (nodes,) [s].
         planned_start: start of each node in the input plan, shape (nodes,) [s].
+        least: least duration of each node that the joints' speed limits allow, shape (nodes,)
+            [s], in a graph that is kept without paths; empty where the waypoints say it.
     """
 
     robot: str
@@ -50,6 +52,7 @@ class NodeChain:
     skill: npt.NDArray[np.bool_]
     duration: Array
     planned_start: Array
+    least: Array = field(default_factory=lambda: np.empty(0))
 
     def __len__(self) -> int:
         """Return the number of nodes."""

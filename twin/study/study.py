@@ -76,8 +76,8 @@ class StudyResult:
         summary: the content of ``summary.json``.
         loads: the work of its cells.
         gains: what is worth fixing, by cell.
-        too_short: skills of replication 0 that were drawn shorter than joints' speed limits
-            allow, in the cell that has most of them.
+        raised_skills: skills of replication 0 that were drawn shorter than joints' speed limits
+            allow and took what these allow, in the cell that has most of them.
     """
 
     folder: Path
@@ -85,7 +85,7 @@ class StudyResult:
     summary: Mapping[str, Any]
     loads: Sequence[Workload]
     gains: Sequence[CellGains]
-    too_short: int
+    raised_skills: int
 
 
 def start_study(
@@ -181,13 +181,11 @@ def _run(
     counts = [cell["replications"] for cell in summary["cells"]]
     gains = study_gains(experiment, loads, counts, progress)
     write_gains(folder, experiment, gains)
-    too_short = max(
-        load.execution.durations.bind(plans[NAMED_POLICIES[policy].plan]).raised(
-            seed=load.seed, replication=0
-        )
-        for load, (policy, _) in zip(loads, experiment.cells, strict=True)
+    raised_skills = max(
+        load.execution.durations.bind(load.tpg).raised(seed=load.seed, replication=0)
+        for load in loads
     )
-    return StudyResult(folder, request, summary, loads, gains, too_short)
+    return StudyResult(folder, request, summary, loads, gains, raised_skills)
 
 
 def _audits(

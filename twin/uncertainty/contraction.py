@@ -110,4 +110,5 @@ def _contract_chain(chain: NodeChain, first: Indices) -> NodeChain:
         if len(first)
         else np.zeros(0),
         planned_start=chain.planned_start[first],
+        least=np.empty(0),
     )

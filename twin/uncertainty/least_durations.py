@@ -37,13 +37,16 @@ def least_seconds(chain: NodeChain, model: RobotModel) -> Array:
 def least_ns(tpg: TemporalPlanGraph) -> tuple[Nanoseconds, ...]:
     """Return the least duration of every node that joint speeds allow, one array a chain [ns].
 
-    It is 0 for a robot that the cell does not describe, as in graphs kept without geometry.
+    Graphs that are kept without paths know it; it is 0 in those that do not.
     """
     models = {robot.name: robot.model for robot in tpg.cell.robots}
     out = []
     for chain in tpg.chains:
         model = models.get(chain.robot)
-        seconds = np.zeros(len(chain)) if model is None else least_seconds(chain, model)
+        if model is not None:
+            seconds = least_seconds(chain, model)
+        else:
+            seconds = chain.least if len(chain.least) else np.zeros(len(chain))
         nanoseconds = seconds * NANOSECONDS * (1.0 - _ROUNDING)
         out.append(np.ceil(nanoseconds).astype(np.int64))
     return tuple(out)

@@ -15,6 +15,7 @@ from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.run.trajectory import robot_trajectories
+from twin.study.replications.workload import timing_graph
 from twin.uncertainty.disturbances import Disturbances, FixedFactor, Speed
 from twin.uncertainty.least_durations import least_ns
 from twin.uncertainty.skill_durations import SkillDurations
@@ -51,6 +52,22 @@ def test_skills_run_at_their_limits_at_most_in_both_engines() -> None:
         segments = bulk.sample(seed=0, replications=[0]).busy_ns[:, 0]
         assert segments.sum() == sum(int(own.sum()) for own in run.duration_ns)
         assert bulk.least_makespan_ns() <= run.makespan_ns
+
+
+def test_graphs_without_paths_know_how_quick_they_can_be() -> None:
+    for seed in range(5):
+        tpg = planned(seed)
+        bare = timing_graph(tpg)
+        assert not bare.cell.robots
+        for own, kept in zip(least_ns(tpg), least_ns(bare), strict=True):
+            assert own.tolist() == kept.tolist()
+        model = ExecutionModel(QUICK)
+        run, again = (Simulator(graph, model).run(seed=0) for graph in (tpg, bare))
+        assert again.makespan_ns == run.makespan_ns
+        assert again.raised_skills == run.raised_skills > 0
+        bulk = [BulkEngine(graph, model) for graph in (tpg, timing_graph(bare))]
+        times = [b.sample(seed=0, replications=range(3)).busy_ns for b in bulk]
+        assert times[0].tolist() == times[1].tolist()
 
 
 def test_what_is_slow_enough_is_left_alone() -> None:

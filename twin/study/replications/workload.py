@@ -15,6 +15,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from planning.cell.body import Capsules, ConvexBody
+from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import CellObject, Workcell
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations import Nanoseconds
@@ -33,6 +34,7 @@ from twin.study.replications.block_results import (
     task_groups,
 )
 from twin.study.replications.experiment import Block
+from twin.uncertainty.least_durations import least_seconds
 
 _NO_BODY = ConvexBody(
     "none", np.zeros((0, 3)), Capsules(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
@@ -185,12 +187,18 @@ def _columns(values: Sequence[tuple[Nanoseconds, ...]], nodes: int) -> Nanosecon
 
 
 def timing_graph(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
-    """Return a plan, contracted or not, without robots' models, shapes, poses and paths."""
+    """Return a plan without robots' models, shapes, poses and paths.
+
+    What the paths say of time stays: how quick each node can be at all.
+    """
+    models = {robot.name: robot.model for robot in tpg.cell.robots}
     return replace(
         tpg,
         cell=bare_cell({item.name: item.kind for item in tpg.cell.objects}),
         tasks=tuple(replace(t, path=np.zeros((0, 0)), handlings=()) for t in tpg.tasks),
-        chains=tuple(_bare_chain(chain) for chain in tpg.chains),
+        chains=tuple(
+            _bare_chain(chain, models.get(chain.robot)) for chain in tpg.chains
+        ),
         handlings=(),
         allowed=(),
     )
@@ -205,9 +213,10 @@ def bare_cell(kinds: dict[str, str]) -> Workcell:
     return Workcell((), (), items)
 
 
-def _bare_chain(chain: NodeChain) -> NodeChain:
+def _bare_chain(chain: NodeChain, model: RobotModel | None) -> NodeChain:
     return replace(
         chain,
+        least=chain.least if model is None else least_seconds(chain, model),
         start=np.zeros(0),
         waypoints=np.zeros((0, 0)),
         fraction=np.zeros(0),

@@ -18,12 +18,11 @@ def assumptions(result: StudyResult) -> Iterator[tuple[str, str]]:
     request = result.request
     experiment, scenario = request.experiment, request.scenario
     yield "Times of skills", "; ".join(_skills(result)) or "none: there are no skills"
-    if result.too_short:
+    if result.raised_skills:
         yield (
             "Too short for the joints",
-            f"{result.too_short} skills of replication 0 are drawn shorter than the joints' speed limits"
-            " allow. A study keeps them as drawn; twin run makes them as long as the limits ask,"
-            " and its makespans are longer by that.",
+            f"{result.raised_skills} skills of replication 0 are drawn shorter than the joints' speed"
+            " limits allow, and take what these allow.",
         )
     yield "Times of motions", _motions(result)
     yield "Disturbances", "; ".join(_disturbances(scenario.execution)) or "none"
