@@ -16,13 +16,13 @@ cell:
   robots:
     - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
     - {name: right, model: gp4, base: {xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}
+  fixtures: [{name: plate, size_m: [0.384, 0.384, 0.005], pose: {xyz_m: [0.44, 0, 1.112]}}]
 assembly:
-  kind: lego
-  plate: {pose: {xyz_m: [0.44, 0, 1.1145]}}
-  stock:
-    - {name: b1, brick: 2x4, at: [4, 40, 1]}
-  steps:
-    - {brick: 2x4, at: [24, 40, 1], press: {side: 1, offset: 1}}
+  kind: pick-and-place
+  parts:  # where it belongs already: nobody touches it
+    - {name: b1, size_m: [0.0158, 0.0318, 0.0096], start: {xyz_m: [0.2881234, 0.1441234, 1.1193]},
+       goal: {xyz_m: [0.2881234, 0.1441234, 1.1193]}}
+  steps: [b1]
 execution:
   skills:
     pick: {kind: lognormal, median_s: 5, p95_s: 6}

@@ -165,15 +165,15 @@ def test_violations_end_with_code_1_and_are_listed(
 def test_the_audit_holds_a_run_to_its_scenario_not_to_its_plan(
     plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The same plan under a scenario whose bricks belong one stud further on."""
+    """The same plan under a scenario whose part belongs 8 mm further on."""
     from dataclasses import replace
 
     from planning.transforms import translation
-    from twin.planning.lego import LegoKind
+    from twin.planning.pick_place import PickPlaceKind
 
-    told = LegoKind.wanted
+    told = PickPlaceKind.wanted
 
-    def further(self: LegoKind) -> object:
+    def further(self: PickPlaceKind) -> object:
         wanted = told(self)
         places = wanted.places
         aside = translation(0.008, 0.0, 0.0)
@@ -182,7 +182,7 @@ def test_the_audit_holds_a_run_to_its_scenario_not_to_its_plan(
             places=tuple(replace(place, pose=aside @ place.pose) for place in places),
         )
 
-    monkeypatch.setattr(LegoKind, "wanted", further)
+    monkeypatch.setattr(PickPlaceKind, "wanted", further)
     out = tmp_path / "run"
     result = invoke(
         "run", plan / "two.yaml", "--plan", plan, "--out", out, "--no-recording"
@@ -190,7 +190,7 @@ def test_the_audit_holds_a_run_to_its_scenario_not_to_its_plan(
     assert result.exit_code == 1
     audit = json.loads((out / "summary.json").read_text())["audit"]
     assert {v["kind"] for v in audit["violations"]} == {"place"}
-    assert "8.00 mm off" in result.stdout
+    assert "up to 8.00 mm off" in result.stdout
 
 
 def test_an_interrupt_in_the_twin_leaves_a_readable_log_and_code_130(
