@@ -74,7 +74,12 @@ class CellObject:
 
 @dataclass(frozen=True)
 class Clearances:
-    """Least distances kept [m]: between robots, and between a robot and anything else."""
+    """Least distances that are kept.
+
+    Attributes:
+        robot_robot: between two robots, with their tools and all that they carry [m].
+        robot_object: between a robot, or what it carries, and anything else [m].
+    """
 
     robot_robot: float = 0.001
     robot_object: float = 0.0

@@ -66,9 +66,7 @@ class MovingPair:
             for name in (first, second)
         )
         between = cell.clearances.robot_robot + margin
-        to_objects = cell.clearances.robot_object + margin
-        limits = np.full((len(one.entities), len(two.entities)), to_objects)
-        limits[: one.parts, : two.parts] = between
+        limits = np.full((len(one.entities), len(two.entities)), between)
         for i, x in enumerate(one.entities):
             for j, y in enumerate(two.entities):
                 still = one.hulls.joint[i] < 0 and two.hulls.joint[j] < 0

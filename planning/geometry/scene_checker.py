@@ -123,15 +123,19 @@ class SceneChecker:
         return other
 
     def _allow(self, allowed: frozenset[frozenset[str]]) -> None:
-        """Write the least distances to boxes, to other robots, and between own bodies."""
+        """Write the least distances to boxes, to other robots, and between own bodies.
+
+        What robots hold keeps the clearance of robots from other robots, and what these hold.
+        """
         own, boxes, others = self._own, self._boxes, self._others
         parts = own.parts
         box_limit = np.full((len(own.solids), len(boxes.rows)), self._to_objects)
         solid_limit = np.full(
             (len(own.solids), len(others.solids)), self._between_robots
         )
-        solid_limit[parts:] = self._to_objects
         self_limit = own.self_limits.copy()
+        in_hand = [k for k, name in enumerate(boxes.names) if name in boxes.in_hand]
+        box_limit[:, in_hand] = self._between_robots
         box_limit[own.hulls.joint < 0, : boxes.fixtures] = SKIP
         for pair in allowed:
             if len(pair) != 2:
@@ -231,7 +235,7 @@ def _surroundings(
         if at.holder is not None and at.holder != robot:
             hand = frame_pose(cell.robot(at.holder), state.configurations[at.holder])
             there = (item.name, item.body, item.size, hand @ at.pose)
-            boxes = boxes.plus([there])
+            boxes = boxes.plus([there], in_hand=True)
     return held_by(robot, held), boxes
 
 

@@ -102,12 +102,14 @@ class StandingBoxes:
         rows: of their places, in the same order.
         fixtures: how many fixtures there are.
         places: arrays that the rows are of.
+        in_hand: names of those that another robot holds.
     """
 
     names: tuple[str, ...]
     rows: Indices
     fixtures: int
     places: _Places
+    in_hand: frozenset[str] = frozenset()
 
     @cached_property
     def column(self) -> Mapping[str, int]:
@@ -165,12 +167,21 @@ class StandingBoxes:
             self.rows[chosen],
             self.fixtures,
             self.places,
+            self.in_hand,
         )
 
     def plus(
-        self, boxes: Sequence[tuple[str, ConvexBody, Array, Transform]]
+        self,
+        boxes: Sequence[tuple[str, ConvexBody, Array, Transform]],
+        *,
+        in_hand: bool = False,
     ) -> StandingBoxes:
-        """Return these boxes and more of them, each with name, body, size and pose."""
+        """Return these boxes and more of them, each with name, body, size and pose.
+
+        Args:
+            boxes: the others.
+            in_hand: whether another robot holds them.
+        """
         if not boxes:
             return self
         rows = [self.places.row(body, size, pose) for _, body, size, pose in boxes]
@@ -179,6 +190,7 @@ class StandingBoxes:
             np.concatenate([self.rows, np.array(rows, dtype=np.int64)]),
             self.fixtures,
             self.places,
+            self.in_hand.union(name for name, *_ in boxes) if in_hand else self.in_hand,
         )
 
 

@@ -88,15 +88,16 @@ class SkillScene:
             phase: of the skill.
         """
         after = phase in (Phase.SINCE_CHANGE, Phase.AFTER)
-        more = []
+        more, in_hand = [], []
         for name, (item, at) in self._not_at_rest(after=after).items():
             if at.holder == robot:
                 continue
-            pose = at.pose
-            if at.holder is not None:
-                holder = self.cell.robot(at.holder)
-                pose = frame_pose(holder, self.configurations[at.holder]) @ pose
-            more.append((name, item.body, item.size, pose))
+            if at.holder is None:
+                more.append((name, item.body, item.size, at.pose))
+                continue
+            holder = self.cell.robot(at.holder)
+            pose = frame_pose(holder, self.configurations[at.holder]) @ at.pose
+            in_hand.append((name, item.body, item.size, pose))
         if phase is Phase.AFTER and self.refill is not None:
             item, at = self.refill
             more.append((item.name, item.body, item.size, at.pose))
@@ -106,7 +107,10 @@ class SkillScene:
             WorldState(self.configurations, {}),
             self.contacts.in_phase(phase),
             margin=MARGIN,
-            amid=(self._held_by(robot, after=after), boxes.plus(more)),
+            amid=(
+                self._held_by(robot, after=after),
+                boxes.plus(more).plus(in_hand, in_hand=True),
+            ),
         )
 
     @cached_property

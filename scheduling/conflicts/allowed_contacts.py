@@ -29,7 +29,8 @@ class ContactTable(NamedTuple):
         following: next entry for the same pair, -1 for none, shape (entries,).
         first: where an entry's tasks begin, shape (entries + 1,).
         tasks: task indices, rising within an entry.
-        clearance: least distance robot to robot, and of anything to an object, shape (2,) [m].
+        clearance: least distance of what moves with two robots, and of anything to an object
+            at rest, see ``least_distance``, shape (2,) [m].
         robots: number of entities that belong to robots.
     """
 
@@ -76,6 +77,24 @@ def contact_table(
         len(GROUPS) * robots,
     )
     return packed(table)
+
+
+@inner_kernel
+def least_distance(
+    table: ContactTable, x: int, x_joint: int, y: int, y_joint: int
+) -> float:
+    """Return how near two entities of different occupancies may come [m].
+
+    What a robot carries moves with a joint, as its own parts do, and keeps the same clearance.
+
+    Args:
+        table: the clearances.
+        x, y: entities.
+        x_joint, y_joint: joints that carry them, negative for a robot's base and at rest.
+    """
+    if (x < table.robots or x_joint >= 0) and (y < table.robots or y_joint >= 0):
+        return float(table.clearance[0])
+    return float(table.clearance[1])
 
 
 @inner_kernel

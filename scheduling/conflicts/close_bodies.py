@@ -31,7 +31,11 @@ from planning.geometry.stretches import (
 from planning.kernels import inner_kernel
 from planning.packed import packed
 from planning.transforms import Array, Indices
-from scheduling.conflicts.allowed_contacts import ContactTable, may_touch
+from scheduling.conflicts.allowed_contacts import (
+    ContactTable,
+    least_distance,
+    may_touch,
+)
 from scheduling.conflicts.swept_sequence import LEAF, SweptSequence
 
 BLOCKS = -1
@@ -159,8 +163,9 @@ def keep_close_bodies(
                 )
             ):
                 continue
-            robots = u < table.robots and v < table.robots
-            least = table.clearance[0] if robots else table.clearance[1]
+            least = least_distance(
+                table, u, a_hulls.joint[one], v, b_hulls.joint[other]
+            )
         pairs[end, 0], pairs[end, 1] = x, y
         where[end, 0] = least
         end += 1

@@ -49,10 +49,13 @@ def hulls_conflict(
     pairs, where = descent.pairs[proposed].tolist(), descent.where[proposed].tolist()
     for (i, j), (x, y) in zip(pairs, where, strict=True):
         one, other = a.sequence.entity[s, i], b.sequence.entity[t, j]
-        limit = table.clearance[0 if one < robots and other < robots else 1]
-        limit = float(limit) - descent.slack
         solid_a = a.solids[a.hulls.solid[s, i]]
         solid_b = b.solids[b.hulls.solid[t, j]]
+        # As in ``least_distance``, which only compiled code can call.
+        both = (one < robots or solid_a.joint >= 0) and (
+            other < robots or solid_b.joint >= 0
+        )
+        limit = float(table.clearance[0 if both else 1]) - descent.slack
         if not np.isnan(x):
             q_a, q_b = a_from + x * (a_to - a_from), b_from + y * (b_to - b_from)
             if distance_at(solid_a, q_a, solid_b, q_b) < limit:

@@ -151,7 +151,7 @@ class _ClearanceCheck:
         loaded = np.array(
             [[x.load or y.load for y in b.bodies] for x in a.bodies], dtype=np.bool_
         )
-        limits = np.where(loaded, clearances.robot_object, clearances.robot_robot)
+        limits = np.full(loaded.shape, clearances.robot_robot)
         seen: dict[_Key, Problem] = {}
         for close in close_pairs(a.sweeps, b.sweeps, windows, limits):
             which = a.which(close.x, close.i), b.which(close.y, close.j)

@@ -173,8 +173,9 @@ class PlainGraph:
         pair = frozenset((x, y))
         return any(pair == p and set(tasks) <= t for p, t in self.allowed)
 
-    def limit(self, x: str, y: str) -> float:
-        robots = "/" in x and "/" in y
+    def limit(self, a: Piece, b: Piece) -> float:
+        """The least distance: what is carried keeps the robots' clearance, as a robot does."""
+        robots = all("/" in p.entity or p.solid.carrier is not None for p in (a, b))
         clearances = self.tpg.cell.clearances
         least = clearances.robot_robot if robots else clearances.robot_object
         return least + self.slack
@@ -185,7 +186,7 @@ class PlainGraph:
             return False
         if self.may_touch(a.entity, b.entity, (self.task(u), self.task(v))):
             return False
-        limit = self.limit(a.entity, b.entity)
+        limit = self.limit(a, b)
         return come_close(a.solid, a.q_a, a.q_b, b.solid, b.q_a, b.q_b, limit)
 
     @cached_property
@@ -229,5 +230,5 @@ class PlainGraph:
         """Tell whether two bodies are closer than allowed at two configurations."""
         if a.entity == b.entity:
             return False
-        limit = self.limit(a.entity, b.entity) - TOLERANCE
+        limit = self.limit(a, b) - TOLERANCE
         return distance_at(a.solid, at_a, b.solid, at_b) < limit

@@ -148,15 +148,16 @@ def _among_still(robot: str, touch: frozenset[str], clearances: Clearances) -> L
 def _between(
     robots: Sequence[str], touch: frozenset[str], clearances: Clearances
 ) -> Limit:
-    """Return the least distances of two robots; pads may touch what changes hands."""
+    """Return the least distances of two robots and what they carry.
+
+    Pads may touch what changes hands.
+    """
     pads = {f"{robot}/tool" for robot in robots}
 
     def limit(one: Part, other: Part) -> float:
         names = {one.entity, other.entity}
-        if all("/" in name for name in names):
-            return clearances.robot_robot
         return (
-            -MOST_OVERLAP if names & touch and names & pads else clearances.robot_object
+            -MOST_OVERLAP if names & touch and names & pads else clearances.robot_robot
         )
 
     return limit

@@ -59,13 +59,10 @@ def body_limits(
     own = [body for m, mover in enumerate(movers) for body in _bodies(m, mover)]
     touchable = [_touchable(body.entity, allowed) for body in own]
     to_boxes = np.full((len(own), len(boxes)), to_objects)
-    to_entities = np.full((len(own), len(numbers)), to_objects)
-    robots = 2 * len(cell.robots)
+    to_entities = np.full((len(own), len(numbers)), between)
     for i, body in enumerate(own):
-        if body.part:
-            to_entities[i, :robots] = between
-            if body.joint < 0:
-                to_boxes[i, : len(cell.fixtures)] = SKIP
+        if body.part and body.joint < 0:
+            to_boxes[i, : len(cell.fixtures)] = SKIP
         to_entities[i, [numbers[e] for e in touchable[i] if e in numbers]] = SKIP
         to_boxes[i, [name in touchable[i] for name in boxes]] = SKIP
         if body.level is not None:
@@ -73,9 +70,7 @@ def body_limits(
             low, high = body.level
             gap = np.maximum(bounds[:, 2] - high, low - bounds[:, 5])
             to_boxes[i, gap >= to_objects] = SKIP
-    return Limits(
-        to_boxes, to_entities, _own_limits(movers, own, touchable, between, to_objects)
-    )
+    return Limits(to_boxes, to_entities, _own_limits(movers, own, touchable, between))
 
 
 def _own_limits(
@@ -83,7 +78,6 @@ def _own_limits(
     own: Sequence[_OwnBody],
     touchable: Sequence[set[str]],
     between: float,
-    to_objects: float,
 ) -> Array:
     limits = np.full((len(own), len(own)), SKIP)
     first = 0
@@ -95,7 +89,7 @@ def _own_limits(
         if b.entity in touchable[i]:
             limits[i, j] = SKIP
         elif a.mover != b.mover and (a.joint >= 0 or b.joint >= 0):
-            limits[i, j] = between if a.part and b.part else to_objects
+            limits[i, j] = between
     return limits
 
 

@@ -75,9 +75,8 @@ def conflicting_pieces(
         touching: pairs of entities that may touch, by task.
     """
     numbers = cell_entities(cell)
-    count, robots = len(numbers), 2 * len(cell.robots)
-    limits = np.full((count, count), cell.clearances.robot_object + _MARGIN)
-    limits[:robots, :robots] = cell.clearances.robot_robot + _MARGIN
+    count = len(numbers)
+    limits = np.full((count, count), cell.clearances.robot_robot + _MARGIN)
     allowed = np.zeros((len(touching), count, count), dtype=np.bool_)
     for task, pairs in enumerate(touching):
         for pair in pairs:

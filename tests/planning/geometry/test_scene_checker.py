@@ -71,22 +71,23 @@ def _least_gap(cell: Workcell, state: WorldState, q: np.ndarray) -> float:
         for j in range(i + 1, len(mine)):
             if (i, j) not in one.model.never_collide:
                 gaps.append(distance_at(mine[i], q, mine[j], q))
-    boxes = [(f.body, f.pose) for f in cell.fixtures]
+    boxes = [(f.body, f.pose, 0.0) for f in cell.fixtures]
     hand = None
+    between = cell.clearances.robot_robot
     for item in cell.objects:
         at = state.attachments[item.name]
         if at.holder == "one":
             hand = resting_solid(item.name, item.body, frame_pose(one, q) @ at.pose)
         elif at.holder == "two":
-            boxes.append((item.body, frame_pose(two, q_two) @ at.pose))
+            boxes.append((item.body, frame_pose(two, q_two) @ at.pose, between))
         else:
-            boxes.append((item.body, at.pose))
-    solids = [resting_solid("box", body, pose) for body, pose in boxes]
-    for solid in solids:
-        gaps.extend(distance_at(a, q, solid, q) for a in mine)
+            boxes.append((item.body, at.pose, 0.0))
+    solids = [(resting_solid("box", body, pose), least) for body, pose, least in boxes]
+    for solid, least in solids:
+        gaps.extend(distance_at(a, q, solid, q) - least for a in mine)
     if hand is not None:
-        gaps.extend(distance_at(hand, q, b, q_two) for b in other)
-        gaps.extend(distance_at(hand, q, solid, q) for solid in solids)
+        gaps.extend(distance_at(hand, q, b, q_two) - between for b in other)
+        gaps.extend(distance_at(hand, q, solid, q) - least for solid, least in solids)
         gaps.extend(distance_at(a, q, hand, q) for a in mine[:3])
     return min(gaps)
 

@@ -116,7 +116,7 @@ class FixtureSection(Section):
 
 
 class ClearanceSection(Section):
-    """Least distances kept: between robots, and between a robot and anything else."""
+    """Least distances kept: between robots with all they carry, and to anything else."""
 
     robot_robot_m: Annotated[float, Field(ge=0, le=1)] = 0.001
     robot_object_m: Annotated[float, Field(ge=0, le=1)] = 0.0

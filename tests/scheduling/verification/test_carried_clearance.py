@@ -1,0 +1,98 @@
+"""A part in the hand keeps the robots' clearance, as the hand does: while planning and in the proof."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from planning.cell.workcell import Attachment, WorldState
+from planning.errors import PlanInvariantError
+from planning.geometry.moving_pair import MovingPair
+from planning.geometry.scene_checker import SceneChecker
+from planning.kinematics.kinematics import frame_pose
+from planning.tasks.task import AllowedContact, Handling
+from planning.transforms import Array, inverse, translation
+from scheduling.build_tpg import build_tpg
+from scheduling.verification.reference import ReferenceRobot, measure
+from scheduling.verification.verify import verify_plan
+from tests.scheduling.two_arms import Writer, block, two_arms
+from tests.scheduling.verification.test_verification import ONE_NODE, at, graph, named
+
+
+def beside_a_beam(gap: float, *, leaves: bool) -> Writer:
+    """Left holds a beam; right comes down on its end, but for a gap, and maybe goes home."""
+    at_stock = translation(0.44, -0.2, 0.24)
+    writer = Writer(two_arms((block("beam", (0.34, 0.03, 0.02), at_stock),)))
+    left, right = writer.cell.robots
+    pick, hold = (at(writer, "left", 0.29, y, 0.25) for y in (-0.2, 0.0))
+    local = inverse(frame_pose(left, pick)) @ at_stock
+    writer.move("left", pick, Handling("beam", -1, "left", local), step=ONE_NODE)
+    writer.move("left", hold, step=ONE_NODE)
+    goal, height = right.home, 0.30
+    for _ in range(4):
+        goal = at(writer, "right", 0.59, 0.0, height)
+        height += gap - distance(writer, hold, local, goal)
+    assert distance(writer, hold, local, goal) == pytest.approx(gap, abs=1e-5)
+    writer.move("right", goal, step=ONE_NODE)
+    if leaves:
+        writer.move("right", right.home, step=ONE_NODE)
+    everything = frozenset(task.index for task in writer.tasks)
+    writer.allowed.append(AllowedContact("left/tool", "beam", everything))
+    return writer
+
+
+def distance(writer: Writer, hold: Array, local: Array, goal: Array) -> float:
+    """How far the beam is from the right robot."""
+    left, right = (ReferenceRobot(robot) for robot in writer.cell.robots)
+    beam = left.load("beam", writer.cell.object("beam").size, local)
+    hand = left.joint_frame(hold, beam.joint)
+    return min(
+        measure(beam, hand, part, right.joint_frame(goal, part.joint))
+        for part in right.parts
+    )
+
+
+@pytest.mark.parametrize("gap", [0.0003, 0.0007])
+def test_a_robot_too_near_to_a_part_that_another_holds_is_found(gap: float) -> None:
+    writer = beside_a_beam(gap, leaves=True)
+    report = verify_plan(graph(writer, (0, 1, 1, 0)))
+    assert {named(p)[0] for p in report.problems} == {"hold"}
+    assert all("beam" in p.message for p in report.problems)
+    with pytest.raises(PlanInvariantError, match="stands after node 1 of robot 'left'"):
+        build_tpg(writer.plan())
+
+
+def test_a_robot_that_keeps_the_clearance_from_it_may_pass() -> None:
+    writer = beside_a_beam(0.0013, leaves=True)
+    tpg = build_tpg(writer.plan())
+    assert verify_plan(tpg).ok
+    # And without the edges left swings the beam through where right may be already.
+    assert "nodes" in {named(p)[0] for p in verify_plan(graph(writer)).problems}
+
+
+@pytest.mark.parametrize(("gap", "free"), [(0.0007, False), (0.0013, True)])
+def test_motions_past_a_part_in_another_hand_keep_it_too(
+    gap: float, free: bool
+) -> None:
+    writer = beside_a_beam(gap, leaves=False)
+    held = writer.tasks[0].handlings[0]
+    state = WorldState(writer.q, {"beam": Attachment("left", held.pose)})
+    grips = frozenset({frozenset(("left/tool", "beam"))})
+    for robot in ("left", "right"):
+        checker = SceneChecker(writer.cell, robot, state, grips)
+        assert checker.configuration_free(writer.q[robot]) is free
+    pair = MovingPair(writer.cell, "left", "right", state, grips)
+    assert pair.clear(writer.q["left"], writer.q["right"]) is free
+
+
+def test_a_part_at_rest_is_not_touched_but_may_be_as_near_as_one_likes() -> None:
+    writer = beside_a_beam(0.0003, leaves=False)
+    left = writer.cell.robot("left")
+    held = writer.tasks[0].handlings[0]
+    lies = frame_pose(left, writer.q["left"]) @ held.pose
+    state = WorldState(
+        {"left": left.home, "right": writer.q["right"]},
+        {"beam": Attachment(None, lies)},
+    )
+    checker = SceneChecker(writer.cell, "right", state)
+    assert checker.configuration_free(np.array(writer.q["right"]))
