@@ -48,7 +48,7 @@ _CLEARANCE = _keys(
 _TASK = _keys(Task, "path", "handlings")
 _HANDLING = _keys(Handling, "pose")
 _NODE_HANDLING = _keys(NodeHandling, "pose", robot="chain")
-_CHAIN_ARRAYS = _keys(NodeChain, "robot")
+_CHAIN_ARRAYS = _keys(NodeChain, "robot", "least")
 _GRAPH_ARRAYS = ("edges", "cause", "dependencies", "slots")
 
 
