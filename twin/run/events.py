@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from decimal import Decimal
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Literal, cast, get_args
 
@@ -105,6 +105,9 @@ def parse_event(line: str) -> Event:
         raise EventLogError(f"not JSON: {error.msg}: {_excerpt(line)}") from error
     except (ValueError, RecursionError) as error:
         raise EventLogError(f"not JSON: {error}: {_excerpt(line)}") from error
+    except InvalidOperation as error:
+        far = "an exponent that no number has"
+        raise EventLogError(f"{far}: {_excerpt(line)}") from error
     if not isinstance(row, dict):
         raise EventLogError(f"not an object: {_excerpt(line)}")
     try:
