@@ -65,17 +65,10 @@ def run(plan: Path, out: Path, policy: str) -> tuple[Result, dict]:
     return result, json.loads((out / "summary.json").read_text())
 
 
-def contacts(summary: dict) -> list[dict]:
-    """What the audit found, but for the brick that nobody takes to where it is wanted."""
-    found = summary["audit"]["violations"]
-    assert [entry["first"] for entry in found if entry["kind"] == "place"] == ["b1"]
-    return [entry for entry in found if entry["kind"] != "place"]
-
-
 def test_a_late_robot_is_waited_for(plan: Path, tmp_path: Path) -> None:
     result, summary = run(plan, tmp_path / "run", "asynchronous")
-    assert summary["outcome"] == "completed", result.output
-    assert contacts(summary) == []
+    assert result.exit_code == 0, result.output
+    assert summary["audit"]["violations"] == []
     assert summary["wait_s"]["right"] > 3.0
 
 
@@ -84,7 +77,7 @@ def test_in_open_loop_a_late_robot_is_run_into(plan: Path, tmp_path: Path) -> No
     result, summary = run(plan, tmp_path / "run", "open-loop")
     assert result.exit_code == 1
     assert summary["outcome"] == "completed"
-    found = contacts(summary)
+    found = summary["audit"]["violations"]
     assert found
     assert all(
         {entry["first"].split("/")[0], entry["second"].split("/")[0]}
