@@ -110,5 +110,6 @@ def _contract_chain(chain: NodeChain, first: Indices) -> NodeChain:
         if len(first)
         else np.zeros(0),
         planned_start=chain.planned_start[first],
-        least=np.empty(0),
+        # Draws are of the nodes themselves, never of joined ones.
+        least=np.zeros(len(first)),
     )

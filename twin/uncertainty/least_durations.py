@@ -43,10 +43,11 @@ def least_ns(tpg: TemporalPlanGraph) -> tuple[Nanoseconds, ...]:
     out = []
     for chain in tpg.chains:
         model = models.get(chain.robot)
-        if model is not None:
-            seconds = least_seconds(chain, model)
+        if len(chain.least):
+            seconds = chain.least
         else:
-            seconds = chain.least if len(chain.least) else np.zeros(len(chain))
+            nothing = np.zeros(len(chain))
+            seconds = nothing if model is None else least_seconds(chain, model)
         nanoseconds = seconds * NANOSECONDS * (1.0 - _ROUNDING)
         out.append(np.ceil(nanoseconds).astype(np.int64))
     return tuple(out)
