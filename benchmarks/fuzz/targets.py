@@ -123,12 +123,15 @@ def block_target(folder: Path, seed: int) -> Case:
     from twin.cli import app
 
     source = folder / "source"
-    scenario = SCENARIOS / "multi_arm/multi_goal.yaml"
+    scenario = SCENARIOS / "multi_arm/rearrangement.yaml"
     request = (
         "study",
         str(scenario),
         "-n",
         "20",
+        # Pictures of every policy would take most of the time.
+        "--policy",
+        "asynchronous",
         "--workers",
         "0",
         "--audit-sample",
