@@ -20,15 +20,16 @@ PLACED = 0.001
 _NOWHERE = 1e6
 
 
-def last_rows(cell: Workcell, recording: Recording) -> dict[str, ObjectRow]:
-    """Return where every object that is there is at the end."""
+def rows_at(
+    cell: Workcell, recording: Recording, until: float = np.inf
+) -> dict[str, ObjectRow]:
+    """Return where every object that is there is at a time [s], by default at the end."""
     rows = {
         box.name: ObjectRow(0.0, box.name, None, box.start)
         for box in cell.objects
         if not box.later
     }
-    for row in recording.objects:
-        rows[row.object] = row
+    rows |= {row.object: row for row in recording.objects if row.t <= until}
     return rows
 
 
@@ -59,7 +60,7 @@ def place_violations(
     """
     if not wanted.places:
         return
-    rows = last_rows(cell, recording)
+    rows = rows_at(cell, recording)
     boxes = {box.name: box for box in cell.objects}
     filled = taken(cell, rows, wanted.places)
     for place, name in zip(wanted.places, filled, strict=True):

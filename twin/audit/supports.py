@@ -12,7 +12,7 @@ from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.executed import ObjectRow, Recording, RobotRows
 from twin.audit.grips import tool_shapes
-from twin.audit.places import last_rows, taken
+from twin.audit.places import rows_at, taken
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted
 from twin.audit.worlds.world import AuditWorld
@@ -82,7 +82,7 @@ def _held_objects(
     steps = {task.step for task in tpg.tasks if task.kind in _SUPPORTS}
     planned = (t for t in tpg.tasks if t.kind in _PLACES and t.step in steps)
     out = {task.object for task in planned if task.object is not None}
-    filled = taken(cell, last_rows(cell, recording), wanted.places)
+    filled = taken(cell, rows_at(cell, recording), wanted.places)
     pairs = zip(wanted.places, filled, strict=True)
     return out | {name for place, name in pairs if place.held and name is not None}
 
@@ -151,12 +151,7 @@ def _gap_to_objects(
     name = world.cell.robots[robot].name
     q: Array = recording.robots[name].at(np.array([change.begin]))[0]
     world.configure(robot, q)
-    there = {
-        box.name: ObjectRow(0.0, box.name, None, box.start)
-        for box in world.cell.objects
-        if not box.later
-    }
-    there |= {row.object: row for row in recording.objects if row.t <= change.row.t}
+    there = rows_at(world.cell, recording, change.row.t)
     tool = tool_shapes(world, robot)
     least = _FAR
     for shape in world.objects:

@@ -42,13 +42,13 @@ class RecordedRun:
         """The temporal plan graph that was executed."""
         from twin.trial.saved_plan import plan_of_run
 
-        self._existing(PLAN)
+        self._there(PLAN)
         return plan_of_run(self.folder)
 
     @cached_property
     def events(self) -> tuple[Event, ...]:
         """Events of the run; a last line that was not written to its end is left out."""
-        path = self._existing(EVENTS)
+        path = self._as_written(EVENTS)
         out = []
         for number, line in enumerate(read_log(path), start=1):
             try:
@@ -95,15 +95,19 @@ class RecordedRun:
             f"{self.folder}: {EVENTS} tells of {what}, which {PLAN} does not have"
         )
 
-    def _existing(self, name: str) -> Path:
+    def _there(self, name: str) -> Path:
         path = self.folder / name
         if not path.is_file():
             raise OutputError(f"{self.folder}: this run has no {name}")
+        return path
+
+    def _as_written(self, name: str) -> Path:
+        path = self._there(name)
         require_as_written(self.folder, (name,))
         return path
 
     def _json(self, name: str) -> dict[str, Any]:
-        path = self._existing(name)
+        path = self._as_written(name)
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
@@ -117,7 +121,7 @@ class RecordedRun:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        path = self._existing(name)
+        path = self._as_written(name)
         try:
             return pq.read_table(path)
         except (OSError, pa.ArrowException) as error:

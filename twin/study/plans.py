@@ -60,25 +60,18 @@ def plan_for_study(
     plans = {}
     if needed & {IN_TURNS, SHORTENED}:
         plans[IN_TURNS] = order_motions(turns.motion_plan, watch)
-    if SHORTENED in needed:
-        plans[SHORTENED] = shorten(
-            plans[IN_TURNS],
-            turns.settings,
-            watch,
-            candidates=candidates,
-            seed=scenario.seed,
-        )
     if needed & {IN_SLOTS, SLOTS_SHORTENED}:
         slots = plan_in_slots(turns, watch)
         plans[IN_SLOTS] = order_motions(slots.motion_plan, watch, slots.slot_of_task)
-    if SLOTS_SHORTENED in needed:
-        plans[SLOTS_SHORTENED] = shorten(
-            plans[IN_SLOTS],
-            turns.settings,
-            watch,
-            candidates=candidates,
-            seed=scenario.seed,
-        )
+    for whole, shortened in ((IN_TURNS, SHORTENED), (IN_SLOTS, SLOTS_SHORTENED)):
+        if shortened in needed:
+            plans[shortened] = shorten(
+                plans[whole],
+                turns.settings,
+                watch,
+                candidates=candidates,
+                seed=scenario.seed,
+            )
     return {name: plan for name, plan in plans.items() if name in needed}
 
 

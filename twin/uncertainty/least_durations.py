@@ -13,12 +13,17 @@ _ROUNDING = 1e-9
 """Share of a duration by which rounding may have lengthened what a path asks for."""
 
 
-def least_seconds(chain: NodeChain, model: RobotModel) -> Array:
+def least_seconds(chain: NodeChain, model: RobotModel | None) -> Array:
     """Return the least duration of every node that joint speeds allow, shape (nodes,) [s].
 
     The time of a node passes from waypoint to waypoint as its fractions say; the stretch that
-    is the quickest for its length decides.
+    is the quickest for its length decides. Chains that are kept without paths know it; it is 0
+    where neither they nor a model can say.
     """
+    if len(chain.least):
+        return chain.least
+    if model is None:
+        return np.zeros(len(chain))
     before = np.vstack([chain.start[None], chain.waypoints[:-1]])
     passed = np.concatenate([[0.0], chain.fraction[:-1]])
     counts = np.diff(chain.first)
@@ -35,19 +40,11 @@ def least_seconds(chain: NodeChain, model: RobotModel) -> Array:
 
 
 def least_ns(tpg: TemporalPlanGraph) -> tuple[Nanoseconds, ...]:
-    """Return the least duration of every node that joint speeds allow, one array a chain [ns].
-
-    Graphs that are kept without paths know it; it is 0 in those that do not.
-    """
+    """Return the least duration of every node that joint speeds allow, one array a chain [ns]."""
     models = {robot.name: robot.model for robot in tpg.cell.robots}
     out = []
     for chain in tpg.chains:
-        model = models.get(chain.robot)
-        if len(chain.least):
-            seconds = chain.least
-        else:
-            nothing = np.zeros(len(chain))
-            seconds = nothing if model is None else least_seconds(chain, model)
+        seconds = least_seconds(chain, models.get(chain.robot))
         nanoseconds = seconds * NANOSECONDS * (1.0 - _ROUNDING)
         out.append(np.ceil(nanoseconds).astype(np.int64))
     return tuple(out)

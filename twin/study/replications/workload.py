@@ -216,9 +216,7 @@ def bare_cell(kinds: dict[str, str]) -> Workcell:
 def _bare_chain(chain: NodeChain, model: RobotModel | None) -> NodeChain:
     return replace(
         chain,
-        least=chain.least
-        if model is None or len(chain.least)
-        else least_seconds(chain, model),
+        least=least_seconds(chain, model),
         start=np.zeros(0),
         waypoints=np.zeros((0, 0)),
         fraction=np.zeros(0),
