@@ -79,6 +79,8 @@ def step_section(item: SequencedStep) -> dict[str, Any]:
         "brick": step.brick.name,
         "at": [step.cell.x, step.cell.y, step.cell.z],
     }
+    if step.cell.raised:
+        out["raised"] = step.cell.raised
     if step.cell.turned:
         out["turned"] = True
     if step.up:
@@ -97,7 +99,8 @@ def step_section(item: SequencedStep) -> dict[str, Any]:
 
 def _support(support: Support) -> dict[str, Any]:
     at = [support.x, support.y, support.z]
-    return {"at": at, "orientation": support.orientation}
+    raised = {"raised": support.raised} if support.raised else {}
+    return {"at": at, **raised, "orientation": support.orientation}
 
 
 def _kind(item: SequencedStep) -> str:
@@ -117,6 +120,7 @@ def _print_table(found: SequencedStructure) -> None:
     for number, item in enumerate(found.sequence, start=1):
         step = item.step
         cell = f"{step.cell.x}, {step.cell.y}, {step.cell.z}"
+        cell += f" raised {step.cell.raised}" if step.cell.raised else ""
         cell += " turned" if step.cell.turned else ""
         press = "" if step.press is None else f"{step.press.side}/{step.press.offset}"
         if len(item.step.presses) > 1:
@@ -125,6 +129,7 @@ def _print_table(found: SequencedStructure) -> None:
         if step.support is not None:
             s = step.support
             support = f"{s.x}, {s.y}, {s.z} way {s.orientation}"
+            support += f" raised {s.raised}" if s.raised else ""
             if len(item.step.supports) > 1:
                 support += f" (of {len(item.step.supports)})"
         table.add_row(

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from planning.lego.bricks.assembly import BrickType
+from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType
 from planning.lego.bricks.drawing import Spot
-from planning.lego.bricks.grid import Stud, joined_to_plate, occupied_studs
-from planning.lego.skills.support import supported_cell
+from planning.lego.bricks.grid import Place, joined_to_plate, occupied_places
+from planning.lego.skills.support import supported_span
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.drawn_structure import (
@@ -24,7 +24,8 @@ from twin.scenario.sections.lego import (
     StepSection,
     StockSection,
     brick_types,
-    studs_of,
+    cell_of,
+    places_of,
     support_of,
 )
 
@@ -63,7 +64,7 @@ def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Foun
     """No two bricks in one place, nothing off the plate, nothing in the air."""
     studs = assembly.plate.studs
     owner: dict[str, StockSection] = {s.name: s for s in assembly.stock}
-    taken: dict[Stud, str] = {}
+    taken: dict[Place, str] = {}
     storage = assembly.storage_plate
     stock = list(enumerate(assembly.stock))
     here = [(i, item) for i, item in stock if storage is None or item.fixed]
@@ -75,10 +76,10 @@ def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Foun
     for k, step in enumerate(assembly.steps):
         at = ("assembly", "steps", k)
         label = f"step {k + 1}"
-        cells = studs_of(step, types)
+        cells = places_of(step, types)
         source = owner.get(step.stock or "")
         if source is not None and not source.station:
-            for cell in studs_of(source, types):
+            for cell in places_of(source, types):
                 if taken.get(cell) == source.name:
                     del taken[cell]
         if message := _off_plate(cells, studs):
@@ -86,7 +87,7 @@ def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Foun
         if other := _first_taken(cells, taken):
             yield (*at, "at"), f"{label} goes where {other} already is"
         elif step.place == "down" and not (
-            step.at[2] == 1 or _touches(cells, structure, -1)
+            cell_of(step).level == 0 or _touches(cells, structure, -1)
         ):
             text = "no stud of it is above the plate or a brick placed before"
             yield (*at, "at"), f"{label} would float: {text}"
@@ -106,7 +107,7 @@ def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Foun
 
 
 def _check_step(
-    step: StepSection, brick: BrickType, at: KeyPath, taken: Mapping[Stud, str]
+    step: StepSection, brick: BrickType, at: KeyPath, taken: Mapping[Place, str]
 ) -> Found:
     if step.press is not None:
         along = brick.studs[1] if step.press.side in (1, 4) else brick.studs[0]
@@ -118,7 +119,7 @@ def _check_step(
     if step.place == "up" and step.support is None:
         yield at, "a brick placed from below needs 'support'"
     if step.support is not None:
-        cells = [(c.x, c.y, c.z) for c in supported_cell(support_of(step.support))]
+        cells = supported_span(support_of(step.support)).places
         if other := _first_taken(cells, taken):
             yield (*at, "support", "at"), f"the support goes where {other} is"
 
@@ -127,16 +128,16 @@ def _check_stock(
     stock: Sequence[tuple[int, StockSection]],
     types: Mapping[str, BrickType],
     studs: Sequence[int],
-    taken: dict[Stud, str],
+    taken: dict[Place, str],
 ) -> Found:
     """Check the stock of one plate, and note the studs it takes.
 
     Every brick must be joined to the plate through others, never through a station.
     """
-    cells = {item.name: studs_of(item, types) for _, item in stock}
+    cells = {item.name: places_of(item, types) for _, item in stock}
     for i, item in stock:
         at: KeyPath = ("assembly", "stock", i, "at")
-        own = studs_of(item, types)
+        own = places_of(item, types)
         if message := _off_plate(own, studs):
             yield at, message
         if other := _first_taken(own, taken):
@@ -146,9 +147,9 @@ def _check_stock(
     stations = [item.name for _, item in stock if item.station]
     for i, item in stock:
         at = ("assembly", "stock", i, "at")
-        below = {taken.get((x, y, z - 1)) for x, y, z in cells[item.name]}
+        below = {taken.get((x, y, k - 1)) for x, y, k in cells[item.name]}
         for station in stations:
-            if station in below:
+            if station in below - {item.name}:
                 yield at, f"{item.name} stands on the feeding station {station}"
         if item.name not in held and item.at[2] >= 1:
             yield at, f"{item.name} floats: it is not joined to the plate"
@@ -197,24 +198,25 @@ def _free_stock(
 
 
 def _off_plate(
-    cells: Iterable[Stud], studs: Sequence[int], hint: str = ": the lowest layer is 1"
+    cells: Iterable[Place], studs: Sequence[int], hint: str = ": the lowest layer is 1"
 ) -> str:
-    for x, y, z in sorted(cells):
-        if z < 1:
-            return f"layer {z} is below the plate{hint}"
-        if z == 1 and not (0 <= x < studs[0] and 0 <= y < studs[1]):
+    for x, y, level in sorted(cells, key=lambda cell: (cell[2], cell)):
+        if level < 0:
+            layer = level // BRICK_LEVELS + 1
+            return f"layer {layer} is below the plate{hint}"
+        if level == 0 and not (0 <= x < studs[0] and 0 <= y < studs[1]):
             return (
                 f"stud ({x}, {y}) is beyond the plate of {studs[0]} x {studs[1]} studs"
             )
     return ""
 
 
-def _first_taken(cells: Iterable[Stud], taken: Mapping[Stud, str]) -> str:
+def _first_taken(cells: Iterable[Place], taken: Mapping[Place, str]) -> str:
     return next((taken[c] for c in cells if c in taken), "")
 
 
-def _touches(cells: frozenset[Stud], structure: set[Stud], layers: int) -> bool:
-    return any((x, y, z + layers) in structure for x, y, z in cells)
+def _touches(cells: frozenset[Place], structure: set[Place], up: int) -> bool:
+    return any((x, y, level + up) in structure for x, y, level in cells)
 
 
 def _ordinal(n: int) -> str:
@@ -251,13 +253,13 @@ def _check_drawn(
     read: ReadStructure, assembly: LegoSection, types: Mapping[str, BrickType]
 ) -> Drawn:
     """No two bricks in one place, none off the plate or in the air, and enough in stock."""
-    taken: dict[Stud, str] = {}
+    taken: dict[Place, str] = {}
     for item in assembly.stock:
         if item.fixed or assembly.storage_plate is None:
             words = f"{item.name} of the stock"
-            taken.update(dict.fromkeys(studs_of(item, types), words))
-    studs = {k: occupied_studs(b.cell, b.brick) for k, b in enumerate(read.bricks)}
-    fixed = [studs_of(item, types) for item in assembly.stock if item.fixed]
+            taken.update(dict.fromkeys(places_of(item, types), words))
+    studs = {k: occupied_places(b.cell, b.brick) for k, b in enumerate(read.bricks)}
+    fixed = [places_of(item, types) for item in assembly.stock if item.fixed]
     held = joined_to_plate(studs, frozenset().union(*fixed))
     _, stations, supply = _free_stock(assembly)
     total = Counter(brick.brick.name for brick in read.bricks)

@@ -114,7 +114,7 @@ class LegoKind(AssemblyKind):
         plate, types = _plate(self.section.plate), brick_types(self.section)
         places = [
             Place(
-                f"step {k}: {step.brick} at {list(step.at)}",
+                f"step {k}: {step.brick} at {cell_of(step).words}",
                 box_pose(plate, cell_of(step), types[step.brick]),
                 step.brick,
                 held=step.support is not None,
@@ -122,9 +122,10 @@ class LegoKind(AssemblyKind):
             for k, step in enumerate(self.section.steps, start=1)
         ]
         for item in build_structure(self.section) or ():
-            at = [item.cell.x, item.cell.y, item.cell.z]
             pose = box_pose(plate, item.cell, item.brick)
-            places.append(Place(f"{item.name} at {at}", pose, item.brick.name))
+            places.append(
+                Place(f"{item.name} at {item.cell.words}", pose, item.brick.name)
+            )
         return Wanted(tuple(places), hold="studs")
 
     def plan(

@@ -1,11 +1,12 @@
 """LEGO assemblies as data: plate, brick types (with the built-in ones), stock and steps, on the stud grid.
 
 The grid of a plate counts studs from its corner: x and y from 0, layer z from 1 (on the plate).
+A plate is also a type of brick, a third as high; heights and levels count such thirds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -17,6 +18,9 @@ STUD_PITCH = 0.008
 LAYER_HEIGHT = 0.0096
 """Height of a brick without its studs [m]."""
 
+BRICK_LEVELS = 3
+"""Height of a brick in levels: a plate is one level high."""
+
 
 @dataclass(frozen=True)
 class BrickType:
@@ -26,11 +30,13 @@ class BrickType:
         name: such as ``"2x4"``, or the number a published library gives it.
         studs: studs along the brick's own x and y.
         mass: [kg].
+        height: without its studs [levels]: 3 for a brick, 1 for a plate.
     """
 
     name: str
     studs: tuple[int, int]
     mass: float
+    height: int = BRICK_LEVELS
 
 
 @dataclass(frozen=True)
@@ -52,14 +58,33 @@ class Cell:
 
     Attributes:
         x, y: stud of the least corner, from 0.
-        z: layer, 1 on the plate.
+        z: layer in which its bottom is, 1 on the plate.
         turned: True when the brick is turned by +90 degrees about z.
+        raised: levels between the bottom of the layer and the brick's, 0 to 2.
     """
 
     x: int
     y: int
     z: int
     turned: bool = False
+    raised: int = 0
+
+    @classmethod
+    def at_level(cls, x: int, y: int, level: int, *, turned: bool = False) -> Cell:
+        """Return the cell of a brick whose bottom is at a level."""
+        layers, raised = divmod(level, BRICK_LEVELS)
+        return cls(x, y, layers + 1, turned, raised)
+
+    @property
+    def level(self) -> int:
+        """Level of the brick's bottom, 0 on the plate."""
+        return BRICK_LEVELS * (self.z - 1) + self.raised
+
+    @property
+    def words(self) -> str:
+        """Place in words, such as ``"[3, 4, 1]"`` or ``"[3, 4, 1] raised 2"``."""
+        raised = f" raised {self.raised}" if self.raised else ""
+        return f"[{self.x}, {self.y}, {self.z}]{raised}"
 
 
 @dataclass(frozen=True)
@@ -99,12 +124,19 @@ class Support:
         x, y, z: stud and layer of the cell.
         orientation: 0 = the tool comes from -x, 1 = from +y with J1 at -90 deg,
             2 = with J1 at +90 deg, 3 = from +x.
+        raised: levels between the bottom of the layer and the cell's, 0 to 2.
     """
 
     x: int
     y: int
     z: int
     orientation: int
+    raised: int = 0
+
+    @property
+    def cell(self) -> Cell:
+        """The stud and layer of the cell, as that of a brick one stud wide."""
+        return Cell(self.x, self.y, self.z, raised=self.raised)
 
 
 @dataclass(frozen=True)
@@ -166,8 +198,7 @@ class LegoStep:
         """Description of the step, such as ``"place-down of 2x4 at [3, 4, 1] turned"``."""
         turned = " turned" if self.cell.turned else ""
         how = "place-up" if self.up else "place-down"
-        at = f"[{self.cell.x}, {self.cell.y}, {self.cell.z}]"
-        return f"{how} of {self.brick.name} at {at}{turned}"
+        return f"{how} of {self.brick.name} at {self.cell.words}{turned}"
 
 
 @dataclass(frozen=True)
@@ -211,21 +242,35 @@ class LegoAssembly:
         return self.plate if item.fixed or self.storage is None else self.storage
 
 
+# Of 1x3, 2x3 and 2x8 the masses lie on the lines through those of the other sizes.
 _MASSES: dict[tuple[int, int], float] = {
     (1, 1): 0.00044,
     (1, 2): 0.0008,
+    (1, 3): 0.0012,
     (1, 4): 0.0016,
     (1, 6): 0.0023,
     (1, 8): 0.00308,
     (2, 2): 0.0012,
+    (2, 3): 0.0017,
     (2, 4): 0.0022,
     (2, 6): 0.00328,
+    (2, 8): 0.00436,
 }
 
+# Catalogues of parts weigh plates of 1 x 4 studs at 0.71 g and of 2 x 3 at 0.93 g; the others of
+# their width are in proportion to their studs.
+_PLATE_STUD_MASSES = {1: 0.00071 / 4, 2: 0.00093 / 6}
+
+
+def _library() -> Iterator[BrickType]:
+    for studs, mass in _MASSES.items():
+        yield BrickType(f"{studs[0]}x{studs[1]}", studs, mass)
+    for wide, long in _MASSES:
+        mass = round(_PLATE_STUD_MASSES[wide] * wide * long, 8)
+        yield BrickType(f"{wide}x{long}-plate", (wide, long), mass, height=1)
+
+
 BRICKS: Mapping[str, BrickType] = MappingProxyType(
-    {
-        f"{short}x{long}": BrickType(f"{short}x{long}", (short, long), mass)
-        for (short, long), mass in _MASSES.items()
-    }
+    {brick.name: brick for brick in _library()}
 )
-"""Types every scenario may use, by name such as ``"2x4"``."""
+"""Types every scenario may use: bricks such as ``"2x4"``, plates such as ``"2x4-plate"``."""

@@ -12,12 +12,24 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 
 from planning.errors import ScenarioError
-from planning.lego.bricks.assembly import LAYER_HEIGHT, STUD_PITCH, PlacedBrick
-from planning.lego.bricks.grid import footprint, occupied_studs
+from planning.lego.bricks.assembly import (
+    BRICK_LEVELS,
+    LAYER_HEIGHT,
+    STUD_PITCH,
+    PlacedBrick,
+)
+from planning.lego.bricks.grid import (
+    Place,
+    covered_studs,
+    footprint,
+    occupied_places,
+    occupied_span,
+)
 from planning.transforms import Array
 
 CONTACT_RADIUS = 0.25
@@ -25,9 +37,6 @@ CONTACT_RADIUS = 0.25
 
 LAYER = LAYER_HEIGHT / STUD_PITCH
 """Height of a layer [studs]."""
-
-Place = tuple[int, int, int]
-"""Stud and layer (x, y, z)."""
 
 
 @dataclass(frozen=True)
@@ -37,13 +46,13 @@ class Joint:
     Attributes:
         lower: name of the lower brick, None for the plate.
         upper: name of the upper brick.
-        layer: layer of the upper brick.
+        level: of the upper brick's bottom, where they meet.
         studs: the knobs (x, y) in the upper brick's cavity, sorted.
     """
 
     lower: str | None
     upper: str
-    layer: int
+    level: int
     studs: tuple[tuple[int, int], ...]
 
 
@@ -57,7 +66,7 @@ class SideContact:
         axis: 0 when they touch across x, 1 across y.
         at: coordinate of the common face along ``axis``.
         span: least and greatest coordinate of the common face along the other axis.
-        layer: their layer.
+        levels: least and greatest level of the common face.
     """
 
     first: str
@@ -65,7 +74,7 @@ class SideContact:
     axis: int
     at: int
     span: tuple[int, int]
-    layer: int
+    levels: tuple[int, int]
 
 
 def by_name(structure: Iterable[PlacedBrick]) -> dict[str, PlacedBrick]:
@@ -80,16 +89,21 @@ def by_name(structure: Iterable[PlacedBrick]) -> dict[str, PlacedBrick]:
     for item in structure:
         if item.name in out:
             raise ScenarioError(f"two bricks of the structure are called {item.name!r}")
-        if item.cell.z < 1:
+        if item.cell.level < 0:
             raise ScenarioError(
                 f"brick {item.name!r} is in layer {item.cell.z}; the first layer is 1"
             )
         out[item.name] = item
-        for place in occupied_studs(item.cell, item.brick):
+        for place in occupied_places(item.cell, item.brick):
             other = filled.setdefault(place, item.name)
             if other != item.name:
                 raise ScenarioError(f"bricks {other!r} and {item.name!r} overlap")
     return out
+
+
+def stud_height(level: float) -> float:
+    """Return the height of a level above the plate [studs]."""
+    return level / BRICK_LEVELS * LAYER
 
 
 def is_narrow(item: PlacedBrick) -> bool:
@@ -102,7 +116,7 @@ def filled_places(bricks: Mapping[str, PlacedBrick]) -> dict[Place, str]:
     return {
         place: name
         for name, item in bricks.items()
-        for place in occupied_studs(item.cell, item.brick)
+        for place in occupied_places(item.cell, item.brick)
     }
 
 
@@ -113,12 +127,13 @@ def joints(
     out = []
     for name, item in bricks.items():
         below: dict[str | None, list[tuple[int, int]]] = defaultdict(list)
-        for x, y, z in sorted(occupied_studs(item.cell, item.brick)):
-            if z == 1:
+        level = item.cell.level
+        for x, y in sorted(covered_studs(item.cell, item.brick)):
+            if level == 0:
                 below[None].append((x, y))
-            elif (lower := filled.get((x, y, z - 1))) is not None:
+            elif (lower := filled.get((x, y, level - 1))) is not None:
                 below[lower].append((x, y))
-        out += [Joint(k, name, item.cell.z, tuple(v)) for k, v in below.items()]
+        out += [Joint(k, name, level, tuple(v)) for k, v in below.items()]
     return tuple(out)
 
 
@@ -128,19 +143,21 @@ def side_contacts(
     """Return the pairs of bricks that stand side by side, in the order of the bricks."""
     out = []
     for name, item in bricks.items():
-        nx, ny = footprint(item.cell, item.brick)
-        x, y, z = item.cell.x, item.cell.y, item.cell.z
+        x0, x1, y0, y1, bottom, top = occupied_span(item.cell, item.brick)
+        levels = range(bottom, top)
         faces: dict[tuple[str, int], list[int]] = defaultdict(list)
-        for j in range(y, y + ny):
-            if (other := filled.get((x + nx, j, z))) is not None:
+        for j, k in product(range(y0, y1), levels):
+            if (other := filled.get((x1, j, k))) is not None:
                 faces[other, 0].append(j)
-        for i in range(x, x + nx):
-            if (other := filled.get((i, y + ny, z))) is not None:
+        for i, k in product(range(x0, x1), levels):
+            if (other := filled.get((i, y1, k))) is not None:
                 faces[other, 1].append(i)
         for (other, axis), studs in faces.items():
-            at = x + nx if axis == 0 else y + ny
-            span = (studs[0], studs[-1] + 1)
-            out.append(SideContact(name, other, axis, at, span, z))
+            beside = occupied_span(bricks[other].cell, bricks[other].brick)
+            shared = max(bottom, beside.bottom), min(top, beside.top)
+            span = studs[0], studs[-1] + 1
+            at = (x1, y1)[axis]
+            out.append(SideContact(name, other, axis, at, span, shared))
     return tuple(out)
 
 
@@ -148,7 +165,8 @@ def centre(item: PlacedBrick) -> Array:
     """Return a brick's centre of mass, that of its box, shape (3,) [studs]."""
     nx, ny = footprint(item.cell, item.brick)
     cell = item.cell
-    return np.array([cell.x + nx / 2, cell.y + ny / 2, (cell.z - 0.5) * LAYER])
+    middle = stud_height(cell.level + item.brick.height / 2)
+    return np.array([cell.x + nx / 2, cell.y + ny / 2, middle])
 
 
 def knob_points(upper: PlacedBrick, stud: tuple[int, int]) -> Array:

@@ -2,7 +2,8 @@
 
 A layer is what one sees from above: x to the right, y upwards. An elevation is what one sees from
 the side: z upwards, and x or y to the right; all its bricks are equally deep. Each patch of one
-letter is one brick, ``.`` is empty. A brick's type is the one that has its size.
+letter is one brick, ``.`` is empty. A brick's type is the one that has its size; plates, which are
+lower, are not drawn.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from planning.lego.bricks.assembly import BrickType, Cell, PlacedBrick
+from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, Cell, PlacedBrick
 
 EMPTY = "."
 """Marks a stud without a brick."""
@@ -134,9 +135,10 @@ def type_of_size(
     Square bricks are not turned.
     """
     nx, ny = size
-    found = [t for t in types.values() if tuple(sorted(t.studs)) == tuple(sorted(size))]
+    bricks = [t for t in types.values() if t.height == BRICK_LEVELS]
+    found = [t for t in bricks if tuple(sorted(t.studs)) == tuple(sorted(size))]
     if not found:
-        sizes = {tuple(sorted(t.studs)) for t in types.values()}
+        sizes = {tuple(sorted(t.studs)) for t in bricks}
         known = ", ".join(f"{a} x {b}" for a, b in sorted(sizes))
         return f"no brick type has {nx} x {ny} studs (there are {known})"
     if len(found) > 1:

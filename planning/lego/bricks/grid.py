@@ -1,19 +1,21 @@
 """The stud grid: from cells to poses, and which bricks touch.
 
-Layers count from 1, so the top face of a brick of layer z is z layer heights above the plate and
-its bottom face z - 1. Studs are not modelled: bricks are boxes a tenth of a millimetre smaller
-on each side than their share of the grid.
+Heights count in levels, thirds of a brick: a brick of layer z stands on level 3 (z - 1) and its top
+face is at level 3 z, one level higher for each that it is raised. Studs are not modelled: bricks
+are boxes a tenth of a millimetre smaller on each side than their share of the grid.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Mapping
 from functools import lru_cache
-from typing import TypeVar
+from itertools import product
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from planning.lego.bricks.assembly import (
+    BRICK_LEVELS,
     LAYER_HEIGHT,
     STUD_PITCH,
     BrickType,
@@ -22,13 +24,61 @@ from planning.lego.bricks.assembly import (
 )
 from planning.transforms import Array, Transform, rotation, translation
 
-Stud = tuple[int, int, int]
-"""A place on the grid: stud in x and y from 0, layer from 1."""
+Place = tuple[int, int, int]
+"""A place on the grid: stud in x and y from 0, level from 0 on the plate."""
 
 Key = TypeVar("Key", bound=Hashable)
 
 BRICK_GAP = 0.0002
 """A brick is this much shorter than its studs times the pitch [m]."""
+
+
+class Span(NamedTuple):
+    """The room of a brick on the grid: from where to before where, in studs and levels."""
+
+    x0: int
+    x1: int
+    y0: int
+    y1: int
+    bottom: int
+    top: int
+
+    @property
+    def places(self) -> frozenset[Place]:
+        """The (x, y, level) of every place on the grid in it."""
+        xs, ys = range(self.x0, self.x1), range(self.y0, self.y1)
+        return frozenset(product(xs, ys, range(self.bottom, self.top)))
+
+    def near(self, other: Span, *, levels: int) -> bool:
+        """Tell whether another room begins within a stud beside, and so many levels above or below."""
+        return (
+            self.x0 <= other.x1
+            and other.x0 <= self.x1
+            and self.y0 <= other.y1
+            and other.y0 <= self.y1
+            and self.bottom < other.top + levels
+            and other.bottom < self.top + levels
+        )
+
+    def carries(self, other: Span) -> bool:
+        """Tell whether another brick stands on this one."""
+        return (
+            other.bottom == self.top
+            and self.x0 < other.x1
+            and other.x0 < self.x1
+            and self.y0 < other.y1
+            and other.y0 < self.y1
+        )
+
+
+def level_height(level: float) -> float:
+    """Return the height of a level above the plate [m]."""
+    return level / BRICK_LEVELS * LAYER_HEIGHT
+
+
+def brick_height(brick: BrickType) -> float:
+    """Return the height of a brick without its studs [m]."""
+    return level_height(brick.height)
 
 
 def footprint(cell: Cell, brick: BrickType) -> tuple[int, int]:
@@ -41,7 +91,7 @@ def box_size(brick: BrickType) -> Array:
     """Return the edge lengths of a brick's box in its own axes, shape (3,) [m]."""
     h, w = brick.studs
     return np.array(
-        [h * STUD_PITCH - BRICK_GAP, w * STUD_PITCH - BRICK_GAP, LAYER_HEIGHT]
+        [h * STUD_PITCH - BRICK_GAP, w * STUD_PITCH - BRICK_GAP, brick_height(brick)]
     )
 
 
@@ -61,7 +111,7 @@ def top_pose(plate: Plate, cell: Cell, brick: BrickType) -> Transform:
     centre = translation(
         (cell.x + nx / 2) * STUD_PITCH,
         (cell.y + ny / 2) * STUD_PITCH,
-        cell.z * LAYER_HEIGHT,
+        level_height(cell.level + brick.height),
     )
     pose = plate_corner(plate) @ centre
     return pose @ rotation("z", np.pi / 2) if cell.turned else pose
@@ -69,52 +119,64 @@ def top_pose(plate: Plate, cell: Cell, brick: BrickType) -> Transform:
 
 def box_pose(plate: Plate, cell: Cell, brick: BrickType) -> Transform:
     """Return the pose of the centre of a brick's box in the world."""
-    return box_from_top(top_pose(plate, cell, brick))
+    return box_from_top(top_pose(plate, cell, brick), brick)
 
 
-def box_from_top(top: Transform) -> Transform:
-    """Return the pose of a box's centre from that of its top face."""
-    return top @ translation(0.0, 0.0, -LAYER_HEIGHT / 2)
+def box_from_top(top: Transform, brick: BrickType) -> Transform:
+    """Return the pose of the centre of a brick's box from that of its top face."""
+    return top @ translation(0.0, 0.0, -brick_height(brick) / 2)
 
 
 @lru_cache(maxsize=20_000)
-def occupied_studs(cell: Cell, brick: BrickType) -> frozenset[Stud]:
-    """Return the (x, y, z) of every grid place that a brick fills."""
+def occupied_span(cell: Cell, brick: BrickType) -> Span:
+    """Return the room of a brick on the grid."""
     nx, ny = footprint(cell, brick)
-    return frozenset(
-        (cell.x + i, cell.y + j, cell.z) for i in range(nx) for j in range(ny)
-    )
+    x, y, level = cell.x, cell.y, cell.level
+    return Span(x, x + nx, y, y + ny, level, level + brick.height)
+
+
+@lru_cache(maxsize=20_000)
+def covered_studs(cell: Cell, brick: BrickType) -> frozenset[tuple[int, int]]:
+    """Return the (x, y) of every stud that a brick covers."""
+    x0, x1, y0, y1, *_ = occupied_span(cell, brick)
+    return frozenset((x, y) for x in range(x0, x1) for y in range(y0, y1))
+
+
+@lru_cache(maxsize=20_000)
+def occupied_places(cell: Cell, brick: BrickType) -> frozenset[Place]:
+    """Return the (x, y, level) of every place on the grid that a brick fills."""
+    return occupied_span(cell, brick).places
 
 
 def bricks_above(
     cell: Cell, brick: BrickType, others: Mapping[str, tuple[Cell, BrickType]]
 ) -> tuple[str, ...]:
     """Return the names of the other bricks that stand on a brick at a cell, sorted."""
-    over = frozenset((x, y, z + 1) for x, y, z in occupied_studs(cell, brick))
-    found = (k for k, other in others.items() if over & occupied_studs(*other))
+    span = occupied_span(cell, brick)
+    found = (k for k, other in others.items() if span.carries(occupied_span(*other)))
     return tuple(sorted(found))
 
 
 def joined_to_plate(
-    studs: Mapping[Key, frozenset[Stud]], base: Collection[Stud] = ()
+    places: Mapping[Key, frozenset[Place]], base: Collection[Place] = ()
 ) -> set[Key]:
     """Return the bricks that are joined to the plate, or to others that are, one on the other.
 
     Args:
-        studs: the places on the grid that each brick fills.
+        places: the places on the grid that each brick fills.
         base: places that are filled by what stands in any case.
     """
-    owner = {stud: key for key, own in studs.items() for stud in own}
+    owner = {place: key for key, own in places.items() for place in own}
     held = {
-        owner[x, y, z]
-        for x, y, z in owner
-        if z == 1 or (x, y, z - 1) in base or (x, y, z + 1) in base
+        owner[x, y, k]
+        for x, y, k in owner
+        if k == 0 or (x, y, k - 1) in base or (x, y, k + 1) in base
     }
     front = list(held)
     while front:
-        own = studs[front.pop()]
-        beyond = ((x, y, z + dz) for x, y, z in own for dz in (-1, 1))
-        new = {owner[stud] for stud in beyond if stud in owner} - held
+        own = places[front.pop()]
+        beyond = ((x, y, k + dk) for x, y, k in own for dk in (-1, 1))
+        new = {owner[place] for place in beyond if place in owner} - held
         held |= new
         front += new
     return held

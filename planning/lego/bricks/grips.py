@@ -6,11 +6,20 @@ middle of the edge of two neighbouring studs.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from planning.errors import ScenarioError
-from planning.lego.bricks.assembly import STUD_PITCH, BrickType, Cell, Press
-from planning.lego.bricks.grid import footprint
+from planning.lego.bricks.assembly import (
+    BRICK_LEVELS,
+    LAYER_HEIGHT,
+    STUD_PITCH,
+    BrickType,
+    Cell,
+    Press,
+)
+from planning.lego.bricks.grid import brick_height, footprint
 from planning.transforms import Transform, rotation, translation
 
 SIDES = (1, 2, 3, 4)
@@ -99,21 +108,23 @@ def side_contact_pose(top: Transform, brick: BrickType, press: Press) -> Transfo
     """Return the pose of the frame ``"alt"`` that carries a brick on the side studs.
 
     The tool lies level under the edge, its side studs in the brick from below: the frame's
-    origin is where the top grip's would be, its z points level into the brick, its x down.
+    origin is where the top grip's would be on a brick three levels high, its z points level into
+    the brick, its x down.
 
     Args:
         top: pose of the centre of the brick's top face.
         brick: its type.
         press: side and offset.
     """
-    return grip_pose(top, brick, press) @ _TO_SIDE_STUDS
+    higher = translation(0.0, 0.0, LAYER_HEIGHT - brick_height(brick))
+    return grip_pose(top @ higher, brick, press) @ _TO_SIDE_STUDS
 
 
 def press_cell(cell: Cell, brick: BrickType, press: Press, *, up: bool) -> Cell:
     """Return the contact of a press as the cell of a 1 x 2 brick.
 
     It lies along the pressed edge in the layer above the brick, or below it for a place-up,
-    as published task files give it.
+    as published task files give it. It is as high as a brick.
 
     Args:
         cell: where the brick goes.
@@ -123,12 +134,34 @@ def press_cell(cell: Cell, brick: BrickType, press: Press, *, up: bool) -> Cell:
     """
     check_press(brick, press)
     nx, ny = footprint(cell, brick)
-    # Side and offset in the grid's axes: a turned brick's least x is the grid's least y.
-    along_y = press.side in ((2, 3) if cell.turned else (1, 4))
-    greatest = press.side in ((3, 4) if cell.turned else (2, 4))
+    along_y, greatest = _edge(cell, press)
     from_end = cell.turned and press.side in (1, 4)
     length = ny if along_y else nx
     start = length - press.offset - 2 if from_end else press.offset
     across = (nx if along_y else ny) - 1 if greatest else 0
     dx, dy = (across, start) if along_y else (start, across)
-    return Cell(cell.x + dx, cell.y + dy, cell.z - 1 if up else cell.z + 1, not along_y)
+    level = cell.level - BRICK_LEVELS if up else cell.level + brick.height
+    return Cell.at_level(cell.x + dx, cell.y + dy, level, turned=not along_y)
+
+
+def lever_cell(cell: Cell, brick: BrickType, press: Press) -> Cell:
+    """Return the cell beside a gripped edge, of a 1 x 2 brick, over which the tool's wall stands.
+
+    Args:
+        cell: where the brick is.
+        brick: its type.
+        press: side and offset.
+    """
+    along_y, greatest = _edge(cell, press)
+    out = 1 if greatest else -1
+    edge = press_cell(cell, brick, press, up=False)
+    x, y = (edge.x + out, edge.y) if along_y else (edge.x, edge.y + out)
+    return replace(cell, x=x, y=y, turned=edge.turned)
+
+
+def _edge(cell: Cell, press: Press) -> tuple[bool, bool]:
+    """Tell of a pressed edge whether it runs along the grid's y, and is that of greatest x or y."""
+    # A turned brick's least x is the grid's least y.
+    along_y = press.side in ((2, 3) if cell.turned else (1, 4))
+    greatest = press.side in ((3, 4) if cell.turned else (2, 4))
+    return along_y, greatest

@@ -14,14 +14,21 @@ from itertools import product
 import numpy as np
 
 from planning.lego.bricks.assembly import (
-    LAYER_HEIGHT,
+    BRICK_LEVELS,
     STUD_PITCH,
+    Cell,
     LegoStep,
     PlacedBrick,
     Press,
     Support,
 )
-from planning.lego.bricks.grid import footprint, occupied_studs
+from planning.lego.bricks.grid import (
+    Span,
+    covered_studs,
+    footprint,
+    level_height,
+    occupied_span,
+)
 from planning.lego.bricks.grips import press_cell, presses
 from planning.lego.sequencing.tool_room import (
     BrickBoxes,
@@ -42,8 +49,9 @@ from planning.transforms import Array
 INSERTION_FORCE = 15.0
 """Force at which the published skills stop pressing (APEX-MR App. C) [N]."""
 
-_BELOW = (-3, -2, -4)
-_ABOVE = (3, 4)
+# Levels of a support's cell from the contact of the press, those of whole layers first.
+_BELOW = (-9, -6, -12, -8, -7, -10, -11, -5, -4)
+_ABOVE = (9, 12, 8, 7, 6, 5, 10, 11)
 _SHIFTS = (0, -1, 1)
 _LEAST_TOUCH = 0.002
 _CLEARANCE = 0.001
@@ -82,6 +90,18 @@ class InsertionRules:
     def boxes(self) -> dict[str, Array]:
         """Least and greatest corner of each brick in the plate's frame, shape (2, 3) [m]."""
         return {n: brick_box(item) for n, item in self.structures.bricks.items()}
+
+    @cached_property
+    def spans(self) -> dict[str, Span]:
+        """The room of each brick on the grid."""
+        bricks = self.structures.bricks
+        return {n: occupied_span(item.cell, item.brick) for n, item in bricks.items()}
+
+    @cached_property
+    def faces(self) -> tuple[frozenset[int], frozenset[int]]:
+        """Levels of the bottoms of the bricks, and of their tops."""
+        spans = self.spans.values()
+        return frozenset(s.bottom for s in spans), frozenset(s.top for s in spans)
 
     def at(self, names: Names, brick: str, *, up: bool) -> InsertionSite:
         """Return the insertion site of a brick in a partial structure.
@@ -203,19 +223,20 @@ class InsertionSite:
 
         They are sought as the published code does: shifted by up to one stud along x and y, 2
         to 4 layers below the contact of the press for a support-bottom, 3 or 4 above it for a
-        support-top. One that touches the inserted brick itself would only keep it from going
-        in.
+        support-top; where there are plates, on the levels between as well. One that touches the
+        inserted brick itself would only keep it from going in.
         """
         contact = press_cell(self.item.cell, self.item.brick, press, up=self.up)
         x, y = self._press_point(press)
         boxes = self._boxes_of(self.names)
-        layers = _ABOVE if self.up else _BELOW
+        levels = self._support_levels(contact)
         found: list[tuple[bool, int, float, Support, tuple[Hold, ...]]] = []
-        for dz, dx, dy, turn in product(layers, _SHIFTS, _SHIFTS, ORIENTATIONS):
-            support = Support(contact.x + dx, contact.y + dy, contact.z + dz, turn)
+        for level, dx, dy, turn in product(levels, _SHIFTS, _SHIFTS, ORIENTATIONS):
+            at = Cell.at_level(contact.x + dx, contact.y + dy, level)
+            support = Support(at.x, at.y, at.z, turn, at.raised)
             holds = self._holds(support)
             touched = {hold.brick for hold in holds}
-            if support.z < 1 or not touched or self.item.name in touched:
+            if not touched or self.item.name in touched:
                 continue
             room = support_boxes(support, top=self.up)
             if blocking(room, boxes) is not None:
@@ -223,21 +244,27 @@ class InsertionSite:
             tight = blocking(room, boxes.without(touched), clearance=_CLEARANCE)
             mid = [sum(h.point[k] for h in holds) / len(holds) for k in (0, 1)]
             away = round(abs(mid[0] - x) + abs(mid[1] - y), 9)
-            found.append((tight is not None, layers.index(dz), away, support, holds))
+            rank = levels.index(level)
+            found.append((tight is not None, rank, away, support, holds))
         for *_, support, holds in sorted(found, key=lambda f: f[:3]):
             yield support, holds
+
+    def _support_levels(self, contact: Cell) -> list[int]:
+        """Return the levels of a support's cell at which it may touch a brick."""
+        faces = self.rules.faces[self.up]
+        offset = 0 if self.up else BRICK_LEVELS
+        levels = (contact.level + d for d in (_ABOVE if self.up else _BELOW))
+        return [k for k in levels if k >= 0 and k + offset in faces]
 
     def _ordered_presses(self) -> list[Press]:
         """Return all presses, those near the middle of what they press onto first."""
         onto: tuple[str | None, ...] = self._above if self.up else self._below
-        studs = {(x, y) for x, y, _ in occupied_studs(self.item.cell, self.item.brick)}
+        studs = set(covered_studs(self.item.cell, self.item.brick))
         if None not in onto:
             bricks = [self.rules.structures.bricks[name] for name in onto if name]
-            studs &= {
-                (x, y)
-                for other in bricks
-                for x, y, _ in occupied_studs(other.cell, other.brick)
-            }
+            studs &= frozenset().union(
+                *(covered_studs(other.cell, other.brick) for other in bricks)
+            )
         mx = sum(x + 0.5 for x, _ in studs) / len(studs) * STUD_PITCH
         my = sum(y + 0.5 for _, y in studs) / len(studs) * STUD_PITCH
 
@@ -264,7 +291,7 @@ class InsertionSite:
             if 0 <= x - item.cell.x < nx and 0 <= y - item.cell.y < ny
         ]
         each = (force if up else -force) / len(pressed)
-        height = (item.cell.z - up) * LAYER_HEIGHT
+        height = level_height(item.cell.level + (0 if up else item.brick.height))
         return tuple(
             Load(
                 item.name,
@@ -278,15 +305,18 @@ class InsertionSite:
         """Return where a supporting tool touches bricks: the corners of what they share."""
         top = self.up
         low, high = support_face(support, top=top)
-        layer = support.z - 1 if top else support.z + 1
-        height = (support.z - 1 if top else support.z) * LAYER_HEIGHT
+        face = support.cell.level + (0 if top else BRICK_LEVELS)
+        level, height = face - 1 if top else face, level_height(face)
         xs = range(int(low[0] // STUD_PITCH), int(high[0] // STUD_PITCH) + 1)
         ys = range(int(low[1] // STUD_PITCH), int(high[1] // STUD_PITCH) + 1)
         touched = {
-            self.rules.structures.filled.get((x, y, layer)) for x, y in product(xs, ys)
+            self.rules.structures.filled.get((x, y, level)) for x, y in product(xs, ys)
         }
         out = []
         for name in sorted(n for n in touched if n is not None and n in self.names):
+            span = self.rules.spans[name]
+            if face != (span.top if top else span.bottom):
+                continue
             box = self.rules.boxes[name]
             x0, y0 = (max(float(low[k]), float(box[0, k])) for k in (0, 1))
             x1, y1 = (min(float(high[k]), float(box[1, k])) for k in (0, 1))

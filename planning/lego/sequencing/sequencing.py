@@ -196,7 +196,7 @@ class _Sequencer:
     def removals(self, parts: Names) -> Iterator[Removal[str, Insertion]]:
         """Yield the bricks that may be removed, and how they would be put back."""
         layers = groupby(
-            self._candidates(parts), key=lambda n: self._structures.bricks[n].cell.z
+            self._candidates(parts), key=lambda n: self._structures.bricks[n].cell.level
         )
         yield from self._removals(parts, (tuple(bricks) for _, bricks in layers))
 
@@ -263,7 +263,7 @@ class _Sequencer:
 
         def top_first(name: str) -> tuple[int, int, int, str]:
             cell = bricks[name].cell
-            return -cell.z, -cell.x, -cell.y, name
+            return -cell.level, -cell.x, -cell.y, name
 
         return sorted(parts, key=top_first)
 
@@ -299,5 +299,4 @@ class _Sequencer:
 
     def _place(self, name: str) -> str:
         item = self._structures.bricks[name]
-        cell = item.cell
-        return f"{name!r} ({item.brick.name} at [{cell.x}, {cell.y}, {cell.z}])"
+        return f"{name!r} ({item.brick.name} at {item.cell.words})"

@@ -147,12 +147,16 @@ class _StepChoices:
         if not self.step.up and not self.rules.support:
             return []
         found = (
-            f"{{at: [{s.x}, {s.y}, {s.z}], orientation: {s.orientation}}}"
+            f"{{at: [{s.x}, {s.y}, {s.z}], {_raised(s)}orientation: {s.orientation}}}"
             for press in self.grips
             for insertion in self.site.insertions(press, held=True)
             if (s := insertion.support) is not None
         )
         return list(islice(dict.fromkeys(found), _HINTS))
+
+
+def _raised(support: Support) -> str:
+    return f"raised: {support.raised}, " if support.raised else ""
 
 
 def _weakness(report: StabilityReport, structures: PartialStructures) -> str:

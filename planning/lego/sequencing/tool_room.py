@@ -23,9 +23,15 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.grid import box_size, top_pose
-from planning.lego.bricks.grips import side_contact_pose
-from planning.lego.skills.support import support_bottom_targets, support_top_targets
+from planning.lego.bricks.grid import box_size, brick_height, top_pose
+from planning.lego.bricks.grips import grip_pose, side_contact_pose
+from planning.lego.skills.support import (
+    LEVER_WALL,
+    STUD_HEIGHT,
+    lever_reaches_below,
+    support_bottom_targets,
+    support_top_targets,
+)
 from planning.lego.skills.targets import place_down_targets, place_up_targets
 from planning.skills.subgoals import Subgoal
 from planning.transforms import Array, Transform, inverse, readonly, translation
@@ -106,7 +112,8 @@ def brick_box(item: PlacedBrick) -> Array:
     size = np.abs(pose[:3, :3]) @ box_size(item.brick)
     top = pose[:3, 3]
     half = np.array([size[0] / 2, size[1] / 2, 0.0])
-    return np.stack([top - half - [0.0, 0.0, LAYER_HEIGHT], top + half])
+    height = brick_height(item.brick)
+    return np.stack([top - half - [0.0, 0.0, height], top + half])
 
 
 def blocking(boxes: Array, bricks: BrickBoxes, *, clearance: float = 0.0) -> str | None:
@@ -142,6 +149,8 @@ def place_down_blocked(
     """
     targets = place_down_targets(_FRAMES, item.brick, _top(item), press)
     first = blocking(_tool_boxes(targets.subgoals), others)
+    if first is None and lever_reaches_below(item.brick):
+        first = blocking(_below_lever(item, press), others)
     return first or blocking(_above(item), others)
 
 
@@ -204,11 +213,11 @@ def attack_side(
 
 
 def _beside(item: PlacedBrick, others: BrickBoxes) -> set[str]:
-    """Return the bricks of its own layer that touch a brick, corners included."""
+    """Return the bricks beside a brick that touch it, corners included."""
     low, high = brick_box(item)
     them = others.corners
     near = (them[:, 0] <= high + TOUCH) & (them[:, 1] >= low - TOUCH)
-    near[:, 2] = np.abs(them[:, 0, 2] - low[2]) < TOUCH
+    near[:, 2] = (them[:, 0, 2] < high[2] - TOUCH) & (them[:, 1, 2] > low[2] + TOUCH)
     return {others.names[k] for k in np.flatnonzero(near.all(axis=1))}
 
 
@@ -219,9 +228,17 @@ def _top(item: PlacedBrick) -> Transform:
 def _above(item: PlacedBrick) -> Array:
     """Return the room of a brick that comes down the last two layers."""
     box = brick_box(item)
-    box[0, 2] += LAYER_HEIGHT
+    box[0, 2] += brick_height(item.brick)
     box[1, 2] += 2 * LAYER_HEIGHT
     return box[None]
+
+
+def _below_lever(item: PlacedBrick, press: Press) -> Array:
+    """Return the room of the knobs that the tool's wall would stand on beside a plate."""
+    grip = grip_pose(_top(item), item.brick, press)
+    wall = np.add(_LEVER, [[0.0, 0.0, LEVER_WALL], [0.0, 0.0, STUD_HEIGHT]])
+    corners = wall @ grip[:3, :3].T + grip[:3, 3]
+    return np.stack([corners.min(axis=0), corners.max(axis=0)])[None]
 
 
 def _moved(item: PlacedBrick, goal: Transform, way: Iterable[Subgoal]) -> Array:

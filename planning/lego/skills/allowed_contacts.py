@@ -10,9 +10,10 @@ from collections.abc import Iterable, Mapping
 
 from planning.cell.workcell import Fixture
 from planning.geometry.robot_bodies import entity
-from planning.lego.bricks.assembly import LAYER_HEIGHT, BrickType, Cell, Support
-from planning.lego.bricks.grid import occupied_studs
-from planning.lego.skills.support import supported_cell
+from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, Press, Support
+from planning.lego.bricks.grid import Span, brick_height, occupied_span
+from planning.lego.bricks.grips import lever_cell
+from planning.lego.skills.support import lever_reaches_below, supported_span
 from planning.skills.contacts import Pairs, gripped, touching
 from planning.transforms import Transform, inverse
 
@@ -26,26 +27,39 @@ Seat = tuple[Cell, BrickType, Transform]
 
 
 def contacts_at_rest(
-    robot: str, brick: str, seat: Seat, others: Bricks, fixtures: Iterable[Fixture]
+    robot: str,
+    brick: str,
+    seat: Seat,
+    press: Press,
+    others: Bricks,
+    fixtures: Iterable[Fixture],
 ) -> Pairs:
     """Return the allowed contacts of a brick, and of the tool on it, at its pick or place.
 
     That is each other; the bricks around; the fixtures that the brick stands on, plate, and
     table if level; for the tool the bricks beside: its lever wall reaches down along the gripped
-    edge, and turns against what stands there.
+    edge, and turns against what stands there. Along the edge of a plate it reaches to the bottom,
+    where it touches what the plate stands on, if that ends at the edge.
 
     Args:
         robot: who picks or places.
         brick: its name.
         seat: where it is then.
+        press: the grip.
         others: all other bricks at rest.
         fixtures: of the cell.
     """
     cell, kind, pose = seat
-    studs = occupied_studs(cell, kind)
-    around = [name for name in _bordering(studs, (-1, 0, 1), others) if name != brick]
-    under = [item.name for item in fixtures if _carries(item, pose)]
-    beside = _bordering(studs, (0,), others)
+    span = occupied_span(cell, kind)
+    around = [name for name in _bordering(span, others, levels=1) if name != brick]
+    under = [item.name for item in fixtures if _carries(item, kind, pose)]
+    beside = _bordering(span, others, levels=0)
+    if lever_reaches_below(kind):
+        lever = occupied_span(lever_cell(cell, kind, press), BRICKS["1x2"])
+        for name in around:
+            below = occupied_span(*others[name])
+            if below.carries(span) and not below.carries(lever):
+                beside.append(name)
     return (
         gripped(robot, brick)
         | touching(brick, [*around, *under])
@@ -61,34 +75,25 @@ def supporting(robot: str, support: Support, bricks: Bricks) -> Pairs:
         support: where; a support-top presses on layer z - 1, a support-bottom on z + 1.
         bricks: all bricks, the one being placed included.
     """
-    tip = frozenset((c.x, c.y, c.z) for c in supported_cell(support))
-    return touching(entity(robot, "tool"), _bordering(tip, (-1, 0, 1), bricks))
+    tip = supported_span(support)
+    return touching(entity(robot, "tool"), _bordering(tip, bricks, levels=1))
 
 
-def _bordering(
-    places: frozenset[tuple[int, int, int]], layers: tuple[int, ...], bricks: Bricks
-) -> list[str]:
-    """Return the bricks with a face, an edge or a corner on some places of the grid.
+def _bordering(span: Span, bricks: Bricks, *, levels: int) -> list[str]:
+    """Return the bricks with a face, an edge or a corner on some room of the grid.
 
     Edges and corners count because bricks are a fifth of a millimetre apart, less than the
-    margin that planning keeps.
+    margin that planning keeps. Those above and below count where ``levels`` is 1.
     """
-    border = {
-        (x + i, y + j, z + k)
-        for x, y, z in places
-        for i in (-1, 0, 1)
-        for j in (-1, 0, 1)
-        for k in layers
-    }
     return [
         name
         for name, (cell, kind) in bricks.items()
-        if not border.isdisjoint(occupied_studs(cell, kind))
+        if span.near(occupied_span(cell, kind), levels=levels)
     ]
 
 
-def _carries(fixture: Fixture, pose: Transform) -> bool:
-    bottom = pose[:3, 3] - pose[:3, 2] * LAYER_HEIGHT / 2
+def _carries(fixture: Fixture, brick: BrickType, pose: Transform) -> bool:
+    bottom = pose[:3, 3] - pose[:3, 2] * brick_height(brick) / 2
     away = inverse(fixture.pose)
     local = away[:3, :3] @ bottom + away[:3, 3]
     half = fixture.size / 2

@@ -9,7 +9,7 @@ from functools import partial
 from planning.cell.workcell import CellObject
 from planning.kinematics.kinematics import frame_pose
 from planning.lego.bricks.assembly import BrickType, Cell, Plate
-from planning.lego.bricks.brick_world import BrickWorld
+from planning.lego.bricks.brick_world import BrickWorld, press_of
 from planning.lego.bricks.grid import box_from_top
 from planning.lego.bricks.objects import copy_name, next_copy, object_names, source_of
 from planning.lego.skills.allowed_contacts import Bricks, contacts_at_rest, supporting
@@ -148,7 +148,7 @@ class _Expander:
         ready = build.transit(receiver, handover.receive, "ready to receive", None)
         build.transit(giver, handover.rest, f"{self.brick} to the handover", self.brick)
         build.lead_in(handover.give, f"{self.brick} to {receiver}", self.brick)
-        box = box_from_top(handover.top)
+        box = box_from_top(handover.top, self.work.brick)
         in_hand = inverse(self._flange(receiver, handover.receive)) @ box
         given = build.skill(
             handover.give, f"hand over {self.brick}", self.brick, receiver, in_hand
@@ -205,7 +205,8 @@ class _Expander:
     ) -> None:
         """Allow the contacts of the brick where it is picked or placed."""
         seat, fixtures = (cell, self.work.brick, pose), self.world.cell.fixtures
-        pairs = contacts_at_rest(robot, self.brick, seat, others, fixtures)
+        press = press_of(self.choice.grasp)
+        pairs = contacts_at_rest(robot, self.brick, seat, press, others, fixtures)
         self.builder.allow(pairs, task)
 
     def _support(self, path: SkillPath) -> int:

@@ -195,7 +195,7 @@ class HandoverOptions:
         contact = side_contact_pose(goal, kind, press)
         top = received_top(world.frames(taken.holder), tool, goal, contact)
         frames, twist = giver.model.frames, world.assembly.twist["handover"]
-        held = held_box(frames, "tool", grip_pose(top, kind, press), top)
+        held = held_box(frames, "tool", grip_pose(top, kind, press), top, kind)
         given = (scene.objects[name][0], Attachment(giver.name, held))
         grip = gripped(giver.name, name)
         scene = replace(

@@ -90,10 +90,15 @@ class SkillOptions:
         item, top = world.stock[stock], world.start_top(stock)
         seat = (item.cell, item.brick, world.stock_at_rest[stock][1].pose)
         touching = contacts_at_rest(
-            robot, stock, seat, world.stock_beside(stock), world.cell.fixtures
+            robot,
+            stock,
+            seat,
+            press_of(grasp),
+            world.stock_beside(stock),
+            world.cell.fixtures,
         )
         tool = grip_pose(top, item.brick, press_of(grasp))
-        held = held_box(world.frames(robot), "tool", tool, top)
+        held = held_box(world.frames(robot), "tool", tool, top, item.brick)
         above = world.above(stock)
         goals = world.goals(range(1, len(world.assembly.steps) + 1))
         here = {k: v for k, v in world.stock_at_rest.items() if k not in above}
@@ -164,9 +169,9 @@ class SkillOptions:
         frames, kind, top, press = self._handled(robot, step, grasp)
         if self.world.step(step).up:
             contact = side_contact_pose(top, kind, press)
-            return Attachment(robot, held_box(frames, "alt", contact, top))
+            return Attachment(robot, held_box(frames, "alt", contact, top, kind))
         tool = grip_pose(top, kind, press)
-        return Attachment(robot, held_box(frames, "tool", tool, top))
+        return Attachment(robot, held_box(frames, "tool", tool, top, kind))
 
     def _handled(
         self, robot: str, step: int, grasp: int
@@ -186,7 +191,12 @@ class SkillOptions:
         goal, at_goal = world.goal(step)
         seat = (work.cell, work.brick, at_goal.pose)
         touching = contacts_at_rest(
-            robot, name, seat, world.cells_during(step), world.cell.fixtures
+            robot,
+            name,
+            seat,
+            press_of(grasp),
+            world.cells_during(step),
+            world.cell.fixtures,
         )
         standing = dict(self.home)
         if beside is not None:

@@ -7,6 +7,8 @@ tip reaches its far edge.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from planning.errors import ScenarioError
@@ -14,12 +16,19 @@ from planning.lego.bricks.assembly import (
     BRICKS,
     LAYER_HEIGHT,
     STUD_PITCH,
+    BrickType,
     Cell,
     Plate,
     Press,
     Support,
 )
-from planning.lego.bricks.grid import plate_corner, top_pose
+from planning.lego.bricks.grid import (
+    Span,
+    brick_height,
+    occupied_span,
+    plate_corner,
+    top_pose,
+)
 from planning.lego.bricks.grips import grip_pose
 from planning.skills.subgoals import SkillTargets, Subgoal
 from planning.transforms import Transform, rotation, translation
@@ -109,20 +118,22 @@ def support_top_targets(plate: Plate, support: Support) -> tuple[SkillTargets, .
     return (_support("support-top", pose, frame, (0.0, 0.0, TOP_LEAD)),)
 
 
-def supported_cell(support: Support) -> tuple[Cell, ...]:
-    """Return the two grid places that the supporting tip takes up, as 1 x 1 cells."""
-    dx, dy = (1, 0) if support.orientation in (1, 2) else (0, 1)
-    _index(support)
-    return (
-        Cell(support.x, support.y, support.z),
-        Cell(support.x + dx, support.y + dy, support.z),
+def lever_reaches_below(brick: BrickType) -> bool:
+    """Tell whether the wall beside the tool's grip reaches the knobs of what a brick stands on."""
+    return brick_height(brick) < LEVER_WALL + STUD_HEIGHT
+
+
+def supported_span(support: Support) -> Span:
+    """Return the room on the grid that the supporting tip takes up, two studs and a brick high."""
+    return occupied_span(
+        replace(support.cell, turned=_index(support) in (1, 2)), BRICKS["1x2"]
     )
 
 
 def _contact(plate: Plate, support: Support, layer: int) -> Transform:
     k = _index(support)
     dx, dy = _BEHIND[k]
-    cell = Cell(support.x + dx, support.y + dy, layer, k in (1, 2))
+    cell = Cell(support.x + dx, support.y + dy, layer, k in (1, 2), support.raised)
     pair = BRICKS["1x2"]
     return grip_pose(top_pose(plate, cell, pair), pair, Press(_SIDE[k], 0))
 

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from planning.errors import RobotModelError
-from planning.lego.bricks.assembly import BrickType, Press
-from planning.lego.bricks.grid import box_from_top
+from planning.lego.bricks.assembly import LAYER_HEIGHT, BrickType, Press
+from planning.lego.bricks.grid import box_from_top, brick_height
 from planning.lego.bricks.grips import grip_pose
 from planning.skills.subgoals import SkillTargets, Subgoal
 from planning.transforms import Transform, inverse, rotation, translation
@@ -54,7 +54,10 @@ def pick_targets(
         twist: angle of the twist that loosens it [rad].
     """
     grip = grip_pose(top, brick, press)
-    turned = _via(frames, grip, "tool", "disassemble") @ rotation("y", twist)
+    # The twist is about the bottom edge of a brick; that of a plate is nearer to the tool.
+    nearer = LAYER_HEIGHT - brick_height(brick)
+    axis = _via(frames, grip, "tool", "disassemble") @ translation(0.0, 0.0, -nearer)
+    turned = axis @ rotation("y", twist) @ translation(0.0, 0.0, nearer)
     subgoals = (
         Subgoal("approach", "tool", grip @ translation(-0.005, 0.005, -0.0056)),
         Subgoal("above", "tool", grip @ translation(0.0, 0.0, -0.0028)),
@@ -183,7 +186,11 @@ def received_top(
 
 
 def held_box(
-    frames: Mapping[str, Transform], frame: str, tool: Transform, top: Transform
+    frames: Mapping[str, Transform],
+    frame: str,
+    tool: Transform,
+    top: Transform,
+    brick: BrickType,
 ) -> Transform:
     """Return the pose of a held brick's box centre in the flange frame of its holder.
 
@@ -192,9 +199,10 @@ def held_box(
         frame: the tool frame whose pose is given.
         tool: pose of that frame in the world.
         top: pose of the centre of the brick's top face in the world at that moment.
+        brick: its type.
     """
     flange = tool @ inverse(_frame(frames, frame))
-    return inverse(flange) @ box_from_top(top)
+    return inverse(flange) @ box_from_top(top, brick)
 
 
 def _frame(frames: Mapping[str, Transform], name: str) -> Transform:

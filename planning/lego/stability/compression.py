@@ -37,7 +37,7 @@ def resting_regions(
     for joint in joints:
         below[joint.upper].append(joint)
     regions: dict[str, Region] = {}
-    for name in sorted(bricks, key=lambda n: bricks[n].cell.z):
+    for name in sorted(bricks, key=lambda n: bricks[n].cell.level):
         points = [
             (float(x), float(y))
             for joint in below[name]

@@ -23,7 +23,6 @@ import numpy as np
 
 from planning.lego.bricks.assembly import STUD_PITCH, PlacedBrick
 from planning.lego.bricks.contacts import (
-    LAYER,
     Joint,
     SideContact,
     by_name,
@@ -32,6 +31,7 @@ from planning.lego.bricks.contacts import (
     joints,
     knob_points,
     side_contacts,
+    stud_height,
 )
 from planning.lego.stability.compression import Region, contains, resting_regions
 from planning.lego.stability.equilibrium import Equilibrium, StabilityReport
@@ -235,7 +235,7 @@ class PartialStructures:
         for stud in joint.studs:
             for x, y in knob_points(self.bricks[joint.upper], stud):
                 if contains(region, (float(x), float(y))):
-                    point = np.array([x, y, (joint.layer - 1) * LAYER])
+                    point = np.array([x, y, stud_height(joint.level)])
                     program.add_contact(None, joint.upper, point, _UP)
 
     def _joints_of(self, inside: Names) -> Iterator[Joint]:

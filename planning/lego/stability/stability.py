@@ -20,12 +20,12 @@ import numpy as np
 
 from planning.lego.bricks.assembly import STUD_PITCH, PlacedBrick
 from planning.lego.bricks.contacts import (
-    LAYER,
     Joint,
     SideContact,
     centre,
     is_narrow,
     knob_points,
+    stud_height,
 )
 from planning.lego.stability.equilibrium import Equilibrium
 
@@ -121,7 +121,7 @@ def add_joint(
     first, second = (
         None if n is None or n in fixed else n for n in (joint.lower, joint.upper)
     )
-    height = (joint.layer - 1) * LAYER
+    height = stud_height(joint.level)
     for stud in joint.studs:
         for x, y in knob_points(upper, stud):
             point = np.array([x, y, height])
@@ -138,7 +138,7 @@ def add_side(
     first, second = (None if n in fixed else n for n in (side.first, side.second))
     for along in side.span:
         flat = (side.at, along) if side.axis == 0 else (along, side.at)
-        for height in ((side.layer - 1) * LAYER, side.layer * LAYER):
+        for height in map(stud_height, side.levels):
             point = np.array([*flat, height], dtype=np.float64)
             program.add_contact(first, second, point, _LEVEL[side.axis])
 

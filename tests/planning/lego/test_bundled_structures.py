@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from planning.lego.bricks.grid import occupied_studs
+from planning.lego.bricks.grid import occupied_places
 from planning.lego.sequencing.sequencing import sequenced
 from twin.planning.lego import build_lego, build_structure
 from twin.scenario.file import load_scenario
@@ -85,6 +85,6 @@ def test_the_scaffold_carries_the_structure(name: str) -> None:
     places = [
         place
         for item in (*structure, *fixed)
-        for place in occupied_studs(item.cell, item.brick)
+        for place in occupied_places(item.cell, item.brick)
     ]
     assert len(places) == len(set(places))

@@ -11,10 +11,11 @@ import yaml
 
 from planning.lego.bricks.assembly import BRICKS, Cell, Plate, Press, Support
 from planning.lego.bricks.grid import (
-    occupied_studs,
+    covered_studs,
+    occupied_places,
 )
 from planning.lego.bricks.grips import check_press, press_cell
-from planning.lego.skills.support import supported_cell
+from planning.lego.skills.support import supported_span
 from planning.transforms import identity
 
 FILE = Path(__file__).parents[3] / "scenarios/lego/cliff.yaml"
@@ -49,7 +50,7 @@ def test_the_stock_leaves_a_choice(assembly: dict[str, Any]) -> None:
 
 
 def studs(item: dict[str, Any]) -> frozenset[tuple[int, int, int]]:
-    return occupied_studs(cell(item), BRICKS[item["brick"]])
+    return occupied_places(cell(item), BRICKS[item["brick"]])
 
 
 def test_every_brick_is_joined_when_it_is_placed(assembly: dict[str, Any]) -> None:
@@ -58,7 +59,7 @@ def test_every_brick_is_joined_when_it_is_placed(assembly: dict[str, Any]) -> No
     nx, ny = PLATE.studs
     for step in assembly["steps"]:
         own = studs(step)
-        assert all(0 <= x < nx and 0 <= y < ny and z >= 1 for x, y, z in own)
+        assert all(0 <= x < nx and 0 <= y < ny and z >= 0 for x, y, z in own)
         assert own.isdisjoint(stock | placed)
         above = {(x, y, z + 1) for x, y, z in own} & placed
         below = {(x, y, z - 1) for x, y, z in own} & placed
@@ -82,16 +83,16 @@ def test_presses_and_supports_fit_the_structure(assembly: dict[str, Any]) -> Non
         if "support" in step:
             x, y, z = step["support"]["at"]
             support = Support(x, y, z, step["support"]["orientation"])
-            tip = {(c.x, c.y, c.z) for c in supported_cell(support)}
-            assert tip.isdisjoint(filled | occupied_studs(at, brick))
+            tip = supported_span(support).places
+            assert tip.isdisjoint(filled | occupied_places(at, brick))
             # Something built already is right above the tip, or below it for a place-up.
-            step_z = -1 if up else 1
+            step_z = -3 if up else 3
             assert any((x, y, z + step_z) in filled for x, y, z in tip)
         elif at.z > 1:
             # Unsupported bricks are pressed above studs that something stands under.
             contact = press_cell(at, brick, press, up=False)
             under = {
-                (x, y, at.z - 1) for x, y, _ in occupied_studs(contact, BRICKS["1x2"])
+                (x, y, at.level - 1) for x, y in covered_studs(contact, BRICKS["1x2"])
             }
             assert under <= filled
-        filled |= occupied_studs(at, brick)
+        filled |= occupied_places(at, brick)

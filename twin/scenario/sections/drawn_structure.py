@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from planning.lego.bricks.assembly import BrickType, Cell, PlacedBrick
+from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, Cell, PlacedBrick
 from planning.lego.bricks.drawing import (
     Drawing,
     DrawnBrick,
@@ -28,6 +28,7 @@ from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument
 
 Stud2 = Two[Annotated[int, Field(ge=-1000, le=1000)]]
 GridCell = Three[Annotated[int, Field(ge=-1000, le=1000)]]
+Raised = Annotated[int, Field(ge=0, lt=BRICK_LEVELS)]
 
 
 class ElevationSection(Section):
@@ -51,6 +52,7 @@ class StructureBrickSection(Section):
 
     brick: str
     at: GridCell
+    raised: Raised = 0
     turned: bool = False
     name: Name | None = None
 
@@ -121,7 +123,7 @@ def read_structure(
             continue
         if item.name is not None:
             given[len(drawn)] = i, item.name
-        cell = Cell(item.at[0], item.at[1], item.at[2], item.turned)
+        cell = Cell(item.at[0], item.at[1], item.at[2], item.turned, item.raised)
         stem = item.name or f"{item.brick}_"
         drawn.append(DrawnBrick(stem, types[item.brick], cell, (0, 0)))
         places.append((("bricks", i, "at"), None))

@@ -7,10 +7,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
-from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, Support
-from planning.lego.bricks.grid import Stud, occupied_studs
+from planning.lego.bricks.assembly import (
+    BRICK_LEVELS,
+    BRICKS,
+    BrickType,
+    Cell,
+    Support,
+)
+from planning.lego.bricks.grid import Place, occupied_places
 from twin.scenario.document.section import Name, Section, Several, Two
-from twin.scenario.sections.drawn_structure import GridCell, StructureSection
+from twin.scenario.sections.drawn_structure import GridCell, Raised, StructureSection
 from twin.scenario.sections.poses import PoseSection
 
 Studs = Two[Annotated[int, Field(ge=1, le=1000)]]
@@ -24,10 +30,17 @@ class PlateSection(Section):
 
 
 class BrickSection(Section):
-    """A type of brick: studs along its own x and y, and its mass."""
+    """A type of brick.
+
+    Attributes:
+        studs: along its own x and y.
+        mass_kg: its mass.
+        height: without its studs, in thirds of a brick: 3 for a brick, 1 for a plate.
+    """
 
     studs: Studs
     mass_kg: Annotated[float, Field(gt=0, le=1000)]
+    height: Annotated[int, Field(ge=1, le=30)] = BRICK_LEVELS
 
 
 class StockSection(Section):
@@ -37,6 +50,7 @@ class StockSection(Section):
         name: unique in the scenario.
         brick: its type.
         at: stud of its least x and y (from 0) and layer (1 = on the plate).
+        raised: thirds of a brick from the bottom of the layer to its own.
         turned: turned by +90 degrees about z.
         fixed: scaffolding, which no step may use.
         station: a feeding station: once a brick has been picked, the next one stands there.
@@ -45,6 +59,7 @@ class StockSection(Section):
     name: Name
     brick: str
     at: GridCell
+    raised: Raised = 0
     turned: bool = False
     fixed: bool = False
     station: bool = False
@@ -73,6 +88,7 @@ class PressCellSection(Section):
     """The 1 x 2 cell in which a brick placed from below is held."""
 
     at: GridCell
+    raised: Raised = 0
     turned: bool = False
 
 
@@ -81,10 +97,12 @@ class SupportSection(Section):
 
     Attributes:
         at: the 1 x 2 cell, as stud and layer.
+        raised: thirds of a brick from the bottom of the layer to the cell's.
         orientation: 0 = the tool comes from -x, 1 = from +y, 2 = from -y, 3 = from +x.
     """
 
     at: GridCell
+    raised: Raised = 0
     orientation: Annotated[int, Field(ge=0, le=3)]
 
 
@@ -93,7 +111,7 @@ class StepSection(Section):
 
     Attributes:
         brick: type of the brick to place.
-        at, turned: where it goes, as for the stock.
+        at, raised, turned: where it goes, as for the stock.
         place: from above, or from below with a handover and a support on top.
         press: the grip; the planner chooses where it is not given.
         presses: the grips to choose from, ``press`` the first of them.
@@ -106,6 +124,7 @@ class StepSection(Section):
 
     brick: str
     at: GridCell
+    raised: Raised = 0
     turned: bool = False
     place: Literal["down", "up"] = "down"
     press: PressSection | None = None
@@ -207,7 +226,9 @@ class LegoSection(Section):
 def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
     """Return the brick types by name: the library, then those of the scenario."""
     own = {
-        name: BrickType(name, (brick.studs[0], brick.studs[1]), brick.mass_kg)
+        name: BrickType(
+            name, (brick.studs[0], brick.studs[1]), brick.mass_kg, brick.height
+        )
         for name, brick in assembly.bricks.items()
     }
     return {**BRICKS, **own}
@@ -216,17 +237,17 @@ def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
 def cell_of(item: StockSection | StepSection) -> Cell:
     """Return the cell of a brick of the stock or of a step."""
     x, y, z = item.at
-    return Cell(x, y, z, item.turned)
+    return Cell(x, y, z, item.turned, item.raised)
 
 
-def studs_of(
+def places_of(
     item: StockSection | StepSection, types: Mapping[str, BrickType]
-) -> frozenset[Stud]:
+) -> frozenset[Place]:
     """Return the places on the grid that a brick of the stock or of a step fills."""
-    return occupied_studs(cell_of(item), types[item.brick])
+    return occupied_places(cell_of(item), types[item.brick])
 
 
 def support_of(item: SupportSection) -> Support:
     """Return the place of a supporting tool."""
     x, y, z = item.at
-    return Support(x, y, z, item.orientation)
+    return Support(x, y, z, item.orientation, item.raised)

@@ -20,7 +20,7 @@ from planning.lego.bricks.grid import (
     box_size,
     bricks_above,
     footprint,
-    occupied_studs,
+    occupied_places,
     plate_corner,
     top_pose,
 )
@@ -35,9 +35,15 @@ cells = st.builds(
     st.integers(0, 40),
     st.integers(1, 20),
     st.booleans(),
+    st.integers(0, 2),
 )
 near_cells = st.builds(
-    Cell, st.integers(0, 6), st.integers(0, 6), st.integers(1, 3), st.booleans()
+    Cell,
+    st.integers(0, 6),
+    st.integers(0, 6),
+    st.integers(1, 3),
+    st.booleans(),
+    st.integers(0, 2),
 )
 plates = st.builds(
     lambda x, y, z, yaw: Plate(from_rpy((x, y, z), (0.0, 0.0, yaw))),
@@ -53,8 +59,9 @@ def cell_at(plate: Plate, top: Transform, brick: BrickType) -> Cell:
     local = inverse(plate_corner(plate)) @ top
     turned = round(np.arctan2(local[1, 0], local[0, 0]) / (np.pi / 2)) % 2 == 1
     nx, ny = footprint(Cell(0, 0, 1, turned), brick)
-    x, y, z = local[:3, 3] / (STUD_PITCH, STUD_PITCH, LAYER_HEIGHT)
-    return Cell(round(x - nx / 2), round(y - ny / 2), round(z), turned)
+    x, y, z = local[:3, 3] / (STUD_PITCH, STUD_PITCH, LAYER_HEIGHT / 3)
+    level = round(z) - brick.height
+    return Cell.at_level(round(x - nx / 2), round(y - ny / 2), level, turned=turned)
 
 
 def test_a_brick_at_the_corner_stands_on_the_corner() -> None:
@@ -80,14 +87,14 @@ def test_half_a_turn_of_a_brick_is_the_same_cell(
 
 
 @given(plates, cells, bricks)
-def test_the_box_hangs_half_a_layer_below_the_top(
+def test_the_box_hangs_half_its_height_below_the_top(
     plate: Plate, cell: Cell, brick: BrickType
 ) -> None:
     top, box = top_pose(plate, cell, brick), box_pose(plate, cell, brick)
     np.testing.assert_allclose(
-        top[:3, 3] - box[:3, 3], [0, 0, LAYER_HEIGHT / 2], atol=1e-12
+        top[:3, 3] - box[:3, 3], [0, 0, brick.height * LAYER_HEIGHT / 6], atol=1e-12
     )
-    np.testing.assert_allclose(box_from_top(top), box, atol=1e-12)
+    np.testing.assert_allclose(box_from_top(top, brick), box, atol=1e-12)
 
 
 def _bounds(cell: Cell, brick: BrickType, plate: Plate = FLAT) -> tuple[Array, Array]:
@@ -106,7 +113,7 @@ def test_contact_on_the_grid_is_contact_of_the_boxes(
     gap = np.maximum(low_b - high_a, low_a - high_b)
     other = {"other": (b, brick_b)}
     overlap = bool(np.all(gap < -1e-6))
-    shared = occupied_studs(a, brick_a) & occupied_studs(b, brick_b)
+    shared = occupied_places(a, brick_a) & occupied_places(b, brick_b)
     assert bool(shared) == overlap
     if overlap:  # two bricks in one place have no neighbours to speak of
         return

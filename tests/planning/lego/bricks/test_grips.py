@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,6 +12,7 @@ from hypothesis import strategies as st
 from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import (
     BRICKS,
+    LAYER_HEIGHT,
     STUD_PITCH,
     BrickType,
     Cell,
@@ -31,7 +34,12 @@ from planning.transforms import Transform, from_rpy, rotation, translation
 OPPOSITE = {1: 4, 4: 1, 2: 3, 3: 2}
 
 cells = st.builds(
-    Cell, st.integers(0, 40), st.integers(0, 40), st.integers(1, 20), st.booleans()
+    Cell,
+    st.integers(0, 40),
+    st.integers(0, 40),
+    st.integers(1, 20),
+    st.booleans(),
+    st.integers(0, 2),
 )
 tops = st.builds(
     lambda x, y, z, yaw: from_rpy((x, y, z), (0.0, 0.0, yaw)),
@@ -44,7 +52,8 @@ tops = st.builds(
 
 @st.composite
 def gripped(draw: st.DrawFn) -> tuple[BrickType, Press]:
-    brick = BRICKS[draw(st.sampled_from(sorted(set(BRICKS) - {"1x1"})))]
+    wide = [brick for brick in BRICKS.values() if brick.studs != (1, 1)]
+    brick = draw(st.sampled_from(wide))
     return brick, draw(st.sampled_from(presses(brick)))
 
 
@@ -113,9 +122,9 @@ def test_the_contact_cell_is_where_the_tool_presses(
     brick, press = grip
     plate = Plate(np.eye(4))
     contact = press_cell(cell, brick, press, up=up)
-    assert contact.z == cell.z + (-1 if up else 1)
-    level = Cell(contact.x, contact.y, cell.z, contact.turned)
-    pair = BRICKS["1x2"]
+    assert contact.level == cell.level + (-3 if up else brick.height)
+    level = replace(contact, z=cell.z, raised=cell.raised)
+    pair = replace(BRICKS["1x2"], height=brick.height)
     np.testing.assert_allclose(
         grip_pose(top_pose(plate, level, pair), pair, contact_press(contact, press)),
         grip_pose(top_pose(plate, cell, brick), brick, press),
@@ -129,7 +138,10 @@ def test_the_side_studs_hold_level_from_outside(
 ) -> None:
     brick, press = grip
     down, level = grip_pose(top, brick, press), side_contact_pose(top, brick, press)
-    np.testing.assert_allclose(level[:3, 3], down[:3, 3], atol=1e-12)
+    # The tool's side studs are a brick's height below the frame.
+    bottom = down[:3, 3] + down[:3, 2] * brick.height * LAYER_HEIGHT / 3
+    below = level[:3, 3] - top[:3, 2] * LAYER_HEIGHT
+    np.testing.assert_allclose(below, bottom, atol=1e-12)
     np.testing.assert_allclose(level[:3, 2], down[:3, 0], atol=1e-12)
     np.testing.assert_allclose(level[:3, 0], [0, 0, -1], atol=1e-12)
 

@@ -24,7 +24,7 @@ from planning.lego.bricks.assembly import (
     StockBrick,
     Support,
 )
-from planning.lego.bricks.grid import occupied_studs
+from planning.lego.bricks.grid import covered_studs, occupied_places
 from planning.lego.bricks.grips import press_cell, presses
 from planning.lego.sequencing.insertion import InsertionRules
 from planning.lego.sequencing.sequencing import (
@@ -65,17 +65,17 @@ def _replay(structure, found: SequencedStructure, scaffold=(), force=15.0) -> No
     for item in found.sequence:
         step, brick = item.step, goal[item.name]
         assert (step.brick, step.cell) == (brick.brick, brick.cell)
-        filled = {p: i for i in there for p in occupied_studs(i.cell, i.brick)}
-        own = occupied_studs(brick.cell, brick.brick)
-        above = {filled.get((x, y, z + 1)) for x, y, z in own} - {None}
-        below = {filled.get((x, y, z - 1)) for x, y, z in own} - {None}
+        filled = {p: i for i in there for p in occupied_places(i.cell, i.brick)}
+        own = occupied_places(brick.cell, brick.brick)
+        above = {filled.get((x, y, z + 1)) for x, y, z in own} - {None, brick}
+        below = {filled.get((x, y, z - 1)) for x, y, z in own} - {None, brick}
         if step.up:
             assert above
             assert not below
-            assert step.cell.z > 1
+            assert step.cell.level > 0
         else:
             assert not above
-            assert below or step.cell.z == 1
+            assert below or step.cell.level == 0
         there.append(brick)
         assert item.step.presses[0] == step.press
         assert set(item.step.presses) <= set(presses(brick.brick))
@@ -93,9 +93,9 @@ def _replay(structure, found: SequencedStructure, scaffold=(), force=15.0) -> No
 def _loads(brick, press, force, *, up):
     contact = press_cell(brick.cell, brick.brick, press, up=up)
     pair = PlacedBrick("tool", BRICKS["1x2"], contact)
-    own = {p[:2] for p in occupied_studs(brick.cell, brick.brick)}
-    studs = [s for s in occupied_studs(pair.cell, pair.brick) if s[:2] in own]
-    height = (brick.cell.z - (1 if up else 0)) * LAYER_HEIGHT
+    own = covered_studs(brick.cell, brick.brick)
+    studs = [s for s in covered_studs(pair.cell, pair.brick) if s in own]
+    height = (brick.cell.level + (0 if up else brick.brick.height)) * LAYER_HEIGHT / 3
     each = (force if up else -force) / len(studs)
     return [
         Load(
@@ -103,22 +103,22 @@ def _loads(brick, press, force, *, up):
             (0.0, 0.0, each),
             ((x + 0.5) * STUD_PITCH, (y + 0.5) * STUD_PITCH, height),
         )
-        for x, y, _ in studs
+        for x, y in studs
     ]
 
 
 def _holds(there, step):
     """Return where the support touches, found by sampling its face."""
     (x0, y0, _), (x1, y1, _) = support_face(step.support, top=step.up)
-    layer = step.support.z - 1 if step.up else step.support.z + 1
-    filled = {p: i.name for i in there for p in occupied_studs(i.cell, i.brick)}
+    level = step.support.cell.level + (-1 if step.up else 3)
+    filled = {p: i.name for i in there for p in occupied_places(i.cell, i.brick)}
     n = 9
     out = []
     for i in range(n):
         for j in range(n):
             x = x0 + (x1 - x0) * (0.001 + 0.998 * i / (n - 1))
             y = y0 + (y1 - y0) * (0.001 + 0.998 * j / (n - 1))
-            name = filled.get((int(x // STUD_PITCH), int(y // STUD_PITCH), layer))
+            name = filled.get((int(x // STUD_PITCH), int(y // STUD_PITCH), level))
             if name is not None:
                 out.append(Hold(name, -1 if step.up else 1, (x, y, 0.0)))
     return out
@@ -235,14 +235,16 @@ def test_limit_of_the_search_is_told():
 def test_random_towers_are_built_or_refused_with_a_reason(data):
     structure: list[PlacedBrick] = []
     filled: set[tuple[int, int, int]] = set()
+    plates = ["2x4-plate", "1x6-plate"] if data.draw(st.booleans()) else []
     for k in range(data.draw(st.integers(3, 8))):
-        kind = data.draw(st.sampled_from(["2x2", "2x4", "1x4", "2x6"]))
+        kind = data.draw(st.sampled_from(["2x2", "2x4", "1x4", "2x6", *plates]))
         x, y = data.draw(st.integers(20, 24)), data.draw(st.integers(20, 24))
         flat = _brick("", kind, x, y, 1, data.draw(st.booleans()))
-        columns = {p[:2] for p in occupied_studs(flat.cell, flat.brick)}
-        z = 1 + max((p[2] for p in filled if p[:2] in columns), default=0)
-        item = _brick(f"b{k}", kind, x, y, z, flat.cell.turned)
-        filled |= occupied_studs(item.cell, item.brick)
+        columns = covered_studs(flat.cell, flat.brick)
+        level = 1 + max((p[2] for p in filled if p[:2] in columns), default=-1)
+        cell = Cell.at_level(x, y, level, turned=flat.cell.turned)
+        item = PlacedBrick(f"b{k}", BRICKS[kind], cell)
+        filled |= occupied_places(item.cell, item.brick)
         structure.append(item)
     try:
         found = sequence_structure(structure)

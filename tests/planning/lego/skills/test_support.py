@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from planning.lego.skills.support import (
     STUD_HEIGHT,
     support_bottom_targets,
     support_top_targets,
-    supported_cell,
+    supported_span,
 )
 from planning.skills.subgoals import SkillTargets
 from planning.transforms import from_rpy, inverse, rotation
@@ -38,10 +39,9 @@ builders = st.sampled_from(BUILDERS)
 
 def _turned_by_a_quarter(support: Support, studs: int = 48) -> Support:
     """Return the support on the grid turned by +90 degrees about the plate's centre."""
-    far = max(c.y for c in supported_cell(support))
-    return Support(
-        studs - 1 - far, support.x, support.z, QUARTER_TURN[support.orientation]
-    )
+    far = supported_span(support).y1
+    orientation = QUARTER_TURN[support.orientation]
+    return replace(support, x=studs - far, y=support.x, orientation=orientation)
 
 
 @given(places, orientations, builders)
@@ -70,8 +70,8 @@ def test_the_tip_lies_under_the_supported_studs(
     assert pose[2, 3] + STUD_PITCH == pytest.approx(place[2] * LAYER_HEIGHT)
     # It ends at the far edge of the supported studs, the wall included, centred on them.
     tip = (pose[:3, 3] + LEVER_WALL * heading)[:2] / STUD_PITCH + 24
-    centres = np.array([(c.x + 0.5, c.y + 0.5) for c in supported_cell(support)])
-    expected = centres.mean(axis=0) + 0.5 * heading[:2]
+    x0, x1, y0, y1, *_ = supported_span(support)
+    expected = [(x0 + x1) / 2, (y0 + y1) / 2] + 0.5 * heading[:2]
     np.testing.assert_allclose(tip, expected, atol=1e-9)
 
 

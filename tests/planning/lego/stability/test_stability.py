@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import assume, example, given, settings
@@ -17,7 +18,7 @@ from planning.lego.bricks.assembly import (
     PlacedBrick,
 )
 from planning.lego.bricks.contacts import knob_points
-from planning.lego.bricks.grid import footprint, occupied_studs
+from planning.lego.bricks.grid import covered_studs, footprint, occupied_places
 from planning.lego.stability.partial_structures import PartialStructures
 from planning.lego.stability.stability import (
     STANDARD_GRAVITY,
@@ -165,7 +166,7 @@ def test_errors_name_the_brick():
 def test_cavity_contacts_are_those_of_walls_tubes_and_bars(kind, turned):
     item = PlacedBrick("a", BRICKS[kind], Cell(3, 4, 2, turned))
     narrow = min(item.brick.studs) == 1
-    for x, y, _ in occupied_studs(item.cell, item.brick):
+    for x, y in covered_studs(item.cell, item.brick):
         points = knob_points(item, (x, y))
         assert len(points) == (4 if narrow else 3)
         away = ((points - [x + 0.5, y + 0.5]) ** 2).sum(axis=1) ** 0.5
@@ -175,28 +176,28 @@ def test_cavity_contacts_are_those_of_walls_tubes_and_bars(kind, turned):
 # Random structures: bricks dropped one after another, each on what is there.
 
 
+_KINDS = ["1x2", "1x4", "2x2", "2x4", "1x1", "1x6", "1x2-plate", "2x4-plate"]
+
+
 @st.composite
 def _structures(draw, most=9, side=6):
     out: list[PlacedBrick] = []
     filled: set[tuple[int, int, int]] = set()
     for k in range(draw(st.integers(2, most))):
-        kind = draw(st.sampled_from(["1x2", "1x4", "2x2", "2x4", "1x1", "1x6"]))
+        kind = draw(st.sampled_from(_KINDS))
         turned = draw(st.booleans())
         x, y = draw(st.integers(0, side)), draw(st.integers(0, side))
         nx, ny = footprint(Cell(x, y, 1, turned), BRICKS[kind])
         columns = {(x + i, y + j) for i in range(nx) for j in range(ny)}
-        z = 1 + max((p[2] for p in filled if p[:2] in columns), default=0)
-        item = PlacedBrick(f"b{k}", BRICKS[kind], Cell(x, y, z, turned))
-        filled |= occupied_studs(item.cell, item.brick)
+        level = 1 + max((p[2] for p in filled if p[:2] in columns), default=-1)
+        cell = Cell.at_level(x, y, level, turned=turned)
+        item = PlacedBrick(f"b{k}", BRICKS[kind], cell)
+        filled |= occupied_places(item.cell, item.brick)
         out.append(item)
     # Heavy enough for the friction of single knobs to be in question.
     scale = draw(st.sampled_from([1.0, 30.0, 100.0]))
     return [
-        PlacedBrick(
-            i.name,
-            BrickType(i.brick.name, i.brick.studs, i.brick.mass * scale),
-            i.cell,
-        )
+        PlacedBrick(i.name, replace(i.brick, mass=i.brick.mass * scale), i.cell)
         for i in out
     ]
 
@@ -213,7 +214,8 @@ def _changed(structure, change):
         x, y = (min(c[k] for c in corners) for k in (0, 1))
         wide = max(c[0] for c in corners) - x
         turned = wide != item.brick.studs[0]
-        out.append(PlacedBrick(item.name, item.brick, Cell(x, y, item.cell.z, turned)))
+        cell = replace(item.cell, x=x, y=y, turned=turned)
+        out.append(PlacedBrick(item.name, item.brick, cell))
     return out
 
 
@@ -248,15 +250,15 @@ def test_scores_grow_with_weight_and_shrink_with_strength(structure, factor):
 @settings(max_examples=25, deadline=None)
 @given(_structures(), st.data())
 def test_a_post_below_a_brick_never_makes_it_worse(structure, data):
-    filled = {p for i in structure for p in occupied_studs(i.cell, i.brick)}
+    filled = {p for i in structure for p in occupied_places(i.cell, i.brick)}
     gaps = sorted(
         (x, y, z)
         for x, y, z in filled
-        if z > 1 and not any((x, y, k) in filled for k in range(1, z))
+        if z > 0 and not any((x, y, k) in filled for k in range(z))
     )
-    x, y, z = data.draw(st.sampled_from(gaps or [(40, 40, 2)]))
-    light = BrickType("1x1", (1, 1), 0.0)
-    posts = [PlacedBrick(f"post{k}", light, Cell(x, y, k)) for k in range(1, z)]
+    x, y, z = data.draw(st.sampled_from(gaps or [(40, 40, 1)]))
+    light = BrickType("1x1", (1, 1), 0.0, height=1)
+    posts = [PlacedBrick(f"post{k}", light, Cell.at_level(x, y, k)) for k in range(z)]
     before, after = stability(structure).score, stability([*structure, *posts]).score
     assert after <= before + 1e-7
 
@@ -326,14 +328,14 @@ def test_pressing_agrees_with_the_plain_program(structure, data):
     item = structure[-1]  # nothing lies on the last one
     rest = stability([i for i in structure if i != item])
     assume(rest.stable)
-    x, y, z = data.draw(st.sampled_from(sorted(occupied_studs(item.cell, item.brick))))
-    point = ((x + 0.5) * STUD_PITCH, (y + 0.5) * STUD_PITCH, z * 0.0096)
+    x, y, z = data.draw(st.sampled_from(sorted(occupied_places(item.cell, item.brick))))
+    point = ((x + 0.5) * STUD_PITCH, (y + 0.5) * STUD_PITCH, (z + 1) * 0.0032)
     load = Load(item.name, (0.0, 0.0, -data.draw(st.sampled_from([2.0, 15.0]))), point)
     under = data.draw(st.sampled_from(structure))
     holds = []
     if under != item and data.draw(st.booleans()):
-        a, b, c = min(occupied_studs(under.cell, under.brick))
-        touch = ((a + 0.5) * STUD_PITCH, (b + 0.5) * STUD_PITCH, (c - 1) * 0.0096)
+        a, b, c = min(occupied_places(under.cell, under.brick))
+        touch = ((a + 0.5) * STUD_PITCH, (b + 0.5) * STUD_PITCH, c * 0.0032)
         holds = [Hold(under.name, 1, touch)]
     plain = stability(
         structure, loads=[load], holds=holds, loose=frozenset((item.name,))

@@ -1,0 +1,229 @@
+"""Plates among bricks: where they touch, against boxes; three of them are as high as a brick."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.errors import ScenarioError
+from planning.lego.bricks.assembly import (
+    BRICKS,
+    STUD_PITCH,
+    BrickType,
+    Cell,
+    PlacedBrick,
+    Plate,
+    Press,
+    Support,
+)
+from planning.lego.bricks.contacts import (
+    by_name,
+    filled_places,
+    joints,
+    side_contacts,
+)
+from planning.lego.bricks.grid import (
+    box_pose,
+    box_size,
+    brick_height,
+    joined_to_plate,
+    occupied_places,
+    plate_corner,
+    top_pose,
+)
+from planning.lego.bricks.grips import grip_pose, press_cell, side_contact_pose
+from planning.lego.skills.support import support_bottom_targets, support_top_targets
+from planning.lego.stability.partial_structures import PartialStructures
+from planning.transforms import inverse
+from tests.planning.lego.whole_stability import stability
+
+GRID = Plate(np.eye(4))
+LEVEL = 0.0032
+KINDS = ("1x1", "1x2", "2x2", "2x4", "1x2-plate", "2x2-plate", "2x4-plate", "panel")
+TYPES = {**BRICKS, "panel": BrickType("panel", (1, 4), 0.003, height=9)}
+
+
+@st.composite
+def structures(draw) -> list[PlacedBrick]:
+    """Bricks, plates and panels anywhere in a small space, none inside another."""
+    filled: set[tuple[int, int, int]] = set()
+    out = []
+    for k in range(draw(st.integers(2, 10))):
+        kind = TYPES[draw(st.sampled_from(KINDS))]
+        x, y = draw(st.integers(0, 4)), draw(st.integers(0, 4))
+        level, turned = draw(st.integers(0, 7)), draw(st.booleans())
+        item = PlacedBrick(f"b{k}", kind, Cell.at_level(x, y, level, turned=turned))
+        own = occupied_places(item.cell, kind)
+        if filled.isdisjoint(own):
+            filled |= own
+            out.append(item)
+    return out
+
+
+def box(item: PlacedBrick) -> tuple[np.ndarray, np.ndarray]:
+    """Return least and greatest corner of a brick's share of the grid [studs, studs, levels]."""
+    pose = inverse(plate_corner(GRID)) @ box_pose(GRID, item.cell, item.brick)
+    half = np.abs(pose[:3, :3]) @ box_size(item.brick) / 2
+    unit = (STUD_PITCH, STUD_PITCH, LEVEL)
+    low, high = (pose[:3, 3] - half) / unit, (pose[:3, 3] + half) / unit
+    return np.round(low), np.round(high)
+
+
+def shared(a, b) -> np.ndarray:
+    """Return how far two boxes share each axis."""
+    return np.minimum(a[1], b[1]) - np.maximum(a[0], b[0])
+
+
+@settings(max_examples=150, deadline=None)
+@given(structures())
+def test_joints_are_where_boxes_meet(structure) -> None:
+    bricks = by_name(structure)
+    found = {
+        (j.lower, j.upper, j.level): j.studs
+        for j in joints(bricks, filled_places(bricks))
+    }
+    expected = {}
+    boxes = {name: box(item) for name, item in bricks.items()}
+    ground = (np.array([-99, -99, -9]), np.array([99, 99, 0]))
+    for upper, above in boxes.items():
+        for lower, below in ((None, ground), *boxes.items()):
+            common = shared(above, below)
+            if lower == upper or common[2] != 0 or above[0][2] != below[1][2]:
+                continue
+            if (common[:2] > 0).all():
+                low = np.maximum(above[0], below[0]).astype(int)
+                expected[lower, upper, int(above[0][2])] = tuple(
+                    (low[0] + i, low[1] + j)
+                    for i in range(int(common[0]))
+                    for j in range(int(common[1]))
+                )
+    assert found == expected
+
+
+@settings(max_examples=150, deadline=None)
+@given(structures())
+def test_sides_touch_where_boxes_meet(structure) -> None:
+    bricks = by_name(structure)
+    found = {
+        (s.first, s.second, s.axis, s.at, s.span, s.levels)
+        for s in side_contacts(bricks, filled_places(bricks))
+    }
+    expected = set()
+    boxes = {name: box(item) for name, item in bricks.items()}
+    for first, second in permutations(boxes, 2):
+        a, b = boxes[first], boxes[second]
+        common = shared(a, b)
+        for axis in (0, 1):
+            other = 1 - axis
+            if a[1][axis] != b[0][axis] or common[other] <= 0 or common[2] <= 0:
+                continue
+            low, high = np.maximum(a[0], b[0]), np.minimum(a[1], b[1])
+            expected.add(
+                (
+                    first,
+                    second,
+                    axis,
+                    int(a[1][axis]),
+                    (int(low[other]), int(high[other])),
+                    (int(low[2]), int(high[2])),
+                )
+            )
+    assert found == expected
+
+
+@settings(max_examples=100, deadline=None)
+@given(structures())
+def test_what_is_joined_to_the_plate_is_what_joints_link(structure) -> None:
+    bricks = by_name(structure)
+    every = joints(bricks, filled_places(bricks))
+    held: set[str | None] = {None}
+    while new := {
+        name
+        for j in every
+        for name in (j.lower, j.upper)
+        if {j.lower, j.upper} & held and name not in held
+    }:
+        held |= new
+    places = {n: occupied_places(i.cell, i.brick) for n, i in bricks.items()}
+    assert joined_to_plate(places) == held - {None}
+
+
+@settings(max_examples=60, deadline=None)
+@given(structures())
+def test_the_quick_judge_agrees_with_the_plain_program(structure) -> None:
+    quick = PartialStructures(structure).standing(frozenset(i.name for i in structure))
+    plain = stability(structure)
+    assert quick.stable == plain.stable
+
+
+@given(st.sampled_from([b for b in BRICKS.values() if b.height == 3]), st.booleans())
+def test_three_plates_are_as_high_as_a_brick(brick: BrickType, turned: bool) -> None:
+    cell = Cell(5, 6, 2, turned)
+    plate = BRICKS[f"{brick.name}-plate"]
+    assert plate.studs == brick.studs
+    stack = [Cell.at_level(5, 6, 3 + k, turned=turned) for k in range(3)]
+    assert [c.raised for c in stack] == [0, 1, 2]
+    places = [occupied_places(c, plate) for c in stack]
+    assert frozenset().union(*places) == occupied_places(cell, brick)
+    assert sum(map(len, places)) == len(occupied_places(cell, brick))
+    np.testing.assert_allclose(
+        top_pose(GRID, stack[-1], plate), top_pose(GRID, cell, brick), atol=1e-15
+    )
+    assert 3 * brick_height(plate) == pytest.approx(brick_height(brick), abs=1e-15)
+    # What is pressed on the third plate is where it would be on the brick.
+    press = Press(1, 0)
+    assert press_cell(stack[-1], plate, press, up=False) == press_cell(
+        cell, brick, press, up=False
+    )
+    # From below, the tool comes where it comes for the brick.
+    for lowest, kind in ((stack[0], plate), (cell, brick)):
+        contact = side_contact_pose(top_pose(GRID, lowest, kind), kind, press)
+        np.testing.assert_allclose(
+            contact,
+            side_contact_pose(top_pose(GRID, cell, brick), brick, press),
+            atol=1e-15,
+        )
+
+
+def test_a_wall_of_plates_stands_as_the_wall_of_bricks() -> None:
+    """Equally heavy, with the same knobs below: the same centre and the same score."""
+    light = BRICKS["2x4"]
+    third = BrickType("third", (2, 4), light.mass / 3, height=1)
+    post = PlacedBrick("post", BRICKS["2x2"], Cell(0, 0, 1))
+    brick = PlacedBrick("whole", light, Cell(0, 0, 2))
+    thirds = [PlacedBrick(f"t{k}", third, Cell(0, 0, 2, raised=k)) for k in range(3)]
+    # The least friction is at the joint below: the plates need no more than the brick.
+    one, three = stability([post, brick]), stability([post, *thirds])
+    assert 0 < one.score == pytest.approx(three.score)
+
+
+@pytest.mark.parametrize("level", range(2, 9))
+@pytest.mark.parametrize("orientation", range(4))
+def test_supports_follow_their_level(level: int, orientation: int) -> None:
+    """Each level is 3.2 mm, whole layers are those that layers name."""
+    at = Cell.at_level(10, 12, level)
+    support = Support(at.x, at.y, at.z, orientation, at.raised)
+    base = Support(at.x, at.y, 1, orientation)
+    for find in (support_bottom_targets, support_top_targets):
+        here, below = (
+            find(GRID, s)[0].subgoals[-1].pose[:3, 3] for s in (support, base)
+        )
+        np.testing.assert_allclose(here - below, [0, 0, level * LEVEL], atol=1e-12)
+
+
+def test_plates_overlap_where_their_levels_do() -> None:
+    low = PlacedBrick("low", BRICKS["2x4"], Cell(0, 0, 1))
+    inside = PlacedBrick("in", BRICKS["2x2-plate"], Cell(0, 0, 1, raised=2))
+    with pytest.raises(ScenarioError, match="'low' and 'in' overlap"):
+        by_name([low, inside])
+    assert by_name([low, PlacedBrick("on", BRICKS["2x2-plate"], Cell(0, 0, 2))])
+
+
+def test_a_plate_is_gripped_at_its_own_top() -> None:
+    plate = BRICKS["2x4-plate"]
+    grip = grip_pose(top_pose(GRID, Cell(0, 0, 2, raised=1), plate), plate, Press(1, 0))
+    assert grip[2, 3] == pytest.approx(5 * LEVEL)
