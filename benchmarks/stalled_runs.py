@@ -31,7 +31,7 @@ from benchmarks.machine import date_line, machine_line
 from benchmarks.stalled_runs_report import report
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.audit import Auditor
-from twin.audit.executed import read_recording
+from twin.audit.motion.executed import read_recording
 from twin.host.atomic import write_json
 from twin.planning.pipeline import plan_scenario
 from twin.recorders.motion_tables import objects_table, trajectory_table, write_table

@@ -8,7 +8,7 @@ from copy import copy
 import numpy as np
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.executed import Recording
+from twin.audit.motion.executed import Recording
 
 CONTACT_DEPTH = 0.003
 """Allowed contacts may be this deep [m]."""

@@ -20,14 +20,14 @@ from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.accepted_overlaps import ContactRule
 from twin.audit.edge_order import edge_violations, logged_spans, moved_spans
-from twin.audit.executed import ObjectRow, Recording, read_recording
 from twin.audit.grips import GripWatch
 from twin.audit.joint_checks import joint_violations
-from twin.audit.pairs import Asked, gaps
+from twin.audit.motion.executed import ObjectRow, Recording, read_recording
+from twin.audit.motion.pairs import Asked, gaps
+from twin.audit.motion.reach import travel_of_points
+from twin.audit.motion.sampling import Stretch, stretches
 from twin.audit.places import place_violations, start_violations
-from twin.audit.reach import travel_of_points
 from twin.audit.resting import RestWatch
-from twin.audit.sampling import Stretch, stretches
 from twin.audit.supports import support_violations
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted
@@ -243,23 +243,31 @@ class _Watch:
         if self._before is None:
             return
         t = float(stretch.t[0])
+        before, now = self._before.placements, stretch.placements
+        moved = {k for k, row in now.items() if before.get(k) is not row}
+        if not moved:
+            return
         tracks = [
-            {track.shape.entity: track for track in (*piece.moving, *piece.resting)}
+            {
+                track.shape.entity: track
+                for track in (*piece.moving, *piece.resting)
+                if track.shape.entity in moved
+            }
             for piece in (self._before, stretch)
         ]
         cell = self._world.cell
         for shape, box in zip(self._world.objects, cell.objects, strict=True):
-            before = self._before.placements.get(box.name)
-            if before is stretch.placements.get(box.name):
+            if box.name not in moved:
                 continue
-            old = box.start if before is None else tracks[0][box.name].pose(-1)
+            row = before.get(box.name)
+            old = box.start if row is None else tracks[0][box.name].pose(-1)
             ends = np.stack([old, tracks[1][box.name].pose(0)])
             jump = float(
                 travel_of_points(ends[:, :3, :3], ends[:, :3, 3], shape.radius)[0]
             )
             if jump > JUMP:
-                after = stretch.placements[box.name].holder
-                detail = f"when it goes from {_whose(before)} to {after or 'rest'}"
+                after = now[box.name].holder
+                detail = f"when it goes from {_whose(row)} to {after or 'rest'}"
                 self._jumped.append(
                     Violation(t, t, box.name, "jump", jump, detail, "jump")
                 )

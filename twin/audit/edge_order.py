@@ -12,7 +12,7 @@ import numpy as np
 from planning.errors import OutputError
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.executed import RobotRows
+from twin.audit.motion.executed import RobotRows
 from twin.audit.violation import Violation
 
 _TICK = 1e-9

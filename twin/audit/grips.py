@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.audit.executed import ObjectRow
-from twin.audit.sampling import Stretch
+from twin.audit.motion.executed import ObjectRow
+from twin.audit.motion.sampling import Stretch
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted
 from twin.audit.worlds.world import AuditWorld, Shape

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import numpy.typing as npt
 
-from twin.audit.executed import RobotRows
+from twin.audit.motion.executed import RobotRows
 from twin.audit.violation import Violation
 from twin.audit.worlds.world import JointLimits
 

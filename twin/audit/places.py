@@ -9,8 +9,8 @@ from scipy.optimize import linear_sum_assignment
 
 from planning.cell.workcell import CellObject, Workcell
 from planning.transforms import Array, Transform, rotation
-from twin.audit.executed import ObjectRow, Recording
-from twin.audit.reach import travel_of_points
+from twin.audit.motion.executed import ObjectRow, Recording
+from twin.audit.motion.reach import travel_of_points
 from twin.audit.violation import Violation
 from twin.audit.wanted import Place, Wanted
 

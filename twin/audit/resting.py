@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from planning.transforms import Array, Transform, translation
-from twin.audit.executed import ObjectRow
-from twin.audit.sampling import Stretch
+from twin.audit.motion.executed import ObjectRow
+from twin.audit.motion.sampling import Stretch
 from twin.audit.violation import Violation
 from twin.audit.wanted import TOUCH, Wanted
 from twin.audit.worlds.world import AuditWorld, Shape

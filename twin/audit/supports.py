@@ -10,8 +10,8 @@ import numpy as np
 from planning.cell.workcell import Workcell
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.executed import ObjectRow, Recording, RobotRows
 from twin.audit.grips import tool_shapes
+from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
 from twin.audit.places import rows_at, taken
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted

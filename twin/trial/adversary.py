@@ -17,7 +17,7 @@ from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.graph_structure import find_precedence
 from twin.audit.audit import Auditor
-from twin.audit.executed import ObjectRow, Recording, RobotRows
+from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
 from twin.audit.violation import Violation
 from twin.audit.worlds.engine import Engine, engine_and_version, engine_named
 from twin.host.progress import Report, report_nothing

@@ -28,9 +28,9 @@ from tests.twin.audit.audit_cell import (
 )
 from twin.audit.accepted_overlaps import CONTACT_DEPTH, SLACK
 from twin.audit.audit import Auditor, AuditReport, audit_run
-from twin.audit.executed import read_recording
-from twin.audit.pairs import FINEST
-from twin.audit.sampling import STEP, stretches
+from twin.audit.motion.executed import read_recording
+from twin.audit.motion.pairs import FINEST
+from twin.audit.motion.sampling import STEP, stretches
 from twin.audit.worlds.engine import open_world
 from twin.audit.worlds.world import overlapping_at_home
 

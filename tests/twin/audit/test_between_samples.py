@@ -15,9 +15,9 @@ from tests.twin.audit.audit_cell import (
     two_arm_cell,
 )
 from twin.audit.audit import Auditor, audit_run
-from twin.audit.executed import read_recording
-from twin.audit.pairs import FINEST
-from twin.audit.sampling import stretches
+from twin.audit.motion.executed import read_recording
+from twin.audit.motion.pairs import FINEST
+from twin.audit.motion.sampling import stretches
 from twin.audit.worlds.engine import open_world
 
 

@@ -18,7 +18,7 @@ from tests.shipped_runs import ShippedRuns
 from tests.twin.audit.audit_cell import HandWrittenRun, brick, reach, two_arm_cell
 from twin.audit.accepted_overlaps import SLACK
 from twin.audit.audit import AuditReport, audit_run
-from twin.audit.sampling import STEP
+from twin.audit.motion.sampling import STEP
 from twin.audit.worlds.engine import (
     Engine,
     engine_and_version,

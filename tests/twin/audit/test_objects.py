@@ -20,7 +20,7 @@ from tests.twin.audit.audit_cell import (
 )
 from tests.twin.audit.test_audit import handled
 from twin.audit.audit import Auditor, audit_run
-from twin.audit.executed import read_recording
+from twin.audit.motion.executed import read_recording
 from twin.audit.violation import Violation
 from twin.audit.wanted import Hold, Place, Wanted
 

@@ -34,7 +34,7 @@ from tests.planning.construction.toy_teams import (
     team,
 )
 from twin.audit.audit import Auditor
-from twin.audit.executed import read_recording
+from twin.audit.motion.executed import read_recording
 from twin.durations import Uniform
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel

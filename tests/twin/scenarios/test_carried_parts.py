@@ -9,7 +9,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.reference import Part, ReferenceRobot, measure
 from tests.shipped_runs import ShippedRuns
 from twin.audit.accepted_overlaps import ContactRule
-from twin.audit.executed import Recording, read_recording
+from twin.audit.motion.executed import Recording, read_recording
 
 TICK = 0.02
 """Time between two samples [s]."""

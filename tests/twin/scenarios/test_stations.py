@@ -227,7 +227,7 @@ def test_a_brick_that_comes_up_elsewhere_is_a_violation(
 ) -> None:
     """The audit holds the recording against the place that the plan gives."""
     from twin.audit.audit import Auditor
-    from twin.audit.executed import read_recording
+    from twin.audit.motion.executed import read_recording
 
     recording = read_recording(folder / "run", planned.tpg.cell)
     rows = tuple(

@@ -10,6 +10,7 @@ neighbouring samples of a motion do not share such a slip.
 from __future__ import annotations
 
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import RobotModelError
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform, quat_wxyz
+from twin.audit.worlds.chain import LinkChain, measured_chain
 from twin.audit.worlds.exact_urdf import one_shape_a_link
 from twin.audit.worlds.world import BASE, JointAxes, JointLimits, Shape
 from twin.host.silence import silenced
@@ -47,7 +49,12 @@ class BulletWorld:
         # Bullet's numbers of body and link of each shape, and by how much it inflates it [m].
         self._known: list[tuple[int, int, float]] = []
         self._placed: dict[int, Transform] = {}
+        # Looked up once: the client makes a function anew whenever it is asked for one.
+        self._set_joints = self._bullet.resetJointStatesMultiDof
+        self._set_pose = self._bullet.resetBasePositionAndOrientation
+        self._closest = self._bullet.getClosestPoints
         self._bodies: list[int] = []
+        self._chains: list[LinkChain | None] = []
         self._moved: list[list[int]] = []
         self.robot_shapes: list[Shape] = []
         self.limits: dict[str, JointLimits] = {}
@@ -87,7 +94,10 @@ class BulletWorld:
         entry = ROBOTS.get(model.name)
         for name, value in (entry.frozen if entry else {}).items():
             self._bullet.resetJointState(body, joints[name], value)
-        rotation, position = self.link_frames(index, np.zeros((1, len(moved))))
+        rotation, position = self._measured(index, np.zeros((1, len(moved))))
+        own = self.axes[index], (robot.base[:3, :3], robot.base[:3, 3])
+        self._chains.append(measured_chain(*own, partial(self._measured, index)))
+        self.configure(index, np.zeros(len(moved)))
         # pinocchio names shapes "<link>_<number>"; only the names are used here.
         tool = {
             p.body.name.rsplit("_", 1)[0]
@@ -101,14 +111,15 @@ class BulletWorld:
                 carrier = parent[carrier]
             joint = moved.index(carrier) if carrier != BASE else BASE
             low, high = np.array(self._bullet.getAABB(body, link))
-            middle = 0.5 * (low + high) - position[0, joint + 1]
-            centre = rotation[0, joint + 1].T @ middle
-            radius = float(0.5 * np.linalg.norm(high - low))
+            turn = rotation[0, joint + 1].T
+            centre = turn @ (0.5 * (low + high) - position[0, joint + 1])
+            half = 0.5 * (high - low)
+            radius = float(np.linalg.norm(half))
             entity = f"{robot.name}/{'tool' if shape.owner in tool else 'arm'}"
             detail = f"{robot.name}/{shape.owner}"
             number = self._know(body, link, shape.margin)
             self.robot_shapes.append(
-                Shape(entity, detail, number, index, joint, centre, radius)
+                Shape(entity, detail, number, index, joint, centre, radius, half, turn)
             )
 
     def _know(self, body: int, link: int, margin: float) -> int:
@@ -155,34 +166,39 @@ class BulletWorld:
         return body
 
     def _box(self, name: str, size: Array, pose: Transform) -> Shape:
-        half = (0.5 * np.asarray(size)).tolist()
-        shape = self._bullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half)
+        half = 0.5 * np.asarray(size, dtype=float)
+        shape = self._bullet.createCollisionShape(
+            pybullet.GEOM_BOX, halfExtents=half.tolist()
+        )
         body = self._bullet.createMultiBody(0, shape)
         self._bullet.changeDynamics(body, BASE, collisionMargin=0.0)
         radius = float(np.linalg.norm(half))
         number = self._know(body, BASE, 0.0)
-        box = Shape(name, name, number, None, BASE, np.zeros(3), radius)
+        box = Shape(
+            name, name, number, None, BASE, np.zeros(3), radius, half, np.eye(3)
+        )
         self.place(box, pose)
         return box
 
     def place(self, box: Shape, pose: Transform) -> None:
         """Pose a fixture or an object in the world."""
-        before = self._placed.get(box.number)
-        if before is not None and np.array_equal(before, pose):
+        if self._placed.get(box.number) is pose:
             return
-        self._placed[box.number] = pose.copy()
+        self._placed[box.number] = pose
         w, x, y, z = quat_wxyz(pose)
-        self._bullet.resetBasePositionAndOrientation(
-            self._known[box.number][0], pose[:3, 3].tolist(), [x, y, z, w]
-        )
+        self._set_pose(self._known[box.number][0], pose[:3, 3].tolist(), [x, y, z, w])
 
     def configure(self, robot: int, q: Array) -> None:
         """Put a robot at a configuration, shape (n,)."""
-        self._bullet.resetJointStatesMultiDof(
-            self._bodies[robot], self._moved[robot], [[value] for value in q.tolist()]
-        )
+        values = [[value] for value in q.tolist()]
+        self._set_joints(self._bodies[robot], self._moved[robot], values)
 
     def link_frames(self, robot: int, q: Array) -> tuple[Array, Array]:
+        """Return where the base and the moved links of a robot are, as Bullet measured them."""
+        chain = self._chains[robot]
+        return self._measured(robot, q) if chain is None else chain.frames(q)
+
+    def _measured(self, robot: int, q: Array) -> tuple[Array, Array]:
         """Return where Bullet puts the base and the moved links of a robot."""
         body, moved = self._bodies[robot], self._moved[robot]
         states = np.empty((len(q), len(moved), 7))
@@ -204,6 +220,6 @@ class BulletWorld:
         body_a, link_a, margin_a = self._known[a.number]
         body_b, link_b, margin_b = self._known[b.number]
         margin = margin_a + margin_b
-        points = self._bullet.getClosestPoints(body_a, body_b, reach, link_a, link_b)
+        points = self._closest(body_a, body_b, reach, link_a, link_b)
         # What is nearer before margins are made up for may be beyond reach.
         return float(min([reach, *(point[8] + margin for point in points)]))

@@ -19,6 +19,7 @@ from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import RobotModelError
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform
+from twin.audit.worlds.chain import measured_chain
 from twin.audit.worlds.exact_urdf import one_shape_a_link
 from twin.audit.worlds.world import BASE, JointAxes, JointLimits, Shape
 
@@ -66,7 +67,10 @@ class CoalWorld:
     def _box(self, name: str, size: Array, pose: Transform) -> Shape:
         self._bodies.append(_Body(coal.Box(*map(float, size))))
         radius, number = 0.5 * float(np.linalg.norm(size)), len(self._bodies) - 1
-        box = Shape(name, name, number, None, BASE, np.zeros(3), radius)
+        half = 0.5 * np.asarray(size, dtype=float)
+        box = Shape(
+            name, name, number, None, BASE, np.zeros(3), radius, half, np.eye(3)
+        )
         self.place(box, pose)
         return box
 
@@ -149,6 +153,9 @@ class _Arm:
             _Body(_convex(item.geometry), item=k) for _, k, item in self._items
         ]
         self._current = False
+        self._chain = measured_chain(
+            self.axes(), (placed.base[:3, :3], placed.base[:3, 3]), self._measured
+        )
         self.configure(placed.home)
 
     def shapes(self, robot: int, first: int) -> Iterator[Shape]:
@@ -175,6 +182,8 @@ class _Arm:
                 self._moved.index(carrier) if carrier else BASE,
                 centre,
                 float(body.aabb_radius),
+                0.5 * np.asarray(body.aabb_local.max_ - body.aabb_local.min_),
+                np.asarray(pose.rotation),
             )
 
     def limits(self) -> JointLimits:
@@ -230,6 +239,10 @@ class _Arm:
 
     def link_frames(self, q: Array) -> tuple[Array, Array]:
         """Return the rotations and positions of its base and its moved links."""
+        return self._measured(q) if self._chain is None else self._chain.frames(q)
+
+    def _measured(self, q: Array) -> tuple[Array, Array]:
+        """Return where pinocchio puts its base and its moved links."""
         frames = np.empty((len(q), len(self._moved) + 1, 4, 4))
         frames[:, 0] = np.eye(4)
         for k, row in enumerate(q):

@@ -31,6 +31,8 @@ class Shape:
         centre: of a sphere around it, in the frame of the link moved by ``joint`` (of the box
             for boxes), shape (3,) [m].
         radius: of that sphere [m].
+        half: half edges of a box around it with the same centre, shape (3,) [m].
+        turn: rotation of that box, in the same frame, shape (3, 3).
     """
 
     entity: str
@@ -40,6 +42,8 @@ class Shape:
     joint: int
     centre: Array
     radius: float
+    half: Array
+    turn: Array
 
 
 @dataclass(frozen=True)
@@ -104,7 +108,7 @@ class AuditWorld(Protocol):
         """Let go of what the library holds."""
 
     def place(self, box: Shape, pose: Transform) -> None:
-        """Pose a fixture or an object in the world."""
+        """Pose a fixture or an object in the world; the pose may not change afterwards."""
 
     def configure(self, robot: int, q: Array) -> None:
         """Put a robot at a configuration, shape (n,)."""

@@ -32,9 +32,13 @@ class RobotSamples:
 
 
 def motion_bounds(
-    axes: JointAxes, samples: RobotSamples, link: int, centre: Array, radius: float
+    axes: JointAxes,
+    samples: RobotSamples,
+    links: Indices,
+    centre: Array,
+    radius: Array,
 ) -> Array:
-    """Return how far any point of a body gets from sample to sample, whatever the way there.
+    """Return how far any point of bodies gets from sample to sample, whatever the way there.
 
     Joints move at constant speed between samples. A point moves no further than each joint's
     travel times its greatest distance from the joint's axis, added up. That distance is known at
@@ -48,35 +52,41 @@ def motion_bounds(
     Args:
         axes: of the robot's joints.
         samples: m configurations of the robot.
-        link: that the body moves with, 0 for the base.
-        centre: of a sphere around the body at the samples, shape (m, 3) [m].
-        radius: of the sphere [m].
+        links: that each of s bodies moves with, 0 for the base, shape (s,).
+        centre: of a sphere around each body at the samples, shape (m, s, 3) [m].
+        radius: of the spheres, shape (s,) [m].
 
     Returns:
-        As seen from the base and each moved link up to ``link``, shape (m - 1, link + 1) [m].
+        As seen from the base and each moved link, shape (m - 1, s, n + 1); nought as seen from
+        the link of a body, and from those further out [m].
     """
-    out = np.zeros((len(centre) - 1, link + 1))
-    if samples.distinct[0] == samples.distinct[-1]:  # it stands
+    count, joints = len(centre), len(axes.prismatic)
+    out = np.zeros((count - 1, len(links), joints + 1))
+    if samples.distinct[0] == samples.distinct[-1] or not len(links):  # it stands
         return out
     travel = np.abs(np.diff(samples.q, axis=0))
     turned = np.where(axes.prismatic, 0.0, travel)
     inside = np.cumsum(turned, axis=1) - turned
-    change = np.zeros(len(out))
-    for joint in range(link - 1, -1, -1):
-        moved = travel[:, joint]
+    change = np.zeros((count - 1, len(links)))
+    for joint in range(int(links.max()) - 1, -1, -1):
+        carried = np.flatnonzero(links > joint)
+        moved = np.repeat(travel[:, joint, None], len(carried), axis=1)
+        beyond = out[:, carried, joint + 1]
         if not axes.prismatic[joint]:
             axis = samples.rotation[:, joint + 1] @ axes.direction[joint]
-            arm = centre - samples.position[:, joint + 1]
-            along = np.einsum("ki,ki->k", arm, axis)
-            square = np.einsum("ki,ki->k", arm, arm) - along * along
+            arm = centre[:, carried] - samples.position[:, None, joint + 1]
+            along = np.einsum("msi,mi->ms", arm, axis)
+            square = np.einsum("msi,msi->ms", arm, arm) - along * along
             lever = np.sqrt(np.maximum(square, 0.0))
-            lever = np.minimum(lever[:-1], lever[1:]) + radius
-            moved = moved * (lever + out[:, joint + 1])
+            lever = np.minimum(lever[:-1], lever[1:]) + radius[carried]
+            moved = moved * (lever + beyond)
         # Of velocities, each joint turns its own and those of the joints further out.
-        change += moved * (turned[:, joint] + 2.0 * inside[:, joint])
-        out[:, joint] = out[:, joint + 1] + moved
-    straight = travel_of_points(samples.rotation[:, link], centre, radius)
-    out[:, 0] = np.minimum(out[:, 0], straight + 0.5 * change + ROUNDING)
+        turns = turned[:, joint] + 2.0 * inside[:, joint]
+        change[:, carried] += moved * turns[:, None]
+        out[:, carried, joint] = beyond + moved
+    straight = np.sqrt(np.sum(np.diff(centre, axis=0) ** 2, axis=2))
+    straight += radius * turned_by(samples.rotation)[:, links]
+    out[:, :, 0] = np.minimum(out[:, :, 0], straight + 0.5 * change + ROUNDING)
     return out
 
 
@@ -91,8 +101,19 @@ def travel_of_points(rotation: Array, centre: Array, radius: float) -> Array:
     Returns:
         Upper bounds of the displacement of any point, shape (m - 1,) [m].
     """
+    moved = np.linalg.norm(np.diff(centre, axis=0), axis=1)
+    return np.asarray(moved + radius * turned_by(rotation))
+
+
+def turned_by(rotation: Array) -> Array:
+    """Return how far points at distance 1 get from sample to sample, if they go straight.
+
+    Args:
+        rotation: of bodies at m samples, shape (m, ..., 3, 3).
+
+    Returns:
+        Upper bounds, shape (m - 1, ...).
+    """
     turned = np.diff(rotation, axis=0)
     # For rotations A and B the spectral norm of A - B is its Frobenius norm over sqrt(2).
-    angle = np.sqrt(np.einsum("kij,kij->k", turned, turned) / 2.0)
-    moved = np.linalg.norm(np.diff(centre, axis=0), axis=1)
-    return np.asarray(moved + radius * angle)
+    return np.asarray(np.sqrt(np.einsum("...ij,...ij->...", turned, turned) / 2.0))

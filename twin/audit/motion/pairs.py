@@ -1,7 +1,7 @@
 """Pairs of shapes that could meet in a stretch, and the moments at which to measure them.
 
-A pair is skipped as long as nothing can have happened: while the spheres around both shapes are
-apart, and after each measurement until both together have moved as far as they were apart. Between
+A pair is skipped as long as nothing can have happened: while spheres or boxes around both shapes
+are apart, and after each measurement until both together have moved as far as they were apart. Between
 two measurements a pair is no nearer than half of what is left of both distances when the motion in
 between is taken off. Where that does not exclude contact, or a new least distance of two robots,
 it is measured in the middle, and so on until the motion left is ``FINEST``. So every moment is
@@ -14,12 +14,16 @@ import heapq
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from math import ceil
 
 import numpy as np
 
-from planning.transforms import Array, Transform
-from twin.audit.sampling import STEP, Stretch, Track
+from planning.transforms import Array, Indices, Transform
+from twin.audit.motion.movers import movers_of
+from twin.audit.motion.reach import RobotSamples
+from twin.audit.motion.sampling import Stretch
+from twin.audit.motion.tracks import Track
 from twin.audit.worlds.world import AuditWorld, Shape
 
 REACH = 0.5
@@ -115,9 +119,7 @@ def gaps(
         asked: what must be excluded.
     """
     least = asked.least
-    stands = all(r.distinct[0] == r.distinct[-1] for r in stretch.robots)
-    find = _standing_pairs if stands else _pairs
-    watched = list(find(stretch, len(world.robot_shapes), exempt, least()))
+    watched = list(_pairs(stretch, len(world.robot_shapes), exempt, least()))
     due = [(pair.close[0], k) for k, pair in enumerate(watched)]
     heapq.heapify(due)
     before: list[_Measured | None] = [None] * len(watched)
@@ -146,7 +148,8 @@ def gaps(
 
 
 def _measure(placer: _Placer, pair: _Watched, at: float, least: float) -> float:
-    placer.go_to(at)
+    placer.put(pair.a, at)
+    placer.put(pair.b, at)
     need = max(least, 0.0) if pair.between_robots else 0.0
     reach = min(need, 10.0) + REACH
     return placer.world.distance(pair.a.shape, pair.b.shape, reach)
@@ -212,81 +215,45 @@ def _needed(pair: _Watched, low: _Measured, high: _Measured, asked: Asked) -> fl
 def _pairs(
     stretch: Stretch, arms: int, exempt: frozenset[tuple[int, int]], least: float
 ) -> Iterator[_Watched]:
-    """Yield the pairs that come near each other; the first ``arms`` tracks are of robots."""
-    tracks = [*stretch.moving, *stretch.resting]
-    if not tracks:
+    """Yield the pairs that come near each other; the first ``arms`` tracks are of robots.
+
+    A pair is close at a sample where it may be nearer than it moves until the sample before or
+    the one after: what is not close at two samples is apart all the time between them. In a
+    stretch in which nothing moves pairs are looked at once.
+    """
+    moving, boxes = stretch.moving, stretch.boxes
+    if not moving:
         return
-    travelled = [np.append(0.0, np.cumsum(track.steps)) for track in stretch.moving]
-    # What is apart by this at two samples is apart all the time between them.
-    both = 2.0 * STEP
-    low = np.array([track.centre.min(axis=0) for track in tracks])
-    high = np.array([track.centre.max(axis=0) for track in tracks])
-    radius = np.array([track.shape.radius for track in tracks])
+    stands = all(r.distinct[0] == r.distinct[-1] for r in stretch.robots)
     watched = max(least, 0.0)  # how far apart robots are of interest
-    reach = radius + np.where(np.arange(len(tracks)) < arms, watched, 0.0)
-    for i, a in enumerate(stretch.moving):
-        apart = np.maximum(np.maximum(low[i] - high, low - high[i]), 0.0)
-        near = np.linalg.norm(apart, axis=1) <= radius[i] + reach + both
-        for j in (np.flatnonzero(near[i + 1 :]) + i + 1).tolist():
-            b = tracks[j]
-            rests = b.holder is None
-            # A base and a box at rest: nothing moves; bases stand on tables.
-            if (i, j) in exempt or (rests and a.link == 0 and i < arms):
-                continue
-            between_robots = a.holder != b.holder and j < arms
-            room = a.shape.radius + both
-            if rests:
-                distance = _outside(b, a.centre)
-            else:
-                distance = np.linalg.norm(a.centre - b.centre, axis=1)
-                room += b.shape.radius + (watched if between_robots else 0.0)
-            close = np.flatnonzero(distance <= room)
-            if not len(close):
-                continue
-            if rests:
-                moved = travelled[i]
-            elif a.holder == b.holder:
-                moved = _travelled_within(a, b)
-            else:
-                moved = travelled[i] + travelled[j]
-            yield _Watched(a, b, close.tolist(), moved.tolist(), between_robots)
+    travelled = [np.append(0.0, np.cumsum(track.steps)) for track in moving]
+    movers = movers_of(moving, slice(0, 1) if stands else slice(None))
+    holders = np.array([track.holder for track in moving])
+    first, second = _own_pairs(len(moving), exempt)
+    between = (holders[first] != holders[second]) & (second < arms)
+    room = np.where(between, watched, 0.0)
+    for n, close in movers.near_movers(first, second, room):
+        i, j = int(first[n]), int(second[n])
+        a, b = moving[i], moving[j]
+        same = a.holder == b.holder
+        moved = _travelled_within(a, b) if same else travelled[i] + travelled[j]
+        yield _Watched(a, b, close, moved.tolist(), bool(between[n]))
+    # A base and a box at rest: nothing moves; bases stand on tables.
+    some = [k for k, track in enumerate(moving) if track.link > 0 or k >= arms]
+    for i, k, close in movers.near_boxes(np.array(some), boxes):
+        yield _Watched(moving[i], boxes.tracks[k], close, travelled[i].tolist(), False)
 
 
-def _standing_pairs(
-    stretch: Stretch, arms: int, exempt: frozenset[tuple[int, int]], least: float
-) -> Iterator[_Watched]:
-    """Yield the pairs that are near each other in a stretch in which nothing moves."""
-    tracks, count = [*stretch.moving, *stretch.resting], len(stretch.moving)
-    if not count:
-        return
-    centre = np.array([track.centre[0] for track in tracks])
-    radius = np.array([track.shape.radius for track in tracks])
-    reach = radius[:count, None] + radius[:count]
-    holder = np.array([-1 if t.holder is None else t.holder for t in tracks[:count]])
-    arm = np.arange(count) < arms
-    between = (holder[:, None] != holder) & arm
-    gap = np.linalg.norm(centre[:count, None] - centre[:count], axis=2)
-    near = np.triu(gap <= reach + np.where(between, max(least, 0.0), 0.0), 1)
-    still = [0.0] * len(stretch.t)
-    for i, j in np.argwhere(near).tolist():
-        if (i, j) not in exempt:
-            a, b = tracks[i], tracks[j]
-            yield _Watched(a, b, [0], still, bool(between[i, j]))
-    free = np.flatnonzero(
-        [not (k < arms and t.link == 0) for k, t in enumerate(tracks[:count])]
-    )
-    for b in stretch.resting:
-        beside = _outside(b, centre[free]) <= radius[free]
-        for i in free[beside].tolist():
-            yield _Watched(tracks[i], b, [0], still, False)
-
-
-def _outside(box: Track, points: Array) -> Array:
-    """Return the distance of points, shape (m, 3), from a box at rest [m]."""
-    assert box.size is not None
-    local = (points - box.centre[0]) @ box.rotation[0]
-    gap = np.maximum(np.abs(local) - 0.5 * box.size, 0.0)
-    return np.asarray(np.linalg.norm(gap, axis=1))
+@lru_cache(maxsize=16)
+def _own_pairs(
+    count: int, exempt: frozenset[tuple[int, int]]
+) -> tuple[Indices, Indices]:
+    """Return all pairs of so many shapes, but for those that are not checked."""
+    asked = np.ones((count, count), dtype=bool)
+    for i, j in exempt:
+        asked[i, j] = False
+    first, second = np.nonzero(np.triu(asked, 1))
+    return first, second
 
 
 def _travelled_within(a: Track, b: Track) -> Array:
@@ -296,43 +263,48 @@ def _travelled_within(a: Track, b: Track) -> Array:
 
 
 class _Placer:
-    """Puts robots and boxes where they are at some time, touching only what has moved."""
+    """Puts shapes where they are at some time, touching only what has moved since."""
 
     def __init__(self, world: AuditWorld, stretch: Stretch) -> None:
         self.world, self._stretch = world, stretch
-        self._loads = stretch.moving[len(world.robot_shapes) :]
-        self._at = [(-1, 0.0)] * len(stretch.robots)
-        for track in stretch.resting:
-            world.place(track.shape, track.pose(0))
+        self._arms: list[tuple[int, float] | None] = [None] * len(stretch.robots)
+        self._loads: dict[int, tuple[int, float]] = {}
 
-    def go_to(self, at: float) -> None:
-        """Place everything as it is at a sample, or between it and the next."""
-        k = int(at)
-        for index, samples in enumerate(self._stretch.robots):
-            number = int(samples.distinct[k])
-            share = at - k
-            if share > 0.0 and int(samples.distinct[k + 1]) == number:
-                share = 0.0
-            if (number, share) == self._at[index]:
-                continue
-            self._at[index] = (number, share)
-            q = samples.q[k]
-            if share > 0.0:
-                q = q + share * (samples.q[k + 1] - q)
-            self.world.configure(index, q)
-            for load in self._loads:
-                if load.holder == index:
-                    self.world.place(load.shape, self._pose(load, k, share, q))
+    def put(self, track: Track, at: float) -> None:
+        """Place a shape as it is at a sample, or between it and the next."""
+        if track.holder is None:
+            assert track.at is not None
+            self.world.place(track.shape, track.at)
+            return
+        k, samples = int(at), self._stretch.robots[track.holder]
+        number, share = int(samples.distinct[k]), at - k
+        if share > 0.0 and int(samples.distinct[k + 1]) == number:
+            share = 0.0
+        now = number, share
+        if track.shape.robot is None:
+            if self._loads.get(track.shape.number) != now:
+                self._loads[track.shape.number] = now
+                self.world.place(track.shape, self._pose(track, k, share))
+        elif self._arms[track.holder] != now:
+            self._arms[track.holder] = now
+            self.world.configure(track.holder, _between(samples, k, share))
 
-    def _pose(self, load: Track, k: int, share: float, q: Array) -> Transform:
+    def _pose(self, load: Track, k: int, share: float) -> Transform:
         """Return the pose of an object in the hand, at a sample or after it."""
         pose = load.pose(k)
         if share > 0.0:
             assert load.holder is not None
             samples = self._stretch.robots[load.holder]
+            q = _between(samples, k, share)
             rotation, position = self.world.link_frames(load.holder, q[None])
             turn = rotation[0, load.link] @ samples.rotation[k, load.link].T
             arm = pose[:3, 3] - samples.position[k, load.link]
             pose[:3, :3] = turn @ pose[:3, :3]
             pose[:3, 3] = turn @ arm + position[0, load.link]
         return pose
+
+
+def _between(samples: RobotSamples, k: int, share: float) -> Array:
+    """Return the configuration at a sample, or some share of the way to the next."""
+    q = samples.q[k]
+    return q if share <= 0.0 else np.asarray(q + share * (samples.q[k + 1] - q))
