@@ -13,7 +13,7 @@ from twin.commands.doctor import doctor
 from twin.commands.export import export
 from twin.commands.fit import fit
 from twin.commands.follow import follow
-from twin.commands.import_task import app as import_app
+from twin.commands.imports.app import app as import_app
 from twin.commands.replay import replay
 from twin.commands.robots import robots
 from twin.commands.run import resume, run

@@ -10,14 +10,20 @@ import typer
 from planning.errors import OutputError
 from twin.host.guard import guarded
 
-Run = Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUN")]
+Run = Annotated[
+    Path,
+    typer.Argument(
+        help="Folder of a run; for ldraw also a scenario file, without a run.",
+        metavar="RUN",
+    ),
+]
 Names = Annotated[
     list[str] | None,
     typer.Option(
         "--format",
         "-f",
-        help="csv, parquet, perfetto, joint-trajectory, graphml, dot, task-graph or mermaid; "
-        "may be given several times.",
+        help="csv, parquet, perfetto, joint-trajectory, graphml, dot, task-graph, mermaid or "
+        "ldraw; may be given several times.",
         metavar="FORMAT",
     ),
 ]
@@ -57,7 +63,29 @@ def export(
         if out.is_file():
             raise OutputError(f"{out}: several formats need a folder, this is a file")
         out.mkdir(parents=True, exist_ok=True)
+    if names == ["ldraw"] and run.is_file():
+        typer.echo(_export_scenario(run, out))
+        return
     found = open_run(run)
     for name in names:
         for path in export_run(found, name, out, nodes=nodes):
             typer.echo(path)
+
+
+def _export_scenario(file: Path, out: Path | None) -> Path:
+    """Write what a scenario builds as a model of LDraw; return the file."""
+    from twin.exports.ldraw import ldraw_of_scenario
+    from twin.host.atomic import replacing
+    from twin.scenario.file import load_scenario
+    from twin.scenario.sections.lego import LegoSection
+
+    scenario = load_scenario(file)
+    if not isinstance(scenario.assembly, LegoSection):
+        raise OutputError(f"{file}: only a LEGO assembly is a model of LDraw")
+    path = out or Path(f"{scenario.name}.ldr")
+    if path.is_dir():
+        path /= f"{scenario.name}.ldr"
+    content = ldraw_of_scenario(scenario.assembly, scenario.name)
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
+    return path

@@ -19,6 +19,7 @@ _WRITERS = {
     "dot": "graphs.dot_files",
     "task-graph": "graphs.task_graph_files",
     "mermaid": "timelines.mermaid_files",
+    "ldraw": "ldraw.ldraw_files",
 }
 FORMATS = tuple(_WRITERS)
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
     from twin.durations import Nanoseconds
+    from twin.scenario.sections.scenario import Scenario
 
 PLAN = "plan.json"
 
@@ -67,6 +68,13 @@ class RecordedRun:
         """Name of the scenario."""
         name = self._json(MANIFEST).get("scenario", {}).get("name")
         return str(name or self.folder.name)
+
+    @cached_property
+    def sections(self) -> Scenario:
+        """The scenario that was executed, with every default filled in."""
+        from twin.scenario.sections.scenario import restored
+
+        return restored(self._json(MANIFEST).get("scenario", {}))
 
     @cached_property
     def node_times_ns(self) -> tuple[tuple[Nanoseconds, Nanoseconds], ...]:

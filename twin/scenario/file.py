@@ -31,7 +31,20 @@ def load_scenario(path: Path) -> Scenario:
 
 def read_scenario(path: Path) -> tuple[Scenario, YamlDocument]:
     """Read and check a scenario file as load_scenario does; return its text with places, too."""
-    document, included = _include_structure(parsed(path, _read_text(path)))
+    return scenario_of(path, _read_text(path))
+
+
+def scenario_of(path: Path, text: str) -> tuple[Scenario, YamlDocument]:
+    """Read and check the text of a scenario file, which need not be there yet.
+
+    Args:
+        path: where it is, or will be.
+        text: its content.
+
+    Raises:
+        InvalidScenarioError: see load_scenario.
+    """
+    document, included = _include_structure(parsed(path, text))
     scenario = validated(document, Scenario, scenario_schema())
     if included is not None:
         _check_structure_file(scenario, included)

@@ -43,15 +43,27 @@ def check_reach(cell: Workcell, assembly: LegoAssembly) -> None:
             stock, or no other robot reaches a place to support it; names each step, the reason
             and the robots.
     """
-    reach = _Reach(BrickWorld(cell, assembly))
-    faults = []
-    for number, step in enumerate(assembly.steps, start=1):
-        for fault in reach.faults(number):
-            faults.append(f"step {number} ({step.words}): {fault}")
+    faults = [
+        f"step {number} ({assembly.steps[number - 1].words}): {fault}"
+        for number, fault in reach_faults(cell, assembly)
+    ]
     if faults:
         more = len(faults) - _MOST
         shown = [*faults[:_MOST], *([f"and {more} more"] if more > 0 else [])]
         raise InfeasibleStepError("\n".join(shown))
+
+
+def reach_faults(cell: Workcell, assembly: LegoAssembly) -> Iterator[tuple[int, str]]:
+    """Yield what is out of reach, with the number of its step.
+
+    Args:
+        cell: its objects are the stock of the assembly.
+        assembly: the structure and its steps.
+    """
+    reach = _Reach(BrickWorld(cell, assembly))
+    for number in range(1, len(assembly.steps) + 1):
+        for fault in reach.faults(number):
+            yield number, fault
 
 
 class _Reach:

@@ -49,7 +49,14 @@ FILES = {
 }
 
 
-@pytest.mark.parametrize("name", FORMATS)
+def test_models_of_ldraw_are_of_lego(run: Path) -> None:
+    result = invoke("export", run, "--format", "ldraw")
+    assert result.exit_code == 2
+    assert "only a LEGO assembly is a model of LDraw" in result.stderr
+    assert sorted([*FILES, "ldraw"]) == sorted(FORMATS)
+
+
+@pytest.mark.parametrize("name", FILES)
 def test_every_format_of_a_real_run(name: str, run: Path) -> None:
     result = invoke("export", run, "--format", name)
     assert result.exit_code == 0, result.output
@@ -98,7 +105,7 @@ def test_an_unknown_format_names_those_there_are(
     result = invoke("export", run, *options)
     assert result.exit_code == 2
     assert words in result.stderr
-    assert "mermaid)" in result.stderr
+    assert "mermaid, ldraw)" in result.stderr
 
 
 def test_an_unknown_run_names_those_beside_it(run: Path) -> None:

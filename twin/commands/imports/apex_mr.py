@@ -1,4 +1,4 @@
-"""``twin import``: scenarios from published task files."""
+"""``twin import apex-mr``: scenarios from published task files."""
 
 from __future__ import annotations
 
@@ -8,17 +8,13 @@ from typing import Annotated
 import typer
 
 from planning.errors import InfeasibleStepError
+from twin.commands.imports.options import Output
 from twin.host.guard import guarded
-
-app = typer.Typer(
-    no_args_is_help=True, help="Make scenarios from published task files."
-)
 
 Folder = Annotated[
     Path, typer.Argument(help="Folder with the published files.", metavar="FOLDER")
 ]
 Task = Annotated[str, typer.Option(help="Name of the task, such as cliff.")]
-Output = Annotated[Path, typer.Option("--output", "-o", help="Scenario file to write.")]
 Prescribed = Annotated[
     bool,
     typer.Option(
@@ -27,12 +23,6 @@ Prescribed = Annotated[
 ]
 
 
-@app.callback()
-def _group() -> None:
-    """Keep ``apex-mr`` a sub-command while it is the only one."""
-
-
-@app.command("apex-mr")
 @guarded
 def apex_mr(
     folder: Folder, task: Task, output: Output, prescribed_stock: Prescribed = False

@@ -1,0 +1,182 @@
+"""A cell for a brick model: two arms that face each other across a plate, and feeding stations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from planning.cell.workcell import PlacedRobot
+from planning.errors import ScenarioError
+from planning.importers.brick_models.model import BrickModel
+from planning.importers.brick_models.stations import (
+    APART,
+    AWAY,
+    Station,
+    stations,
+)
+from planning.lego.bricks.assembly import BRICK_LEVELS, Cell, Plate
+from planning.lego.bricks.grid import Span, footprint
+from planning.robots.registry import robot_model
+from planning.transforms import from_rpy, translation
+
+STUDS = 48
+"""Studs of the plate along x and y."""
+
+_MODEL = "gp4"
+_BASE_Z = 0.9246
+_BETWEEN = 0.88
+_PLATE = (0.44, 0.0, 1.1145)
+_TABLE = {
+    "name": "table",
+    "size_m": [0.6, 1.2, 0.02],
+    "pose": {"xyz_m": [0.44, 0, 1.1045]},
+}
+_ROBOTS = (
+    ("left", (0.0, 0.0, _BASE_Z), 0.0),
+    ("right", (_BETWEEN, 0.0, _BASE_Z), 180.0),
+)
+_MOST_WIDE = STUDS - 2 * (APART + 2 + AWAY)
+
+
+def model_cell(model: BrickModel) -> dict[str, Any]:
+    """Return the content of a scenario that builds a model, in a cell that is chosen for it.
+
+    Args:
+        model: stands in the middle of the plate.
+
+    Raises:
+        ScenarioError: it is too large, or there is no room for the feeding stations.
+    """
+    wide, deep, _ = model.size
+    if wide > _MOST_WIDE or deep > STUDS:
+        turn = " (turned by a quarter turn it would fit)" * (
+            deep <= _MOST_WIDE and wide <= STUDS
+        )
+        raise ScenarioError(
+            f"the model covers {wide} x {deep} studs; {_MOST_WIDE} x {STUDS} fit between the"
+            f" feeding stations of the plate{turn}"
+        )
+    corner = (STUDS - wide) // 2, (STUDS - deep) // 2
+    plate = Plate(translation(*_PLATE), (STUDS, STUDS))
+    span = Span(corner[0], corner[0] + wide, corner[1], corner[1] + deep, 0, 1)
+    arm = robot_model(_MODEL)
+    stock: list[dict[str, Any]] = []
+    for (name, xyz, yaw), far in zip(_ROBOTS, (False, True), strict=True):
+        base = from_rpy(xyz, (0.0, 0.0, np.radians(yaw)))
+        robot = PlacedRobot(name, arm, base, arm.home)
+        for station in stations(robot, plate, span, list(model.kinds), far=far):
+            stock += _stock(name, station)
+    return {
+        "cell": {
+            "robots": [
+                {
+                    "name": name,
+                    "model": _MODEL,
+                    "base": {"xyz_m": list(xyz), "rpy_deg": [0, 0, yaw]},
+                }
+                for name, xyz, yaw in _ROBOTS
+            ],
+            "fixtures": [_TABLE],
+        },
+        "assembly": {
+            "kind": "lego",
+            "plate": {"pose": {"xyz_m": list(_PLATE)}, "studs": [STUDS, STUDS]},
+            "structure": structure_content(model, corner),
+            "stock": stock,
+        },
+    }
+
+
+def structure_content(model: BrickModel, corner: tuple[int, int]) -> dict[str, Any]:
+    """Return a model as the structure of a scenario, its least corner at a stud of the plate."""
+    return {
+        "bricks": [
+            _entry(
+                item.brick.name,
+                replace(
+                    item.cell, x=item.cell.x + corner[0], y=item.cell.y + corner[1]
+                ),
+            )
+            for item in model.bricks
+        ]
+    }
+
+
+def free_corner(
+    model: BrickModel, studs: tuple[int, int], taken: Mapping[tuple[int, int], str]
+) -> tuple[int, int]:
+    """Return where a model stands free on a plate, as near to its middle as can be.
+
+    Args:
+        model: the model.
+        studs: of the plate.
+        taken: what stands on studs of the plate.
+
+    Raises:
+        ScenarioError: it fits nowhere; says what stands in its way in the middle.
+    """
+    wide, deep, _ = model.size
+    covered = {
+        (item.cell.x + i, item.cell.y + j)
+        for item in model.bricks
+        for nx, ny in [footprint(item.cell, item.brick)]
+        for i in range(nx)
+        for j in range(ny)
+    }
+    middle = (studs[0] - wide) // 2, (studs[1] - deep) // 2
+    corners = [
+        (x, y) for x in range(studs[0] - wide + 1) for y in range(studs[1] - deep + 1)
+    ]
+    corners.sort(key=lambda c: (abs(c[0] - middle[0]) + abs(c[1] - middle[1]), c))
+    for x, y in corners:
+        if not any((x + i, y + j) in taken for i, j in covered):
+            return x, y
+    size = f"the model covers {wide} x {deep} studs"
+    if not corners:
+        raise ScenarioError(f"{size}, the plate has {studs[0]} x {studs[1]}")
+    names = {
+        taken[place]
+        for i, j in covered
+        if (place := (middle[0] + i, middle[1] + j)) in taken
+    }
+    raise ScenarioError(
+        f"{size}: there is no such room on the plate beside the stock; in the middle stand"
+        f" {', '.join(sorted(names)[:6])}"
+    )
+
+
+def _stock(robot: str, station: Station) -> list[dict[str, Any]]:
+    """Return a station as entries of the stock, the brick that it stands on first."""
+    name = f"{robot}_{station.brick.name}"
+    out = []
+    if station.stand is not None:
+        below = Cell.at_level(
+            station.cell.x,
+            station.cell.y,
+            station.cell.level - BRICK_LEVELS,
+            turned=station.cell.turned,
+        )
+        out.append(
+            {
+                "name": f"{name}_stand",
+                **_entry(station.stand.name, below),
+                "fixed": True,
+            }
+        )
+    out.append(
+        {"name": name, **_entry(station.brick.name, station.cell), "station": True}
+    )
+    return out
+
+
+def _entry(kind: str, cell: Cell) -> dict[str, Any]:
+    """Return a brick as scenarios write it."""
+    out: dict[str, Any] = {"brick": kind, "at": [cell.x, cell.y, cell.z]}
+    if cell.raised:
+        out["raised"] = cell.raised
+    if cell.turned:
+        out["turned"] = True
+    return out

@@ -1,0 +1,193 @@
+"""A brick model read from a file of another program: bricks on the grid, each with its line."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from planning.errors import ScenarioError, listed
+from planning.files import read_file
+from planning.lego.bricks.assembly import BrickType, Cell
+from planning.lego.bricks.grid import (
+    Place,
+    Span,
+    joined_to_plate,
+    occupied_places,
+    occupied_span,
+)
+
+MOST_BRICKS = 20_000
+"""Bricks that a model may have; far more than can be planned."""
+
+_MOST_FAULTS = 6
+"""How many faults of a file are told."""
+
+_REASONABLE = 100_000
+"""Studs or levels from one end of a model to the other that can be meant."""
+
+
+@dataclass(frozen=True)
+class ModelBrick:
+    """A brick of a model.
+
+    Attributes:
+        brick: its type.
+        cell: where it is; the least x, y and level of a whole model are 0.
+        source: where it stands in the file, such as ``"line 12"``.
+    """
+
+    brick: BrickType
+    cell: Cell
+    source: str
+
+    @property
+    def words(self) -> str:
+        """Source and type, such as ``"line 12 (2x4)"``."""
+        return f"{self.source} ({self.brick.name})"
+
+
+@dataclass(frozen=True)
+class BrickModel:
+    """A brick model, moved to the corner of the grid and down to its plate.
+
+    Attributes:
+        bricks: in the order of the file.
+        notes: what was not taken over, a line each.
+    """
+
+    bricks: tuple[ModelBrick, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> tuple[int, int, int]:
+        """Studs along x and y, and levels."""
+        spans = [occupied_span(item.cell, item.brick) for item in self.bricks]
+        return (
+            max(s.x1 for s in spans),
+            max(s.y1 for s in spans),
+            max(s.top for s in spans),
+        )
+
+    @property
+    def kinds(self) -> Counter[BrickType]:
+        """How many bricks there are of each type."""
+        return Counter(item.brick for item in self.bricks)
+
+
+class FileFaults:
+    """Faults of a file, each at its line, told together.
+
+    Args:
+        path: the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._faults: list[tuple[int, str]] = []
+
+    def add(self, line: int, message: str) -> None:
+        """Note a fault at a line, counted from 1."""
+        self._faults.append((line, message))
+
+    def check(self, *, choices: Sequence[str] = (), form: str = "") -> None:
+        """Raise an error where there are faults.
+
+        Args:
+            choices: valid alternatives for all of them.
+            form: the valid form of a line.
+
+        Raises:
+            ScenarioError: names the first faults by line, and how many more there are.
+        """
+        if not self._faults:
+            return
+        faults = sorted(self._faults)
+        lines = [f"{self._path}:{at}: {message}" for at, message in faults]
+        shown = lines[:_MOST_FAULTS]
+        if len(lines) > len(shown):
+            shown.append(f"and {len(lines) - len(shown)} more")
+        if form:
+            shown.append(form)
+        raise ScenarioError("\n".join(shown), choices=tuple(choices))
+
+
+def read_lines(path: Path) -> list[str]:
+    """Return the lines of a text file of any usual encoding, without line ends.
+
+    Raises:
+        ScenarioError: it cannot be read, or is no text.
+    """
+    try:
+        content = read_file(path)
+    except IsADirectoryError:
+        raise ScenarioError(f"{path}: this is a folder, a file is expected") from None
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ScenarioError(f"{path}: cannot be read: {reason}") from None
+    wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    try:
+        text = content.decode("utf-16" if wide else "utf-8-sig")
+    except UnicodeDecodeError:
+        # Windows programs write names in their own code page.
+        text = content.decode("utf-16" if wide else "cp1252", errors="replace")
+    if "\x00" in text:
+        raise ScenarioError(f"{path}: this is no text file")
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def finished_model(
+    path: Path, bricks: Sequence[ModelBrick], notes: Iterable[str] = ()
+) -> BrickModel:
+    """Return a model of bricks that may be anywhere on the grid, moved to its corner.
+
+    Args:
+        path: of the file, for messages.
+        bricks: in the order of the file.
+        notes: what was not taken over.
+
+    Raises:
+        ScenarioError: there are no bricks or too many, two are in one place, or some are
+            joined to nothing that stands on the plate; names them.
+    """
+    if not bricks:
+        raise ScenarioError(f"{path}: there are no bricks in it")
+    if len(bricks) > MOST_BRICKS:
+        raise ScenarioError(f"{path}: more than {MOST_BRICKS} bricks")
+    spans = [occupied_span(item.cell, item.brick) for item in bricks]
+    low = [min(getattr(s, key) for s in spans) for key in ("x0", "y0", "bottom")]
+    high = [max(getattr(s, key) for s in spans) for key in ("x1", "y1", "top")]
+    if max(b - a for a, b in zip(low, high, strict=True)) > _REASONABLE:
+        raise ScenarioError(
+            f"{path}: the bricks are more than {_REASONABLE} studs apart"
+        )
+    moved = tuple(_moved(item, s, low) for item, s in zip(bricks, spans, strict=True))
+    _check_places(path, moved)
+    return BrickModel(moved, tuple(notes))
+
+
+def _moved(item: ModelBrick, span: Span, low: Sequence[int]) -> ModelBrick:
+    x, y, level = span.x0 - low[0], span.y0 - low[1], span.bottom - low[2]
+    return replace(item, cell=Cell.at_level(x, y, level, turned=item.cell.turned))
+
+
+def _check_places(path: Path, bricks: Sequence[ModelBrick]) -> None:
+    """Check that no two bricks are in one place, and that all are joined to the plate."""
+    taken: dict[Place, ModelBrick] = {}
+    overlaps: dict[tuple[str, str], None] = {}
+    places = [occupied_places(item.cell, item.brick) for item in bricks]
+    for item, own in zip(bricks, places, strict=True):
+        for place in sorted(own):
+            other = taken.setdefault(place, item)
+            if other is not item:
+                overlaps.setdefault((other.words, item.words))
+    if overlaps:
+        pairs = [f"{a} and {b}" for a, b in overlaps]
+        raise ScenarioError(f"{path}: in one place: {listed(pairs)}")
+    held = joined_to_plate(dict(enumerate(places)))
+    loose = [item.words for k, item in enumerate(bricks) if k not in held]
+    if loose:
+        raise ScenarioError(
+            f"{path}: joined to nothing that stands where the lowest brick stands: {listed(loose)}"
+        )

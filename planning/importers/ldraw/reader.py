@@ -1,0 +1,282 @@
+"""Models of LDraw as bricks on the grid.
+
+x and z of LDraw are x and y of the grid, its y points down; 20 units are a stud, 24 a brick and 8
+a plate. A whole model may be shifted against that grid, parts may not be against each other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from planning.errors import ScenarioError
+from planning.importers.brick_models.model import (
+    MOST_BRICKS,
+    BrickModel,
+    FileFaults,
+    ModelBrick,
+    finished_model,
+    read_lines,
+)
+from planning.importers.ldraw.documents import Document, Reference, read_document
+from planning.importers.ldraw.parts import LEVEL, STUD, part_of, table
+from planning.lego.bricks.assembly import BrickType, Cell
+from planning.transforms import Array
+
+_ROUND = 0.01
+"""Error of directions that programs leave behind."""
+
+_OFF = 0.5
+"""How far a part may be from the grid of the others, a fifth of a millimetre [LDraw units]."""
+
+_DEEPEST = 50
+"""Models within models."""
+
+_MOST_REFERENCES = 4 * MOST_BRICKS
+"""Parts and models that are looked at."""
+
+_INHERITED = ("16", "24")
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A part of the whole model.
+
+    Attributes:
+        line: of the file.
+        via: lines of the references that lead to it, the outermost first.
+        pose: in the whole model, shape (4, 4) [LDraw units].
+        name: of its file.
+        colour: as written, that of the model around it where it takes that.
+    """
+
+    line: int
+    via: tuple[int, ...]
+    pose: Array
+    name: str
+    colour: str
+
+    @property
+    def source(self) -> str:
+        """Where it stands, such as ``"line 12 by way of line 3"``."""
+        way = "".join(f" by way of line {k}" for k in reversed(self.via))
+        return f"line {self.line}{way}"
+
+
+def read_ldraw(path: Path) -> BrickModel:
+    """Read a model of LDraw, ``.ldr`` or ``.mpd``.
+
+    Args:
+        path: the file.
+
+    Returns:
+        The model, moved to the corner of the grid and down to its plate.
+
+    Raises:
+        ScenarioError: lines are no LDraw; parts are no bricks or plates, do not stand upright, or
+            are not on one grid, each by its line; or see ``finished_model``.
+    """
+    document = read_document(path, read_lines(path))
+    parts = _parts(path, document)
+    kinds = _kinds(path, parts)
+    quarters = _quarters(path, parts)
+    corners = _corners(parts, kinds, quarters)
+    cells = _cells(path, parts, corners)
+    bricks = [
+        ModelBrick(
+            kind,
+            Cell.at_level(x, y, level, turned=along_x and not _is_square(kind)),
+            part.source,
+        )
+        for part, kind, along_x, (x, y, level) in zip(
+            parts, kinds, _lie_along_x(kinds, quarters), cells, strict=True
+        )
+    ]
+    return finished_model(path, bricks, _notes(document, parts))
+
+
+def _is_square(kind: BrickType) -> bool:
+    return kind.studs[0] == kind.studs[1]
+
+
+def _lie_along_x(kinds: Sequence[BrickType], quarters: Sequence[int]) -> list[bool]:
+    """Tell of each part whether its longer side lies along x; True for square ones."""
+    return [
+        quarter % 2 == 0 or _is_square(kind)
+        for kind, quarter in zip(kinds, quarters, strict=True)
+    ]
+
+
+def _parts(path: Path, document: Document) -> list[_Part]:
+    """Return the parts of the whole model, those of models in it in their places."""
+    main = next(iter(document.models))
+    out: list[_Part] = []
+    # Models that are still to be read, the one whose parts come first on top.
+    todo = [(_Part(0, (), np.eye(4), main, "16"), iter(document.models[main]))]
+    references = 0
+    while todo:
+        at, pending = todo[-1]
+        item = next(pending, None)
+        if item is None:
+            todo.pop()
+            continue
+        references += 1
+        if references > _MOST_REFERENCES:
+            raise ScenarioError(
+                f"{path}: more than {_MOST_REFERENCES} parts and models"
+            )
+        via = (*at.via, at.line) if at.line else ()
+        colour = at.colour if item.colour in _INHERITED else item.colour
+        part = _Part(item.line, via, at.pose @ item.pose, item.name, colour)
+        model = _model_of(document, item)
+        if model is None:
+            out.append(part)
+        elif len(via) < _DEEPEST:
+            todo.append((part, iter(document.models[model])))
+        else:
+            raise ScenarioError(
+                f"{path}:{item.line}: models within models, more than {_DEEPEST} deep: {model!r}"
+                " may contain itself"
+            )
+    if not out:
+        raise ScenarioError(f"{path}: there are no parts in it (lines of type 1)")
+    return out
+
+
+def _model_of(document: Document, item: Reference) -> str | None:
+    """Return the name of the model that a reference is to, None where it is to a part.
+
+    Some programs pack the library's parts into the file: those are bricks all the same.
+    """
+    if item.name in document.models and part_of(item.name) is None:
+        return item.name
+    return None
+
+
+def _kinds(path: Path, parts: Sequence[_Part]) -> list[BrickType]:
+    """Return the brick type of each part."""
+    faults, seen, kinds = FileFaults(path), set[tuple[int, str]](), []
+    for part in parts:
+        kind = part_of(part.name)
+        if kind is not None:
+            kinds.append(kind)
+        elif (part.line, part.name) not in seen:
+            seen.add((part.line, part.name))
+            faults.add(
+                part.line, f"{part.name[:60]!r} is no brick or plate that is known here"
+            )
+    faults.check(choices=table())
+    return kinds
+
+
+def _quarters(path: Path, parts: Sequence[_Part]) -> list[int]:
+    """Return by how many quarter turns about the vertical each part is turned."""
+    faults, quarters = FileFaults(path), []
+    for part in parts:
+        found = _quarter(part.pose[:3, :3])
+        if isinstance(found, str):
+            way = part.source.removeprefix(f"line {part.line}")
+            faults.add(part.line, f"{part.name}{way} is {found}; bricks stand upright")
+        else:
+            quarters.append(found)
+    faults.check()
+    return quarters
+
+
+def _quarter(turn: Array) -> int | str:
+    """Return the quarter turns about y of a rotation, or what else it is."""
+    if not np.allclose(turn @ turn.T, np.eye(3), atol=2 * _ROUND):
+        return "scaled or sheared"
+    if np.linalg.det(turn) < 0.0:
+        return "mirrored"
+    up = float(turn[1, 1])
+    if up < _ROUND - 1.0:
+        return "upside down"
+    if abs(up) < _ROUND:
+        return "on its side"
+    if up < 1.0 - _ROUND:
+        return f"tilted by {math.degrees(math.acos(up)):.0f} degrees"
+    angle = math.degrees(math.atan2(turn[0, 2], turn[0, 0]))
+    quarter = round(angle / 90.0)
+    if abs(angle - 90.0 * quarter) > math.degrees(_ROUND):
+        return f"turned by {angle:.0f} degrees, no quarter turn,"
+    return quarter % 4
+
+
+def _corners(
+    parts: Sequence[_Part], kinds: Sequence[BrickType], quarters: Sequence[int]
+) -> Array:
+    """Return the least x and y of each part, and the height of its bottom, (n, 3) [LDraw units]."""
+    out = np.empty((len(parts), 3))
+    along = _lie_along_x(kinds, quarters)
+    for k, (part, kind) in enumerate(zip(parts, kinds, strict=True)):
+        short, long = sorted(kind.studs)
+        nx, ny = (long, short) if along[k] else (short, long)
+        x, down, z = part.pose[:3, 3]
+        out[k] = (
+            x - nx * STUD / 2,
+            z - ny * STUD / 2,
+            -down - kind.height * LEVEL,
+        )
+    return out
+
+
+def _cells(path: Path, parts: Sequence[_Part], corners: Array) -> list[list[int]]:
+    """Return stud and level of each corner on the grid that most of them share.
+
+    Raises:
+        ScenarioError: some are not on it; names them, and by how much.
+    """
+    unit = np.array([STUD, STUD, LEVEL], dtype=np.float64)
+    # Every part proposes the grid it is on; equal proposals are tried once.
+    rests = np.round(np.mod(corners, unit) / _OFF) * _OFF % unit
+    proposals = Counter(map(tuple, rests.tolist()))
+    best: tuple[int, Array] | None = None
+    for rest, _ in proposals.most_common(50):
+        at = corners[(rests == rest).all(axis=1)][0]
+        away = _away(corners - at, unit)
+        fits = int((np.abs(away) <= _OFF).all(axis=1).sum())
+        if best is None or fits > best[0]:
+            best = fits, at
+        if fits == len(parts):
+            break
+    assert best is not None
+    fits, at = best
+    away = _away(corners - at, unit)
+    off = np.flatnonzero((np.abs(away) > _OFF).any(axis=1))
+    if off.size:
+        faults = FileFaults(path)
+        for k in off.tolist():
+            dx, dz, up = (round(float(v), 2) + 0.0 for v in away[k])
+            faults.add(
+                parts[k].line,
+                f"{parts[k].name} is off the studs of the other bricks by x {dx:g}, y {-up + 0.0:g},"
+                f" z {dz:g} of LDraw's units (20 a stud, 8 a plate)",
+            )
+        faults.check(form=f"{fits} of {len(parts)} parts are on one grid of studs")
+    cells: list[list[int]] = np.round((corners - at) / unit).astype(int).tolist()
+    return cells
+
+
+def _away(offset: Array, unit: Array) -> Array:
+    """Return the distance of offsets from the nearest points of a grid."""
+    away: Array = offset - np.round(offset / unit) * unit
+    return away
+
+
+def _notes(document: Document, parts: Sequence[_Part]) -> Iterator[str]:
+    drawn = sum(document.drawn.values())
+    if drawn:
+        what = "line that draws" if drawn == 1 else "lines that draw"
+        yield f"{drawn} {what} edges and faces (types 2 to 5): left out"
+    if document.steps:
+        what = "step is" if document.steps == 1 else "steps are"
+        yield f"{document.steps} {what} left out: the planner finds the order itself"
+    colours = {part.colour for part in parts} - set(_INHERITED)
+    if len(colours) > 1:
+        yield f"{len(colours)} colours are left out: bricks have the colours of their types"

@@ -1,0 +1,208 @@
+"""``twin import bricks`` and ``ldraw``, ``twin export --format ldraw``: there and back, and cells."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from typer.testing import CliRunner, Result
+
+from planning.importers.brick_models.stations import APART
+from planning.importers.ldraw.reader import read_ldraw
+from planning.lego.bricks.grid import occupied_span
+from twin.cli import app
+from twin.planning.lego import build_lego, build_structure
+from twin.scenario.file import load_scenario
+from twin.scenario.sections.lego import LegoSection
+
+ROOT = Path(__file__).parents[3]
+DESIGNS = sorted((ROOT / "scenarios" / "lego").glob("*.yaml"))
+
+
+def invoke(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def lego(path: Path) -> LegoSection:
+    section = load_scenario(path).assembly
+    assert isinstance(section, LegoSection)
+    return section
+
+
+def built(path: Path):
+    """Return type and span of each brick that a scenario builds or builds upon, from its corner."""
+    section = lego(path)
+    assembly = build_lego(section)
+    bricks = [*(build_structure(section) or assembly.structure), *assembly.scaffold]
+    spans = [(b.brick.name, occupied_span(b.cell, b.brick)) for b in bricks]
+    x, y = min(s.x0 for _, s in spans), min(s.y0 for _, s in spans)
+    return sorted(
+        (name, s.x0 - x, s.x1 - x, s.y0 - y, s.y1 - y, s.bottom) for name, s in spans
+    )
+
+
+def test_there_are_nine_designs() -> None:
+    assert len(DESIGNS) == 9
+
+
+@pytest.mark.parametrize("design", DESIGNS, ids=lambda f: f.stem)
+def test_designs_come_back_from_ldraw(design: Path, tmp_path: Path) -> None:
+    """The same bricks at the same cells, up to a shift; found again by LDraw's reader alone."""
+    model, scenario = tmp_path / "model.ldr", tmp_path / "back.yaml"
+    result = invoke("export", design, "--format", "ldraw", "-o", model)
+    assert result.exit_code == 0, result.output
+    result = invoke("import", "ldraw", model, "-o", scenario)
+    assert result.exit_code == 0, result.output
+    back = lego(scenario)
+    bricks = build_structure(back) or ()
+    expected = built(design)
+    spans = [(b.brick.name, occupied_span(b.cell, b.brick)) for b in bricks]
+    x, y = min(s.x0 for _, s in spans), min(s.y0 for _, s in spans)
+    found = [(n, s.x0 - x, s.x1 - x, s.y0 - y, s.y1 - y, s.bottom) for n, s in spans]
+    assert sorted(found) == expected
+
+
+def test_a_run_is_exported_step_by_step(tmp_path: Path) -> None:
+    """Of a run: a step an assembly step in the order of the plan, scaffolding before the first."""
+    run, model = tmp_path / "run", tmp_path / "faucet.ldr"
+    design = ROOT / "scenarios" / "lego" / "faucet.yaml"
+    result = invoke("run", design, "--out", run, "--no-audit", "--no-recording")
+    assert result.exit_code == 0, result.output
+    result = invoke("export", run, "--format", "ldraw", "-o", model)
+    assert result.exit_code == 0, result.output
+    content = model.read_bytes().decode()
+    assert content.count("\r\n") == content.count("\n")
+    lines = content.splitlines()
+    assert lines[:3] == ["0 faucet", "0 Name: faucet.ldr", "0 Author: assembly-twin"]
+    groups = "\n".join(lines[4:]).split("0 STEP")
+    fixed = [s for s in lego(ROOT / "scenarios/lego/faucet.yaml").stock if s.fixed]
+    assert groups[0].count(".dat") == len(fixed) > 0
+    steps = groups[1:-1]
+    assert all(group.count(".dat") == 1 for group in steps)
+    numbers = [int(n) for group in steps for n in re.findall(r"// step (\d+)", group)]
+    assert numbers == list(range(1, len(steps) + 1))
+    # Each brick lies where its place puts it, in the colour of the replay.
+    plan = json.loads((run / "plan.json").read_text())
+    colours = {tuple(item["colour"]) for item in plan["cell"]["objects"]}
+    for line in lines:
+        if line.startswith("1 "):
+            rgb = bytes.fromhex(line.split()[1][3:])
+            assert tuple(rgb) in colours
+    expected = built(ROOT / "scenarios/lego/faucet.yaml")
+    read = read_ldraw(model)
+    spans = [(i.brick.name, occupied_span(i.cell, i.brick)) for i in read.bricks]
+    assert sorted((n, *s[:5]) for n, s in spans) == expected
+
+
+LIST = "2x4 (0,0,0)\n2x4 (0,0,1)\n1x2 (0,0,2)\n2x2 (0,2,2)\n"
+MIXED = """1 4 0 0 0 1 0 0 0 1 0 0 0 1 3001.dat
+1 2 0 -8 0 1 0 0 0 1 0 0 0 1 3020.dat
+1 1 20 -16 0 1 0 0 0 1 0 0 0 1 3022.dat
+"""
+
+
+def imported(folder: Path, text: str, *options: object) -> tuple[Result, Path]:
+    kind, name = (
+        ("ldraw", "m.ldr") if text.startswith(("0", "1 ")) else ("bricks", "m.txt")
+    )
+    (folder / name).write_text(text)
+    out = folder / "out.yaml"
+    return invoke("import", kind, folder / name, "-o", out, *options), out
+
+
+def test_a_cell_is_chosen_with_room_between_stations(tmp_path: Path) -> None:
+    result, out = imported(tmp_path, MIXED)
+    assert result.exit_code == 0, result.output
+    assert "3 bricks of 3 types, 4 x 2 studs, 1.667 bricks high" in result.output
+    section = lego(out)
+    assembly = build_lego(section)
+    structure = build_structure(section) or ()
+    mine = [occupied_span(b.cell, b.brick) for b in structure]
+    feeds = [item for item in assembly.stock if item.station]
+    assert sorted(f.name for f in feeds) == sorted(
+        f"{side}_{kind}"
+        for side in ("left", "right")
+        for kind in ("2x4", "2x4-plate", "2x2-plate")
+    )
+    spans = {f.name: occupied_span(f.cell, f.brick) for f in feeds}
+    for name, a in spans.items():
+        for other, b in spans.items():
+            apart = max(a.x0 - b.x1, b.x0 - a.x1, a.y0 - b.y1, b.y0 - a.y1)
+            assert name == other or apart >= APART
+        assert all(max(a.x0 - s.x1, s.x0 - a.x1) > APART for s in mine)
+        # Plates are fed from on top of a fixed brick, bricks from the plate.
+        assert (a.bottom == 3) == name.endswith("-plate")
+    assert sum(item.fixed for item in assembly.stock) == 4
+    # In the middle of the plate, as near as whole studs allow.
+    assert (min(s.x0 for s in mine), max(s.x1 for s in mine)) == (22, 26)
+    assert (min(s.y0 for s in mine), max(s.y1 for s in mine)) == (23, 25)
+
+
+def test_what_is_imported_is_planned_and_stands(tmp_path: Path) -> None:
+    """Plates from their stands, onto a brick: a run from the file of LDraw to a clean audit."""
+    _, out = imported(tmp_path, MIXED)
+    result = invoke("run", out, "--out", tmp_path / "run", "--no-recording")
+    assert result.exit_code == 0, result.output
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["outcome"] == "completed"
+    back = tmp_path / "back.ldr"
+    invoke("export", tmp_path / "run", "--format", "ldraw", "-o", back)
+    bricks = {(i.brick.name, i.cell) for i in read_ldraw(back).bricks}
+    assert bricks == {
+        (i.brick.name, i.cell) for i in read_ldraw(tmp_path / "m.ldr").bricks
+    }
+
+
+def test_another_cell_keeps_its_robots_plate_and_stock(tmp_path: Path) -> None:
+    chair = ROOT / "scenarios" / "lego" / "chair.yaml"
+    text = "2x4 (0,0,0)\n2x4 (0,0,1)\n2x2 (0,2,2)\n"
+    result, out = imported(tmp_path, text, "--cell", chair)
+    assert result.exit_code == 0, result.output
+    new, old = yaml.safe_load(out.read_text()), yaml.safe_load(chair.read_text())
+    assert new["cell"] == old["cell"]
+    for key in ("plate", "stock"):
+        assert new["assembly"][key] == old["assembly"][key]
+    assert len(new["assembly"]["structure"]["bricks"]) == 3
+
+
+def test_another_cell_may_lack_bricks_or_room(tmp_path: Path) -> None:
+    cliff = ROOT / "scenarios" / "lego" / "cliff.yaml"
+    result, out = imported(tmp_path, LIST, "--cell", cliff)
+    assert result.exit_code == 2
+    assert "the structure needs 1 bricks 1x2, but the stock has 0" in result.output
+    assert not out.exists()
+    wide = "".join(f"2x4 ({2 * k},0,0)\n2x4 ({2 * k + 1},0,1)\n" for k in range(23))
+    tall = wide + "".join(
+        f"4x2 (0,{2 * k},2)\n4x2 (0,{2 * k + 1},3)\n" for k in range(23)
+    )
+    result, _ = imported(tmp_path, tall, "--cell", cliff)
+    assert result.exit_code == 2
+    assert "in the middle stand" in result.output
+
+
+def test_what_is_too_large_is_told_by_its_size(tmp_path: Path) -> None:
+    row = "".join(f"8x1 ({4 * k},0,{k % 2})\n" for k in range(12))
+    result, out = imported(tmp_path, row)
+    assert result.exit_code == 2
+    assert "covers 52 x 1 studs; 34 x 48 fit" in result.output
+    assert not out.exists()
+
+
+def test_what_no_arm_reaches_is_told(tmp_path: Path) -> None:
+    tower = "".join(f"2x4 (0,0,{z})\n" for z in range(60))
+    result, out = imported(tmp_path, tower)
+    assert result.exit_code == 2
+    assert (
+        "2x4_29 (2x4 at [23, 22, 29]): no robot reaches where it goes" in result.output
+    )
+    assert not out.exists()
+
+
+def test_only_lego_goes_to_ldraw(tmp_path: Path) -> None:
+    other = next((ROOT / "scenarios").glob("**/tower.yaml"))
+    result = invoke("export", other, "--format", "ldraw", "-o", tmp_path / "a.ldr")
+    assert result.exit_code == 2
+    assert "only a LEGO assembly" in result.output

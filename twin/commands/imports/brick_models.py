@@ -1,0 +1,150 @@
+"""``twin import bricks`` and ``twin import ldraw``: brick models, and a cell that builds them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from planning.errors import InfeasibleStepError, ScenarioError
+from twin.commands.imports.options import Output
+from twin.host.guard import guarded
+
+if TYPE_CHECKING:
+    from planning.importers.brick_models.model import BrickModel
+    from twin.scenario.sections.scenario import Scenario
+
+_MOST = 6
+"""How many bricks that are out of reach are named."""
+
+_STOCK_KEYS = ("plate", "storage_plate", "bricks", "stock", "rules", "twist_deg")
+
+Cell = Annotated[
+    Path | None,
+    typer.Option(
+        "--cell",
+        help="Scenario whose cell, plate and stock are taken; by default a cell is chosen: two"
+        " arms across a plate, and feeding stations.",
+        metavar="SCENARIO",
+    ),
+]
+List = Annotated[
+    Path,
+    typer.Argument(
+        help="Brick list, one brick a line: hxw (x,y,z), as BrickGPT writes them.",
+        metavar="FILE",
+    ),
+]
+Model = Annotated[
+    Path, typer.Argument(help="Model of LDraw, .ldr or .mpd.", metavar="FILE")
+]
+
+
+@guarded
+def bricks(file: List, output: Output, cell: Cell = None) -> None:
+    """Make a scenario of a brick list."""
+    from planning.importers.brick_list.reader import read_brick_list
+
+    _write(file, read_brick_list(file), output, cell)
+
+
+@guarded
+def ldraw(file: Model, output: Output, cell: Cell = None) -> None:
+    """Make a scenario of a model of LDraw, as LeoCAD, Studio and others write them."""
+    from planning.importers.ldraw.reader import read_ldraw
+
+    _write(file, read_ldraw(file), output, cell)
+
+
+def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> None:
+    """Write the scenario of a model, if its cell reaches all of it."""
+    from planning.importers.brick_models.cell import model_cell
+    from twin.host.atomic import write_text
+    from twin.scenario.document.text import scenario_text
+    from twin.scenario.file import scenario_of
+
+    for line in model.notes:
+        typer.echo(f"note: {line}", err=True)
+    content = model_cell(model) if cell is None else _in_cell(model, cell, output)
+    name = re.sub(r"[^A-Za-z0-9_.-]", "_", file.stem)
+    content = {"version": 1, "name": name, "seed": 0, **content}
+    text = scenario_text(content, f"Imported from {file.name}.")
+    scenario, _ = scenario_of(output, text)
+    _check_reach(scenario, output.parent)
+    write_text(output, text)
+    wide, deep, levels = model.size
+    total = len(model.bricks)
+    typer.echo(
+        f"{output}: {total} brick{'s' * (total > 1)} of {len(model.kinds)} types,"
+        f" {wide} x {deep} studs, {levels / 3:.4g} bricks high"
+    )
+
+
+def _in_cell(model: BrickModel, path: Path, output: Path) -> dict[str, Any]:
+    """Return the content of a scenario with the model in the cell of another scenario."""
+    from planning.files import read_file
+    from planning.importers.brick_models.cell import free_corner, structure_content
+    from planning.lego.bricks.grid import covered_studs
+    from twin.planning.lego import build_lego
+    from twin.scenario.document.yaml_text import read_yaml
+    from twin.scenario.file import load_scenario
+    from twin.scenario.sections.lego import LegoSection
+
+    section = load_scenario(path).assembly
+    if not isinstance(section, LegoSection):
+        raise ScenarioError(f"{path}: only the cell of a LEGO scenario has a stock")
+    assembly = build_lego(section)
+    taken = {
+        place: item.name
+        for item in assembly.stock
+        if assembly.plate_of(item) is assembly.plate
+        for place in covered_studs(item.cell, item.brick)
+    }
+    corner = free_corner(model, assembly.plate.studs, taken)
+    data = read_yaml(path, read_file(path).decode("utf-8-sig")).data
+    old = data["assembly"]
+    kept = {key: old[key] for key in _STOCK_KEYS if key in old}
+    new = {"kind": "lego", **kept, "structure": structure_content(model, corner)}
+    content: dict[str, Any] = {"cell": data["cell"], "assembly": new}
+    for robot in content["cell"]["robots"]:
+        _mend_path(robot, path.parent, output.parent)
+    return content
+
+
+def _mend_path(robot: dict[str, Any], old: Path, new: Path) -> None:
+    """Let a robot that is described in a file be found from another folder."""
+    import os
+
+    from planning.files import is_file
+    from planning.robots.registry import ROBOTS
+
+    name = str(robot["model"])
+    if name not in ROBOTS and is_file(old / name):
+        robot["model"] = Path(os.path.relpath(old / name, new)).as_posix()
+
+
+def _check_reach(scenario: Scenario, folder: Path) -> None:
+    """Raise an error where no robot reaches a brick's place, or any of its type in stock."""
+    from planning.lego.bricks.assembly import LegoStep
+    from planning.lego.sequencing.reachability import reach_faults
+    from twin.planning.build_workcell import build_workcell
+    from twin.planning.lego import build_lego, build_structure
+    from twin.scenario.sections.lego import LegoSection
+
+    section = scenario.assembly
+    assert isinstance(section, LegoSection)
+    placed = build_structure(section) or ()
+    steps = tuple(LegoStep(item.brick, item.cell) for item in placed)
+    assembly = replace(build_lego(section), steps=steps)
+    faults = [
+        f"{placed[number - 1].name} ({steps[number - 1].brick.name} at"
+        f" {steps[number - 1].cell.words}): {fault}"
+        for number, fault in reach_faults(build_workcell(scenario, folder), assembly)
+    ]
+    if faults:
+        more = len(faults) - _MOST
+        shown = [*faults[:_MOST], *([f"and {more} more"] if more > 0 else [])]
+        raise InfeasibleStepError("\n".join(shown))
