@@ -1,4 +1,4 @@
-"""Mutated scenarios, plans, logs, blocks, robot descriptions, tables and tasks.
+"""Mutated scenarios, plans, logs, blocks, robot descriptions, tables, tasks and brick models.
 
     python -m benchmarks.fuzz [TARGET ...] [--cases N] [--first K] [--seed S] [--json FILE] [--show]
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from benchmarks.fuzz.brick_models import model_target
 from benchmarks.fuzz.mutation import mutate_array, mutate_bytes, mutate_document
 from benchmarks.fuzz.worker import Case, Command
 
@@ -285,6 +286,7 @@ TARGETS: dict[str, tuple[Target, int]] = {
     "urdfs": (urdf_target, 300),
     "csvs": (csv_target, 300),
     "tasks": (task_target, 300),
+    "models": (model_target, 2_000),
 }
 """Targets by name, and how many cases a full run has."""
 

@@ -20,6 +20,7 @@ CASES = {
     "urdfs": 60,
     "csvs": 40,
     "tasks": 40,
+    "models": 60,
 }
 
 

@@ -64,8 +64,16 @@ class _Part:
     @property
     def source(self) -> str:
         """Where it stands, such as ``"line 12 by way of line 3"``."""
-        way = "".join(f" by way of line {k}" for k in reversed(self.via))
-        return f"line {self.line}{way}"
+        return f"line {self.line}{self._way}"
+
+    @property
+    def words(self) -> str:
+        """Its file and by which lines it came, such as ``"3001.dat by way of line 3"``."""
+        return f"{self.name}{self._way}"
+
+    @property
+    def _way(self) -> str:
+        return "".join(f" by way of line {k}" for k in reversed(self.via))
 
 
 def read_ldraw(path: Path) -> BrickModel:
@@ -180,8 +188,7 @@ def _quarters(path: Path, parts: Sequence[_Part]) -> list[int]:
     for part in parts:
         found = _quarter(part.pose[:3, :3])
         if isinstance(found, str):
-            way = part.source.removeprefix(f"line {part.line}")
-            faults.add(part.line, f"{part.name}{way} is {found}; bricks stand upright")
+            faults.add(part.line, f"{part.words} is {found}; bricks stand upright")
         else:
             quarters.append(found)
     faults.check()
@@ -255,7 +262,7 @@ def _cells(path: Path, parts: Sequence[_Part], corners: Array) -> list[list[int]
             dx, dz, up = (round(float(v), 2) + 0.0 for v in away[k])
             faults.add(
                 parts[k].line,
-                f"{parts[k].name} is off the studs of the other bricks by x {dx:g}, y {-up + 0.0:g},"
+                f"{parts[k].words} is off the studs of the other bricks by x {dx:g}, y {-up + 0.0:g},"
                 f" z {dz:g} of LDraw's units (20 a stud, 8 a plate)",
             )
         faults.check(form=f"{fits} of {len(parts)} parts are on one grid of studs")
