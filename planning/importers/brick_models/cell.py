@@ -51,13 +51,10 @@ def model_cell(model: BrickModel) -> dict[str, Any]:
         ScenarioError: it is too large, or there is no room for the feeding stations.
     """
     wide, deep, _ = model.size
-    if wide > _MOST_WIDE or deep > STUDS:
-        turn = " (turned by a quarter turn it would fit)" * (
-            deep <= _MOST_WIDE and wide <= STUDS
-        )
+    if not _fits(model):
         raise ScenarioError(
             f"the model covers {wide} x {deep} studs; {_MOST_WIDE} x {STUDS} fit between the"
-            f" feeding stations of the plate{turn}"
+            " feeding stations of the plate"
         )
     corner = (STUDS - wide) // 2, (STUDS - deep) // 2
     plate = Plate(translation(*_PLATE), (STUDS, STUDS))
@@ -88,6 +85,20 @@ def model_cell(model: BrickModel) -> dict[str, Any]:
             "stock": stock,
         },
     }
+
+
+def fitted(model: BrickModel) -> BrickModel:
+    """Return a model as it fits between the stations, with a note where it had to be turned."""
+    turned = model.quarter_turned()
+    if _fits(model) or not _fits(turned):
+        return model
+    note = "the model is turned by a quarter turn, to fit between the feeding stations"
+    return replace(turned, notes=(*model.notes, note))
+
+
+def _fits(model: BrickModel) -> bool:
+    wide, deep, _ = model.size
+    return wide <= _MOST_WIDE and deep <= STUDS
 
 
 def structure_content(model: BrickModel, corner: tuple[int, int]) -> dict[str, Any]:

@@ -70,6 +70,17 @@ class BrickModel:
             max(s.top for s in spans),
         )
 
+    def quarter_turned(self) -> BrickModel:
+        """Return the model turned by +90 degrees about the vertical."""
+        deep = self.size[1]
+        bricks = []
+        for item in self.bricks:
+            span = occupied_span(item.cell, item.brick)
+            turned = not item.cell.turned and item.brick.studs[0] != item.brick.studs[1]
+            cell = replace(item.cell, x=deep - span.y1, y=span.x0, turned=turned)
+            bricks.append(replace(item, cell=cell))
+        return replace(self, bricks=tuple(bricks))
+
     @property
     def kinds(self) -> Counter[BrickType]:
         """How many bricks there are of each type."""

@@ -46,6 +46,11 @@ PARTS: Mapping[str, BrickType] = MappingProxyType(
 )
 """Brick types by the number of their part."""
 
+_BASEPLATES = frozenset(
+    ("3497", "3334", "3645", "3811", "3857", "3865", "3867", "4186", "4187")
+)
+"""Thin plates that models stand on, from 8 x 16 to 48 x 48 studs."""
+
 _OF_SIZE = {
     (tuple(sorted(BRICKS[kind].studs)), BRICKS[kind].height): numbers[0]
     for kind, numbers in _NUMBERS.items()
@@ -63,6 +68,11 @@ def part_of(name: str) -> BrickType | None:
     number = name.removesuffix(".dat")
     printed = _PRINTED.fullmatch(number)
     return PARTS.get(printed[1] if printed else number)
+
+
+def is_baseplate(name: str) -> bool:
+    """Tell by the name of its file whether a part is a base plate, on which bricks stand."""
+    return name.removesuffix(".dat") in _BASEPLATES
 
 
 def number_of(size: tuple[int, int], height: int) -> str | None:

@@ -24,7 +24,7 @@ from planning.importers.brick_models.model import (
     read_lines,
 )
 from planning.importers.ldraw.documents import Document, Reference, read_document
-from planning.importers.ldraw.parts import LEVEL, STUD, part_of, table
+from planning.importers.ldraw.parts import LEVEL, STUD, is_baseplate, part_of, table
 from planning.lego.bricks.assembly import BrickType, Cell
 from planning.transforms import Array
 
@@ -90,7 +90,8 @@ def read_ldraw(path: Path) -> BrickModel:
             are not on one grid, each by its line; or see ``finished_model``.
     """
     document = read_document(path, read_lines(path))
-    parts = _parts(path, document)
+    every = _parts(path, document)
+    parts = [part for part in every if not is_baseplate(part.name)]
     kinds = _kinds(path, parts)
     quarters = _quarters(path, parts)
     corners = _corners(parts, kinds, quarters)
@@ -105,7 +106,12 @@ def read_ldraw(path: Path) -> BrickModel:
             parts, kinds, _lie_along_x(kinds, quarters), cells, strict=True
         )
     ]
-    return finished_model(path, bricks, _notes(document, parts))
+    notes = list(_notes(document, parts))
+    if len(parts) < len(every):
+        notes.append(
+            "base plates are left out: the model stands on the plate of its cell"
+        )
+    return finished_model(path, bricks, notes)
 
 
 def _is_square(kind: BrickType) -> bool:

@@ -135,6 +135,18 @@ def test_parts_that_a_file_brings_along_are_parts(tmp_path: Path) -> None:
     assert cells(read(tmp_path, text)) == [("2x4", Cell(0, 0, 1, turned=True))]
 
 
+def test_a_base_plate_is_the_plate_of_the_cell(tmp_path: Path) -> None:
+    base = part(0, 0, 0, "3811.dat")
+    model = read(tmp_path, base + part(20, -24, 10) + part(-40, -24, 10, "3003.dat"))
+    assert cells(model) == [
+        ("2x4", Cell(2, 0, 1, turned=True)),
+        ("2x2", Cell(0, 0, 1)),
+    ]
+    assert "base plates are left out" in str(model.notes)
+    with pytest.raises(ScenarioError, match="no bricks in it"):
+        read(tmp_path, base)
+
+
 def test_prints_are_bricks(tmp_path: Path) -> None:
     assert cells(read(tmp_path, part(0, 0, 0, "3005p01.dat"))) == [
         ("1x1", Cell(0, 0, 1))

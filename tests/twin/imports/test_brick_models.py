@@ -183,6 +183,19 @@ def test_another_cell_may_lack_bricks_or_room(tmp_path: Path) -> None:
     assert "in the middle stand" in result.output
 
 
+def test_what_fits_turned_is_turned(tmp_path: Path) -> None:
+    """40 studs along x are too many, along y they are not: a row with a post at its end."""
+    row = [f"8x1 ({4 * k},0,{k % 2})\n" for k in range(9)]
+    result, out = imported(tmp_path, "".join([*row, "1x2 (39,0,1)\n"]))
+    assert result.exit_code == 0, result.output
+    assert "turned by a quarter turn" in result.output
+    spans = [occupied_span(b.cell, b.brick) for b in build_structure(lego(out)) or ()]
+    x, y = min(s.x0 for s in spans), min(s.y0 for s in spans)
+    assert [s.y0 - y for s in spans[:-1]] == [4 * k for k in range(9)]
+    # What was towards greater y is towards lesser x now.
+    assert (spans[-1].x0 - x, spans[-1].x1 - x, spans[0].x0 - x) == (0, 2, 1)
+
+
 def test_what_is_too_large_is_told_by_its_size(tmp_path: Path) -> None:
     row = "".join(f"8x1 ({4 * k},0,{k % 2})\n" for k in range(12))
     result, out = imported(tmp_path, row)

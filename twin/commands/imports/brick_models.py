@@ -61,11 +61,12 @@ def ldraw(file: Model, output: Output, cell: Cell = None) -> None:
 
 def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> None:
     """Write the scenario of a model, if its cell reaches all of it."""
-    from planning.importers.brick_models.cell import model_cell
+    from planning.importers.brick_models.cell import fitted, model_cell
     from twin.host.atomic import write_text
     from twin.scenario.document.text import scenario_text
     from twin.scenario.file import scenario_of
 
+    model = fitted(model) if cell is None else model
     for line in model.notes:
         typer.echo(f"note: {line}", err=True)
     content = model_cell(model) if cell is None else _in_cell(model, cell, output)
@@ -76,9 +77,9 @@ def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> No
     _check_reach(scenario, output.parent)
     write_text(output, text)
     wide, deep, levels = model.size
-    total = len(model.bricks)
+    total, kinds = len(model.bricks), len(model.kinds)
     typer.echo(
-        f"{output}: {total} brick{'s' * (total > 1)} of {len(model.kinds)} types,"
+        f"{output}: {total} brick{'s' * (total > 1)} of {kinds} type{'s' * (kinds > 1)},"
         f" {wide} x {deep} studs, {levels / 3:.4g} bricks high"
     )
 
