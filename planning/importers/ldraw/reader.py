@@ -92,6 +92,8 @@ def read_ldraw(path: Path) -> BrickModel:
     document = read_document(path, read_lines(path))
     every = _parts(path, document)
     parts = [part for part in every if not is_baseplate(part.name)]
+    if not parts:
+        raise ScenarioError(f"{path}: there are no bricks in it (lines of type 1)")
     kinds = _kinds(path, parts)
     quarters = _quarters(path, parts)
     corners = _corners(parts, kinds, quarters)
@@ -157,8 +159,6 @@ def _parts(path: Path, document: Document) -> list[_Part]:
                 f"{path}:{item.line}: models within models, more than {_DEEPEST} deep: {model!r}"
                 " may contain itself"
             )
-    if not out:
-        raise ScenarioError(f"{path}: there are no parts in it (lines of type 1)")
     return out
 
 

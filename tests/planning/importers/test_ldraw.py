@@ -175,8 +175,8 @@ ODD = "0.8660254 0 0.5 0 1 0 -0.5 0 0.8660254"
         (f"1 4 nan 0 0 {STRAIGHT} 3001.dat", ["nan is no length"]),
         (f"1 4 1e99 0 0 {STRAIGHT} 3001.dat", ["1e99 is no length"]),
         ("hello\n", [":1: 'hello' is no line of LDraw"]),
-        ("0 empty\n", ["no parts in it"]),
-        ("", ["no parts in it"]),
+        ("0 empty\n", ["no bricks in it"]),
+        ("", ["no bricks in it"]),
         ("0 FILE a.ldr\n1 4 0 0 0 1 0 0 0 1 0 0 0 1 a.ldr\n", [":2: models within"]),
         ("0 FILE a\n0 FILE a\n", [":2: a model before it is called 'a', too"]),
         (
