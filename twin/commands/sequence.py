@@ -159,13 +159,26 @@ def _write(source: Path, output: Path, found: SequencedStructure) -> None:
     """Write the scenario with explicit steps, and read it again."""
     from planning.files import read_file
     from twin.host.atomic import write_text
+    from twin.planning.brick_colours import brick_colours
     from twin.scenario.document.text import scenario_text
     from twin.scenario.document.yaml_text import read_yaml
     from twin.scenario.file import load_scenario
+    from twin.scenario.sections.lego import LegoSection
 
     content = read_yaml(source, read_file(source).decode("utf-8-sig")).data
+    section = load_scenario(source).assembly
+    assert isinstance(section, LegoSection)
+    colours = brick_colours(section)
     assembly = {k: v for k, v in content["assembly"].items() if k != "structure"}
-    assembly["steps"] = [step_section(item) for item in found.sequence]
+    assembly["steps"] = [
+        step_section(item)
+        | (
+            {"colour": list(colours[item.step.cell])}
+            if item.step.cell in colours
+            else {}
+        )
+        for item in found.sequence
+    ]
     note = f"The sequence that twin sequence found for {source.name}."
     write_text(output, scenario_text({**content, "assembly": assembly}, note))
     load_scenario(output)

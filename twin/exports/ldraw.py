@@ -87,6 +87,7 @@ def ldraw_of_scenario(section: LegoSection, name: str) -> bytes:
     Raises:
         OutputError: LDraw has no part for a brick.
     """
+    from twin.planning.brick_colours import brick_colours
     from twin.planning.lego import build_lego, build_structure
 
     assembly = build_lego(section)
@@ -101,10 +102,11 @@ def ldraw_of_scenario(section: LegoSection, name: str) -> bytes:
         ordered = sorted(structure, key=lambda item: item.cell.level)
         numbered = [(layer[item.cell.level], item) for item in ordered]
     bricks = _scaffold(assembly, brick_types(section))
+    colours = brick_colours(section)
     for step, item in numbered:
         pose = away @ box_pose(assembly.plate, item.cell, item.brick)
         height = float(box_size(item.brick)[2])
-        colour = brick_colour(item.brick)
+        colour = colours.get(item.cell, brick_colour(item.brick))
         bricks.append(ShownBrick(item.brick, pose, height, colour, step))
     return ldraw_model(name, bricks)
 

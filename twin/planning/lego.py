@@ -140,6 +140,7 @@ class LegoKind(AssemblyKind):
         from planning.lego.sequencing.stable_steps import stable_steps
         from planning.lego.skills.candidates import find_candidates
         from planning.lego.skills.expansion import lego_work
+        from twin.planning.brick_colours import brick_colours, coloured
         from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
 
         robots = len(cell.robots)
@@ -154,7 +155,8 @@ class LegoKind(AssemblyKind):
                 assembly = stable_steps(assembly, rules)
             check_reach(cell, assembly)
             work = lego_work(find_candidates(cell, assembly))
-        return plan_in_turns(cell, assembly, work, settings, watch)
+        motions = plan_in_turns(cell, assembly, work, settings, watch)
+        return coloured(motions, assembly, brick_colours(self.section))
 
 
 def build_lego(lego: LegoSection) -> LegoAssembly:

@@ -10,7 +10,7 @@ import numpy as np
 
 from planning.cell.workcell import PlacedRobot
 from planning.errors import ScenarioError
-from planning.importers.brick_models.model import BrickModel
+from planning.importers.brick_models.model import BrickModel, ModelBrick
 from planning.importers.brick_models.stations import (
     APART,
     AWAY,
@@ -19,6 +19,7 @@ from planning.importers.brick_models.stations import (
 )
 from planning.lego.bricks.assembly import BRICK_LEVELS, Cell, Plate
 from planning.lego.bricks.grid import Span, footprint
+from planning.lego.bricks.objects import brick_colour
 from planning.robots.registry import robot_model
 from planning.transforms import from_rpy, translation
 
@@ -111,9 +112,17 @@ def structure_content(model: BrickModel, corner: tuple[int, int]) -> dict[str, A
                     item.cell, x=item.cell.x + corner[0], y=item.cell.y + corner[1]
                 ),
             )
+            | _colour(item)
             for item in model.bricks
         ]
     }
+
+
+def _colour(item: ModelBrick) -> dict[str, Any]:
+    """Return the colour of a brick where it is not that of its type anyway."""
+    if item.colour is None or item.colour == brick_colour(item.brick):
+        return {}
+    return {"colour": list(item.colour)}
 
 
 def free_corner(

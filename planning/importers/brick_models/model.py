@@ -36,11 +36,13 @@ class ModelBrick:
         brick: its type.
         cell: where it is; the least x, y and level of a whole model are 0.
         source: where it stands in the file, such as ``"line 12"``.
+        colour: red, green and blue, None where the file gives none.
     """
 
     brick: BrickType
     cell: Cell
     source: str
+    colour: tuple[int, int, int] | None = None
 
     @property
     def words(self) -> str:

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from planning.importers.brick_models.model import FileFaults
+from planning.importers.ldraw.colours import Colour, definition
 from planning.transforms import Array
 
 _COLOUR = re.compile(r"[+-]?\d{1,10}|(0x|#)[0-9a-fA-F]{6,8}", re.ASCII)
@@ -53,11 +54,13 @@ class Document:
         models: references of each.
         drawn: how many lines of types 2 to 5 there are.
         steps: how many steps end.
+        colours: that the file defines, by code.
     """
 
     models: dict[str, list[Reference]] = field(default_factory=dict)
     drawn: Counter[str] = field(default_factory=Counter)
     steps: int = 0
+    colours: dict[int, Colour] = field(default_factory=dict)
 
 
 def read_document(path: Path, lines: Sequence[str]) -> Document:
@@ -95,6 +98,9 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
                 here = document.models.setdefault(name, [])
         elif len(words) > 1 and words[1].upper() == "STEP":
             document.steps += 1
+        elif (found_colour := definition(line)) is not None:
+            code, colour = found_colour
+            document.colours[code] = colour
     faults.check(form=FORM)
     if not document.models[""] and len(document.models) > 1:
         del document.models[""]

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from planning.errors import ScenarioError
+from planning.errors import ScenarioError, listed
 from planning.importers.brick_models.model import (
     MOST_BRICKS,
     BrickModel,
@@ -23,6 +23,7 @@ from planning.importers.brick_models.model import (
     finished_model,
     read_lines,
 )
+from planning.importers.ldraw.colours import INHERITED, colour_of
 from planning.importers.ldraw.documents import Document, Reference, read_document
 from planning.importers.ldraw.parts import LEVEL, STUD, is_baseplate, part_of, table
 from planning.lego.bricks.assembly import BrickType, Cell
@@ -39,8 +40,6 @@ _DEEPEST = 50
 
 _MOST_REFERENCES = 4 * MOST_BRICKS
 """Parts and models that are looked at."""
-
-_INHERITED = ("16", "24")
 
 
 @dataclass(frozen=True)
@@ -103,6 +102,9 @@ def read_ldraw(path: Path) -> BrickModel:
             kind,
             Cell.at_level(x, y, level, turned=along_x and not _is_square(kind)),
             part.source,
+            None
+            if part.colour in INHERITED
+            else colour_of(part.colour, document.colours),
         )
         for part, kind, along_x, (x, y, level) in zip(
             parts, kinds, _lie_along_x(kinds, quarters), cells, strict=True
@@ -147,7 +149,7 @@ def _parts(path: Path, document: Document) -> list[_Part]:
                 f"{path}: more than {_MOST_REFERENCES} parts and models"
             )
         via = (*at.via, at.line) if at.line else ()
-        colour = at.colour if item.colour in _INHERITED else item.colour
+        colour = at.colour if item.colour in INHERITED else item.colour
         part = _Part(item.line, via, at.pose @ item.pose, item.name, colour)
         model = _model_of(document, item)
         if model is None:
@@ -290,6 +292,9 @@ def _notes(document: Document, parts: Sequence[_Part]) -> Iterator[str]:
     if document.steps:
         what = "step is" if document.steps == 1 else "steps are"
         yield f"{document.steps} {what} left out: the planner finds the order itself"
-    colours = {part.colour for part in parts} - set(_INHERITED)
-    if len(colours) > 1:
-        yield f"{len(colours)} colours are left out: bricks have the colours of their types"
+    codes = {part.colour for part in parts} - set(INHERITED)
+    unknown = sorted(c for c in codes if colour_of(c, document.colours) is None)
+    if unknown:
+        yield (
+            f"bricks of colour {listed(unknown)}, which is not known here, have that of their type"
+        )

@@ -125,7 +125,13 @@ def test_models_within_models_are_moved_and_turned(tmp_path: Path) -> None:
     assert "2 lines that draw" not in str(model.notes)
     assert any("1 line that draws" in note for note in model.notes)
     assert any("1 step is left out" in note for note in model.notes)
-    assert any("3 colours are left out" in note for note in model.notes)
+    assert [item.colour for item in model.bricks] == [
+        (242, 205, 55),
+        (255, 0, 0),
+        (242, 205, 55),
+        (255, 0, 0),
+        (201, 26, 9),
+    ]
 
 
 def test_parts_that_a_file_brings_along_are_parts(tmp_path: Path) -> None:
@@ -145,6 +151,25 @@ def test_a_base_plate_is_the_plate_of_the_cell(tmp_path: Path) -> None:
     assert "base plates are left out" in str(model.notes)
     with pytest.raises(ScenarioError, match="no bricks in it"):
         read(tmp_path, base)
+
+
+@pytest.mark.parametrize(
+    ("code", "colour"),
+    [
+        ("4", (201, 26, 9)),
+        ("0x2A0B0C0", (160, 176, 192)),
+        ("0x3a0b0c0", (160, 176, 192)),
+        ("#A0B0C0", (160, 176, 192)),
+        ("9001", (1, 2, 255)),
+        ("16", None),
+        ("9999", None),
+    ],
+)
+def test_colours_of_parts(code: str, colour, tmp_path: Path) -> None:
+    text = "0 !COLOUR Mine CODE 9001 VALUE #0102FF EDGE #333333\n" + part(0, 0, 0)
+    model = read(tmp_path, text.replace("1 4 ", f"1 {code} "))
+    assert model.bricks[0].colour == colour
+    assert any("9999" in note for note in model.notes) == (code == "9999")
 
 
 def test_prints_are_bricks(tmp_path: Path) -> None:

@@ -150,10 +150,23 @@ def test_what_is_imported_is_planned_and_stands(tmp_path: Path) -> None:
     assert summary["outcome"] == "completed"
     back = tmp_path / "back.ldr"
     invoke("export", tmp_path / "run", "--format", "ldraw", "-o", back)
-    bricks = {(i.brick.name, i.cell) for i in read_ldraw(back).bricks}
+    bricks = {(i.brick.name, i.cell, i.colour) for i in read_ldraw(back).bricks}
     assert bricks == {
-        (i.brick.name, i.cell) for i in read_ldraw(tmp_path / "m.ldr").bricks
+        (i.brick.name, i.cell, i.colour) for i in read_ldraw(tmp_path / "m.ldr").bricks
     }
+    assert len({colour for *_, colour in bricks}) == 3
+
+
+def test_colours_stay_with_their_bricks(tmp_path: Path) -> None:
+    """From LDraw to steps and back to LDraw, without a run; other objects keep their own."""
+    _, out = imported(tmp_path, MIXED)
+    steps, back = tmp_path / "steps.yaml", tmp_path / "back.ldr"
+    result = invoke("sequence", out, "-o", steps)
+    assert result.exit_code == 0, result.output
+    given = {tuple(step.colour or ()) for step in lego(steps).steps}
+    assert given == {(201, 26, 9), (37, 122, 62), (0, 85, 191)}
+    invoke("export", steps, "--format", "ldraw", "-o", back)
+    assert {i.colour for i in read_ldraw(back).bricks} == given
 
 
 def test_another_cell_keeps_its_robots_plate_and_stock(tmp_path: Path) -> None:

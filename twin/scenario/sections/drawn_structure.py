@@ -25,6 +25,7 @@ from planning.lego.bricks.drawing import (
 from twin.scenario.document.problems import unknown_name
 from twin.scenario.document.section import Name, Section, Three, Two
 from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument
+from twin.scenario.sections.pick_place import Colour
 
 Stud2 = Two[Annotated[int, Field(ge=-1000, le=1000)]]
 GridCell = Three[Annotated[int, Field(ge=-1000, le=1000)]]
@@ -48,13 +49,18 @@ class ElevationSection(Section):
 
 
 class StructureBrickSection(Section):
-    """A brick of a structure: its type, and where it goes (as for the stock)."""
+    """A brick of a structure: its type, and where it goes (as for the stock).
+
+    Attributes:
+        colour: red, green and blue for pictures; by default that of its type.
+    """
 
     brick: str
     at: GridCell
     raised: Raised = 0
     turned: bool = False
     name: Name | None = None
+    colour: Colour | None = None
 
 
 class StructureSection(Section):

@@ -16,7 +16,13 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.grid import Place, occupied_places
 from twin.scenario.document.section import Name, Section, Several, Two
-from twin.scenario.sections.drawn_structure import GridCell, Raised, StructureSection
+from twin.scenario.sections.drawn_structure import (
+    GridCell,
+    Raised,
+    StructureBrickSection,
+    StructureSection,
+)
+from twin.scenario.sections.pick_place import Colour
 from twin.scenario.sections.poses import PoseSection
 
 Studs = Two[Annotated[int, Field(ge=1, le=1000)]]
@@ -120,6 +126,7 @@ class StepSection(Section):
         supports: the supports to choose from, ``support`` the first of them.
         attack: sign of the sideways offset of the approach.
         stock: name of the stock brick to use; the planner chooses where it is not given.
+        colour: red, green and blue of the brick for pictures; by default that of its type.
     """
 
     brick: str
@@ -134,6 +141,7 @@ class StepSection(Section):
     supports: tuple[SupportSection, ...] = ()
     attack: Literal[1, -1] = 1
     stock: Name | None = None
+    colour: Colour | None = None
 
     @model_validator(mode="after")
     def _first_choice(self) -> StepSection:
@@ -234,8 +242,8 @@ def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
     return {**BRICKS, **own}
 
 
-def cell_of(item: StockSection | StepSection) -> Cell:
-    """Return the cell of a brick of the stock or of a step."""
+def cell_of(item: StockSection | StepSection | StructureBrickSection) -> Cell:
+    """Return the cell of a brick of the stock, of a step or of a structure."""
     x, y, z = item.at
     return Cell(x, y, z, item.turned, item.raised)
 
