@@ -68,9 +68,35 @@ class Scene(NamedTuple):
     on_itself: Scratch
 
 
+_GROUP = 16
+"""So many boxes are passed by at once where a body is far from all of them."""
+
+
 @inner_kernel
-def _close_pairs(scene: Scene, out: Indices) -> int:
-    """Write (kind, own body, other) of every close pair; -1 asks for a shorter stretch first."""
+def _group_boxes(bounds: Array) -> Array:
+    """Return the least and greatest corners of groups of boxes that follow one another."""
+    count = bounds.shape[0]
+    groups = (count + _GROUP - 1) // _GROUP
+    out = np.empty((groups, 6))
+    for g in range(groups):
+        for r in range(3):
+            low, high = np.inf, -np.inf
+            for p in range(g * _GROUP, min((g + 1) * _GROUP, count)):
+                low, high = min(low, bounds[p, r]), max(high, bounds[p, r + 3])
+            out[g, r], out[g, r + 3] = low, high
+    return out
+
+
+@inner_kernel
+def _close_pairs(scene: Scene, groups: Array, room: float, out: Indices) -> int:
+    """Write (kind, own body, other) of every close pair; -1 asks for a shorter stretch first.
+
+    Args:
+        scene: the robot and what stands around it.
+        groups: see ``_group_boxes``.
+        room: the greatest of the least distances to boxes [m].
+        out: the pairs.
+    """
     own, others = scene.own, scene.others
     box, joint = own.box, own.hulls.joint
     all_bounds = (scene.box_bounds, others.box, box)
@@ -79,7 +105,15 @@ def _close_pairs(scene: Scene, out: Indices) -> int:
     for o in range(box.shape[0]):
         for kind in range(3):
             theirs, limits = all_bounds[kind], all_limits[kind]
-            for p in range(o if kind == SELF else theirs.shape[0]):
+            last = o if kind == SELF else theirs.shape[0]
+            p = -1
+            while p + 1 < last:
+                p += 1
+                if kind == BOX and p % _GROUP == 0:
+                    while p < last and boxes_apart(box, o, groups, p // _GROUP, room):
+                        p += _GROUP
+                    if p >= last:
+                        break
                 a, b = (p, o) if kind == SELF else (o, p)
                 limit = limits[a, b]
                 if limit < 0.0 or boxes_apart(box, o, theirs, p, limit):
@@ -169,7 +203,14 @@ def _keep_unproved(scene: Scene, pairs: Indices, count: int, stop: bool) -> int:
 
 @inner_kernel
 def _search(
-    scene: Scene, q_a: Array, q_b: Array, lo: float, hi: float, stop: bool
+    scene: Scene,
+    groups: Array,
+    room: float,
+    q_a: Array,
+    q_b: Array,
+    lo: float,
+    hi: float,
+    stop: bool,
 ) -> tuple[int, Array, Indices]:
     """Return what is undecided on a stretch of a motion, HIT as the number of a proved conflict.
 
@@ -189,7 +230,7 @@ def _search(
         depth -= 1
         lo, hi = stack[depth, 0], stack[depth, 1]
         sweep_bodies(scene.own, q_a, q_b, lo, hi)
-        count = _close_pairs(scene, pairs)
+        count = _close_pairs(scene, groups, room, pairs)
         if count < 0:
             middle = 0.5 * (lo + hi)
             stack[depth, 0], stack[depth, 1] = middle, hi
@@ -228,11 +269,15 @@ def find_undecided(
         motion, shape (k, 2), and rows (kind, own body, other), shape (k, 3).
     """
     count, when, what = 0, np.empty((0, 2)), np.empty((0, 3), dtype=np.int64)
+    groups, room = _group_boxes(scene.box_bounds), 0.0
+    for o in range(scene.box_limit.shape[0]):
+        for b in range(scene.box_limit.shape[1]):
+            room = max(room, scene.box_limit[o, b])
     for k in range(begin, len(probes) + 1):
         lo, hi = 0.0, 1.0
         if k < len(probes):
             lo = hi = probes[k]
-        count, when, what = _search(scene, q_a, q_b, lo, hi, stop)
+        count, when, what = _search(scene, groups, room, q_a, q_b, lo, hi, stop)
         if count != 0:
             return HIT if count == HIT else k, when.copy(), what.copy()
     return len(probes) + 1, when.copy(), what.copy()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -38,7 +39,14 @@ class RobotBodies:
 
     def of_entity(self, name: str) -> list[int]:
         """Return the bodies of an entity."""
-        return [k for k, entity_name in enumerate(self.entities) if entity_name == name]
+        return self._bodies.get(name, [])
+
+    @cached_property
+    def _bodies(self) -> dict[str, list[int]]:
+        found: dict[str, list[int]] = {}
+        for k, name in enumerate(self.entities):
+            found.setdefault(name, []).append(k)
+        return found
 
 
 _KNOWN: KeptAnswers[RobotBodies] = KeptAnswers(4000)

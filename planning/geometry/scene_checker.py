@@ -9,12 +9,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell, WorldState
+from planning.cell.workcell import Workcell, WorldState
 from planning.geometry.clearing import BOX, HIT, SELF, Scene, find_undecided
 from planning.geometry.exact import Solid, come_close, come_close_together, distance_at
 from planning.geometry.robot_bodies import Held, held_by, robot_bodies
 from planning.geometry.separation import room_for
-from planning.geometry.standing import StandingBoxes, stand_boxes, stand_robots
+from planning.geometry.sorted_objects import sort_objects
+from planning.geometry.standing import StandingBoxes, stand_robots
 from planning.geometry.swept import SKIP, make_swept
 from planning.kinematics.kinematics import frame_pose
 from planning.packed import packed
@@ -134,7 +135,7 @@ class SceneChecker:
             (len(own.solids), len(others.solids)), self._between_robots
         )
         self_limit = own.self_limits.copy()
-        in_hand = [k for k, name in enumerate(boxes.names) if name in boxes.in_hand]
+        in_hand = [boxes.column[name] for name in boxes.in_hand]
         box_limit[:, in_hand] = self._between_robots
         box_limit[own.hulls.joint < 0, : boxes.fixtures] = SKIP
         for pair in allowed:
@@ -229,35 +230,13 @@ def _surroundings(
     cell: Workcell, robot: str, state: WorldState
 ) -> tuple[Sequence[Held], StandingBoxes]:
     """Return what a robot holds, and all boxes at rest or in the hands of the others."""
-    places = tuple(state.attachments.items())
-    held, boxes = _sort_objects(cell.fixtures, cell.objects, places)
+    held, boxes = sort_objects(cell.fixtures, cell.objects, state.attachments)
     for item, at in held:
         if at.holder is not None and at.holder != robot:
             hand = frame_pose(cell.robot(at.holder), state.configurations[at.holder])
             there = (item.name, item.body, item.size, hand @ at.pose)
             boxes = boxes.plus([there], in_hand=True)
     return held_by(robot, held), boxes
-
-
-@lru_cache(maxsize=4)
-def _sort_objects(
-    fixtures: tuple[Fixture, ...],
-    objects: tuple[CellObject, ...],
-    places: tuple[tuple[str, Attachment], ...],
-) -> tuple[list[Held], StandingBoxes]:
-    """Return the objects that robots hold; fixtures and objects at rest.
-
-    Robots move far more often than objects: the last few answers are remembered.
-    """
-    where = dict(places)
-    there = [(item, where[item.name]) for item in objects if item.name in where]
-    boxes = [
-        (item.name, item.body, item.size, at.pose)
-        for item, at in there
-        if at.holder is None
-    ]
-    held = [(item, at) for item, at in there if at.holder is not None]
-    return held, stand_boxes(fixtures, boxes)
 
 
 @lru_cache

@@ -7,7 +7,7 @@ scenes share: a scene is a choice of rows.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from threading import Lock
 from typing import NamedTuple
@@ -44,6 +44,11 @@ class _Places:
         self.solids: list[Solid] = []
         self._known: dict[tuple[ConvexBody, bytes], int] = {}
         self._lock = Lock()
+
+    @property
+    def full(self) -> bool:
+        """Whether new scenes should begin with arrays of their own."""
+        return self.count >= _MOST_PLACES
 
     def row(self, body: ConvexBody, size: Array, pose: Transform) -> int:
         """Return the row of a body, a box of some size, at a pose."""
@@ -153,6 +158,19 @@ class StandingBoxes:
         )
         return packed(table)
 
+    def first(self, count: int) -> StandingBoxes:
+        """Return the first so many of the boxes, fixtures included."""
+        return replace(self, names=self.names[:count], rows=self.rows[:count])
+
+    def without(self, names: Iterable[str]) -> StandingBoxes:
+        """Return all but some objects."""
+        gone = [self.column[name] for name in names if name in self.column]
+        if not gone:
+            return self
+        kept = np.ones(len(self.names), dtype=bool)
+        kept[gone] = False
+        return self.only(kept[self.fixtures :])
+
     def only(self, keep: Iterable[bool]) -> StandingBoxes:
         """Return the fixtures and those of the objects that are marked.
 
@@ -162,12 +180,10 @@ class StandingBoxes:
         chosen = np.flatnonzero(np.asarray(keep)) + self.fixtures
         chosen = np.concatenate([np.arange(self.fixtures), chosen])
         names = self.names
-        return StandingBoxes(
-            tuple(names[k] for k in chosen.tolist()),
-            self.rows[chosen],
-            self.fixtures,
-            self.places,
-            self.in_hand,
+        return replace(
+            self,
+            names=tuple(names[k] for k in chosen.tolist()),
+            rows=self.rows[chosen],
         )
 
     def plus(
@@ -200,7 +216,7 @@ def stand_boxes(
 ) -> StandingBoxes:
     """Return fixtures and some objects, each with name, body, size and pose."""
     global _places
-    if _places.count >= _MOST_PLACES:
+    if _places.full:
         _places = _Places()
     empty = StandingBoxes((), np.empty(0, dtype=np.int64), len(fixtures), _places)
     still = [(f.name, f.body, f.size, f.pose) for f in fixtures]

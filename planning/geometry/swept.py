@@ -154,25 +154,72 @@ def boxes_in_reach(
     poses, q_mid = np.empty((n + 1, 4, 4)), np.empty(n)
     moved = np.empty((capsules, n + 1))
     out = np.zeros(len(pose), dtype=np.bool_)
+    low, high = _box_corners(pose, half)
+    near = np.empty(capsules, dtype=np.int64)
+    around = np.empty((2, 3))
     for s in range(len(path) - 1):
         place_capsules(hulls, path[s], path[s + 1], poses, q_mid, start, end, moved)
+        # Most of a robot is far above all boxes, and most boxes are far from the rest of it.
+        count = 0
+        around[0], around[1] = np.inf, -np.inf
+        for c in range(capsules):
+            reach = hulls.radius[c] + moved[c, 0] + room
+            apart = False
+            for r in range(3):
+                least = min(start[c, r], end[c, r]) - reach
+                most = max(start[c, r], end[c, r]) + reach
+                apart = apart or most < low[-1, r] or least > high[-1, r]
+            if apart:
+                continue
+            near[count] = c
+            count += 1
+            for r in range(3):
+                least = min(start[c, r], end[c, r]) - reach
+                most = max(start[c, r], end[c, r]) + reach
+                around[0, r] = min(around[0, r], least)
+                around[1, r] = max(around[1, r], most)
         for b in range(len(pose)):
-            for c in range(capsules):
+            if out[b]:
+                continue
+            apart = False
+            for r in range(3):
+                apart = apart or high[b, r] < around[0, r] or low[b, r] > around[1, r]
+            if apart:
+                continue
+            for k in range(count):
                 if out[b]:
                     break
+                c = near[k]
                 reach = hulls.radius[c] + moved[c, 0] + room
                 # The distance to the middle of the capsule rules out most.
-                far = apart = length = 0.0
+                far = apart_square = length = 0.0
                 for r in range(3):
                     far += half[b, r] ** 2
                     middle = 0.5 * (start[c, r] + end[c, r])
-                    apart += (middle - pose[b, r, 3]) ** 2
+                    apart_square += (middle - pose[b, r, 3]) ** 2
                     length += (end[c, r] - start[c, r]) ** 2
                 far = np.sqrt(far) + 0.5 * np.sqrt(length) + reach
-                if apart <= far * far:
+                if apart_square <= far * far:
                     gap = segment_box(start[c], end[c], pose[b], half[b])
                     out[b] = gap <= reach * reach
     return out
+
+
+@inner_kernel
+def _box_corners(pose: Array, half: Array) -> tuple[Array, Array]:
+    """Return the least and greatest corners of boxes, and in a last row those around them all."""
+    count = len(pose)
+    low, high = np.empty((count + 1, 3)), np.empty((count + 1, 3))
+    for r in range(3):
+        low[count, r], high[count, r] = np.inf, -np.inf
+        for b in range(count):
+            reach = 0.0
+            for k in range(3):
+                reach += abs(pose[b, r, k]) * half[b, k]
+            low[b, r], high[b, r] = pose[b, r, 3] - reach, pose[b, r, 3] + reach
+            low[count, r] = min(low[count, r], low[b, r])
+            high[count, r] = max(high[count, r], high[b, r])
+    return low, high
 
 
 SKIP = -1.0

@@ -42,12 +42,15 @@ class SkillScene:
 
     Attributes:
         cell: robots and fixtures; its objects are not used.
-        objects: the objects there, by name, each with where it is.
+        objects: the objects there, by name, each with where it is; of those at rest only what
+            changes hands, where ``standing`` is given.
         configurations: of all robots.
         contacts: who may touch whom.
         handed: the object that changes hands in the skill and where it is then, or None.
         refill: what stands there once the skill is complete, such as the next brick of a
             feeding station, or None.
+        standing: the fixtures and all objects at rest but for what changes hands, where they are
+            known already.
     """
 
     cell: Workcell
@@ -56,6 +59,7 @@ class SkillScene:
     contacts: SkillContacts
     handed: tuple[str, Attachment] | None = None
     refill: Placed | None = None
+    standing: StandingBoxes | None = None
 
     def near(self, path: SkillPath) -> StandingBoxes:
         """Return the fixtures, and the objects at rest that anything on a path may come near to.
@@ -115,6 +119,8 @@ class SkillScene:
 
     @cached_property
     def _at_rest(self) -> StandingBoxes:
+        if self.standing is not None:
+            return self.standing
         handed = None if self.handed is None else self.handed[0]
         return stand_boxes(
             self.cell.fixtures,

@@ -43,22 +43,18 @@ def allowed_pairs(
         last_task: task that each other robot did last; absent for one that did none yet.
         allowed: the table of allowed contacts.
     """
-    owner = {
-        name: attachment.holder
-        for name, attachment in state.attachments.items()
-        if attachment.holder is not None
-    }
-    for placed in cell.robots:
-        owner[f"{placed.name}/tool"] = placed.name
+    tools = {f"{placed.name}/tool": placed.name for placed in cell.robots}
+
+    def owner(name: str) -> str | None:
+        """Return the robot that a thing moves with, None for what is at rest."""
+        at = state.attachments.get(name)
+        return tools.get(name, None if at is None else at.holder)
+
     pairs = set()
     for contact in allowed:
         if task not in contact.tasks:
             continue
-        others = {
-            owner[name]
-            for name in (contact.first, contact.second)
-            if name in owner and owner[name] != robot
-        }
-        if all(last_task.get(other, -1) in contact.tasks for other in others):
+        others = {owner(contact.first), owner(contact.second)} - {None, robot}
+        if all(last_task.get(other or "", -1) in contact.tasks for other in others):
             pairs.add(frozenset((contact.first, contact.second)))
     return frozenset(pairs)

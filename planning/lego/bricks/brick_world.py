@@ -8,6 +8,7 @@ from functools import cached_property
 
 from planning.cell.cover import box_body
 from planning.cell.workcell import Attachment, CellObject, Workcell
+from planning.geometry.standing import StandingBoxes, stand_boxes
 from planning.lego.bricks.assembly import (
     BrickType,
     Cell,
@@ -17,9 +18,17 @@ from planning.lego.bricks.assembly import (
     Press,
     StockBrick,
 )
-from planning.lego.bricks.grid import box_pose, box_size, bricks_above, top_pose
+from planning.lego.bricks.grid import (
+    Span,
+    box_pose,
+    box_size,
+    bricks_above,
+    occupied_span,
+    top_pose,
+)
 from planning.lego.bricks.grips import MOST_OFFSETS, presses
 from planning.lego.bricks.objects import source_of
+from planning.lego.bricks.tiles import BrickTiles
 from planning.transforms import Transform, readonly
 
 Placed = tuple[CellObject, Attachment]
@@ -87,9 +96,38 @@ class BrickWorld:
         }
 
     def stock_beside(self, stock: str) -> dict[str, tuple[Cell, BrickType]]:
-        """Return cell and type of the other stock bricks on the plate of one."""
-        on_plate = self.stock_on(self.assembly.plate_of(self.stock[stock]))
-        return {k: v for k, v in on_plate.items() if k != stock}
+        """Return cell and type of the other stock bricks that are near one on its plate."""
+        item = self.stock[stock]
+        near = self._stock_tiles[item.name].near(
+            occupied_span(item.cell, item.brick), before=1
+        )
+        near.pop(stock)
+        return near
+
+    @cached_property
+    def _stock_tiles(self) -> Mapping[str, BrickTiles]:
+        """For each stock brick the tiles of its plate, on which goals stand as well."""
+        stored = BrickTiles(
+            (0, k, s.cell, s.brick)
+            for k, s in self.stock.items()
+            if self.assembly.plate_of(s) is not self.assembly.plate
+        )
+        return {
+            k: self._tiles
+            if self.assembly.plate_of(s) is self.assembly.plate
+            else stored
+            for k, s in self.stock.items()
+        }
+
+    @cached_property
+    def _tiles(self) -> BrickTiles:
+        """The structure's plate: the stock, then the goals by their steps."""
+        stock = [
+            (0, k, *brick) for k, brick in self.stock_on(self.assembly.plate).items()
+        ]
+        steps = enumerate(self.assembly.steps, start=1)
+        goals = [(k, goal_name(k), step.cell, step.brick) for k, step in steps]
+        return BrickTiles([*stock, *goals])
 
     @cached_property
     def _goals(self) -> tuple[Placed, ...]:
@@ -118,13 +156,43 @@ class BrickWorld:
         """Return the bricks of some steps in their places, by name."""
         return {goal_name(k): self.goal(k) for k in numbers}
 
+    @cached_property
+    def goal_numbers(self) -> Mapping[str, int]:
+        """The step of each goal by its name."""
+        return {goal_name(k + 1): k + 1 for k in range(len(self.assembly.steps))}
+
     def goal_cells(self, numbers: Iterable[int]) -> dict[str, tuple[Cell, BrickType]]:
         """Return cell and type of the bricks of some steps in their places."""
         return {goal_name(k): (self.step(k).cell, self.step(k).brick) for k in numbers}
 
-    def cells_during(self, number: int) -> dict[str, tuple[Cell, BrickType]]:
-        """Return all bricks that may stand on the structure's plate while a step is done."""
-        return self.stock_on(self.assembly.plate) | self.goal_cells(range(1, number))
+    def cells_near(self, span: Span, number: int) -> dict[str, tuple[Cell, BrickType]]:
+        """Return the bricks near some room that may stand on the structure's plate in a step."""
+        return self._tiles.near(span, before=number)
+
+    def cells_near_stock(
+        self, stock: str, number: int
+    ) -> dict[str, tuple[Cell, BrickType]]:
+        """Return the bricks near a stock brick that may stand on its plate in a step, it included."""
+        item = self.stock[stock]
+        span = occupied_span(item.cell, item.brick)
+        return self._stock_tiles[stock].near(span, before=number)
+
+    def standing(self, number: int) -> StandingBoxes:
+        """Return the fixtures, the stock at rest and the goals of the steps before one."""
+        done = len(self._goals) - number + 1
+        boxes = self.all_standing
+        return boxes.first(len(boxes.names) - done)
+
+    @cached_property
+    def all_standing(self) -> StandingBoxes:
+        """The fixtures, the stock at rest and the goals of all steps."""
+        return stand_boxes(
+            self.cell.fixtures,
+            [
+                (item.name, item.body, item.size, at.pose)
+                for item, at in (*self.stock_at_rest.values(), *self._goals)
+            ],
+        )
 
     def start_top(self, stock: str) -> Transform:
         """Return the pose of the top face of a stock brick at the start."""
@@ -139,9 +207,17 @@ class BrickWorld:
 
     def above(self, stock: str) -> frozenset[str]:
         """Return the stock bricks that stand on a stock brick, however high."""
-        item, others = self.stock[stock], self.stock_beside(stock)
-        upper = bricks_above(item.cell, item.brick, others)
-        return frozenset(upper).union(*map(self.above, upper))
+        known = self._above.get(stock)
+        if known is None:
+            item, others = self.stock[stock], self.stock_beside(stock)
+            upper = bricks_above(item.cell, item.brick, others)
+            known = frozenset(upper).union(*map(self.above, upper))
+            self._above[stock] = known
+        return known
+
+    @cached_property
+    def _above(self) -> dict[str, frozenset[str]]:
+        return {}
 
     def usable_stock(self, number: int) -> list[str]:
         """Return the stock bricks and stations of the right type for a step (delta^t, App. B)."""

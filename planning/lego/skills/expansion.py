@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
 from planning.cell.workcell import CellObject
 from planning.kinematics.kinematics import frame_pose
-from planning.lego.bricks.assembly import BrickType, Cell, Plate
+from planning.lego.bricks.assembly import BrickType, Cell
 from planning.lego.bricks.brick_world import BrickWorld, press_of
-from planning.lego.bricks.grid import box_from_top
+from planning.lego.bricks.grid import Span, box_from_top, occupied_span
 from planning.lego.bricks.objects import copy_name, next_copy, object_names, source_of
 from planning.lego.skills.allowed_contacts import Bricks, contacts_at_rest, supporting
 from planning.lego.skills.candidates import LegoCandidates
 from planning.lego.skills.handovers import HandoverOption
 from planning.lego.skills.options import SkillOption
+from planning.lego.skills.support import supported_span
 from planning.skills.contacts import gripped
 from planning.skills.joint_paths import Obstruction, SkillPath
 from planning.skills.step_builder import StepBuilder
@@ -93,31 +94,35 @@ class _Expander:
         self.work = self.world.step(builder.step)
         source, stations = self.choice.object, self.world.stations
         sources = [c.object for c in plan.choices if c.step <= builder.step]
-        *used, self.brick = object_names(sources, stations)
-        goals = self.world.goal_cells(range(1, builder.step))
-        placed = dict(zip(used, goals.values(), strict=True))
-        picked = Counter(sources)
+        *self._used, self.brick = object_names(sources, stations)
+        self._picked = Counter(sources)
         self.refill: CellObject | None = None
         if source in stations:
             item = self.world.stock_at_rest[source][0]
-            self.refill = next_copy(item, source, picked[source] + 1)
+            self.refill = next_copy(item, source, self._picked[source] + 1)
 
-        def standing(plate: Plate) -> dict[str, tuple[Cell, BrickType]]:
-            """Return the bricks of the stock on a plate when the brick has been picked."""
-            return {
-                copy_name(name, picked[name] + 1) if name in stations else name: brick
-                for name, brick in self.world.stock_on(plate).items()
-                if name in stations or name not in picked
-            }
+    def _standing(
+        self, near: Mapping[str, tuple[Cell, BrickType]]
+    ) -> dict[str, tuple[Cell, BrickType]]:
+        """Return bricks by what they are called and where they are when the brick has been picked.
 
-        plate = self.world.assembly.plate
-        source_plate = self.world.assembly.plate_of(self.world.stock[source])
-        self.others = standing(plate) | placed
-        self.beside_source = standing(source_plate)
-        if source_plate is plate:
-            self.beside_source |= placed
-        if self.refill is not None:
-            self.beside_source.pop(self.refill.name)
+        Args:
+            near: some bricks of the stock, and of the goals of earlier steps.
+        """
+        stations, numbers = self.world.stations, self.world.goal_numbers
+        out = {}
+        for name, brick in near.items():
+            if name in stations:
+                out[copy_name(name, self._picked[name] + 1)] = brick
+            elif name in numbers:
+                out[self._used[numbers[name] - 1]] = brick
+            elif name not in self._picked:
+                out[name] = brick
+        return out
+
+    def _standing_near(self, span: Span) -> dict[str, tuple[Cell, BrickType]]:
+        """Return the bricks near some room above the plate when the brick has been picked."""
+        return self._standing(self.world.cells_near(span, self.builder.step))
 
     def place_down(self) -> None:
         """Write pick, the support if any, place, and the ways back."""
@@ -189,7 +194,11 @@ class _Expander:
         held = inverse(self._flange(robot, path.contact)) @ start
         picked = build.skill(path, f"pick {brick}", brick, robot, held, self.refill)
         cell = self.world.stock[self.choice.object].cell
-        self._allow_at_rest(picked, robot, cell, start, self.beside_source)
+        near = self.world.cells_near_stock(self.choice.object, build.step)
+        beside = self._standing(near)
+        if self.refill is not None:
+            beside.pop(self.refill.name)
+        self._allow_at_rest(picked, robot, cell, start, beside)
         self._home(robot, brick)
         return picked
 
@@ -197,7 +206,9 @@ class _Expander:
         """Write the place itself; return it."""
         goal = self.world.goal(self.choice.step)[1].pose
         placed = self.builder.skill(path, label, self.brick, None, goal)
-        self._allow_at_rest(placed, path.robot, self.work.cell, goal, self.others)
+        cell = self.work.cell
+        others = self._standing_near(occupied_span(cell, self.work.brick))
+        self._allow_at_rest(placed, path.robot, cell, goal, others)
         return placed
 
     def _allow_at_rest(
@@ -225,8 +236,9 @@ class _Expander:
         build.depend(placed, ways_back[0])
         self._home(robot)
         assert self.choice.support is not None
-        bricks = {**self.others, self.brick: (self.work.cell, self.work.brick)}
         support = self.work.supports[self.choice.support.pose]
+        bricks = self._standing_near(supported_span(support))
+        bricks[self.brick] = self.work.cell, self.work.brick
         touched = supporting(robot, support, bricks)
         build.allow(touched, held, *ways_back)
         # What the placing robot brings touches the standing tool as well.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from itertools import product
 
 from planning.cell.workcell import Attachment
@@ -20,9 +20,14 @@ from planning.lego.bricks.brick_world import (
     grasp_number,
     press_of,
 )
+from planning.lego.bricks.grid import occupied_span
 from planning.lego.bricks.grips import grip_pose, side_contact_pose
 from planning.lego.skills.allowed_contacts import contacts_at_rest, supporting
-from planning.lego.skills.support import support_bottom_targets, support_top_targets
+from planning.lego.skills.support import (
+    support_bottom_targets,
+    support_top_targets,
+    supported_span,
+)
 from planning.lego.skills.targets import (
     APPROACH_HEIGHT,
     HIGH_APPROACH,
@@ -100,17 +105,16 @@ class SkillOptions:
         tool = grip_pose(top, item.brick, press_of(grasp))
         held = held_box(world.frames(robot), "tool", tool, top, item.brick)
         above = world.above(stock)
-        goals = world.goals(range(1, len(world.assembly.steps) + 1))
-        here = {k: v for k, v in world.stock_at_rest.items() if k not in above}
         scene = SkillScene(
             world.cell,
-            {**here, **goals},
+            {stock: world.stock_at_rest[stock]},
             self.home,
             SkillContacts(NOTHING, touching, gripped(robot, stock)),
             (stock, Attachment(robot, held)),
             self._refill(stock),
+            world.all_standing.without([*above, stock]),
         )
-        loose = (world.loose_stock & here.keys()) - {stock} | set(goals)
+        loose = self._loose_in_picks - above - {stock}
         targets = self.pick_targets(robot, stock, grasp)
         option = self._resolve(robot, targets, scene, loose)
         if isinstance(option, Obstruction):
@@ -180,6 +184,12 @@ class SkillOptions:
         brick, top = world.step(step).brick, world.goal_top(step)
         return world.frames(robot), brick, top, press_of(grasp)
 
+    @cached_property
+    def _loose_in_picks(self) -> frozenset[str]:
+        """What may be gone, or not be there yet, when a brick is picked."""
+        steps = range(1, len(self.world.assembly.steps) + 1)
+        return self.world.loose_stock.union(map(goal_name, steps))
+
     def around(self, step: int) -> dict[str, Placed]:
         """Return the stock at rest and the goals of the earlier steps."""
         return {**self.world.stock_at_rest, **self.world.goals(range(1, step))}
@@ -195,7 +205,7 @@ class SkillOptions:
             name,
             seat,
             press_of(grasp),
-            world.cells_during(step),
+            world.cells_near(occupied_span(work.cell, work.brick), step),
             world.cell.fixtures,
         )
         standing = dict(self.home)
@@ -207,10 +217,11 @@ class SkillOptions:
         held_goal = (goal, self.held_for_place(robot, step, grasp))
         scene = SkillScene(
             world.cell,
-            {**self.around(step), name: held_goal},
+            {name: held_goal},
             standing,
             SkillContacts(gripped(robot, name), touching, NOTHING),
             (name, at_goal),
+            standing=world.standing(step),
         )
         attacks = [work.attack]
         if grasp_number(work.press or press_of(grasp)) != grasp or not work.press:
@@ -229,8 +240,9 @@ class SkillOptions:
     def supported(self, robot: str, step: int, choice: int) -> Pairs:
         """Return the allowed contacts of a supporting tool, the step's brick included."""
         world = self.world
-        bricks = {**world.cells_during(step), **world.goal_cells([step])}
-        return supporting(robot, world.step(step).supports[choice], bricks)
+        support = world.step(step).supports[choice]
+        bricks = world.cells_near(supported_span(support), step)
+        return supporting(robot, support, {**bricks, **world.goal_cells([step])})
 
     def support_targets(self, step: int, choice: int) -> tuple[SkillTargets, ...]:
         """Return the support of a step as subgoals, from each of its pre-poses."""
@@ -249,7 +261,9 @@ class SkillOptions:
             return Obstruction("the step does not say where to support")
         held = self.supported(robot, step, choice)
         contacts = SkillContacts(NOTHING, held, held)
-        scene = SkillScene(world.cell, self.around(step), self.home, contacts)
+        scene = SkillScene(
+            world.cell, {}, self.home, contacts, standing=world.standing(step)
+        )
         return _first_option(
             self._resolve(robot, _drawn_back(targets, back), scene, world.loose_stock)
             for back, targets in product(
@@ -258,14 +272,20 @@ class SkillOptions:
         )
 
     def _resolve(
-        self, robot: str, targets: SkillTargets, scene: SkillScene, loose: Iterable[str]
+        self,
+        robot: str,
+        targets: SkillTargets,
+        scene: SkillScene,
+        loose: frozenset[str],
     ) -> Found:
         """Return a path clear of everything, or else of everything that will be gone."""
         placed = self.world.cell.robot(robot)
-        found = resolve_skill(placed, targets, scene, set(loose))
+        found = resolve_skill(placed, targets, scene, loose)
         if isinstance(found, Obstruction):
             return found
         path, gone = found
+        if not gone:
+            return SkillOption(path)
         steps = range(1, len(self.world.assembly.steps) + 1)
         latest = min((k for k in steps if goal_name(k) in gone), default=None)
         return SkillOption(

@@ -87,6 +87,19 @@ def test_other_allowed_contacts_make_the_same_checker_as_a_new_one(turn, held):
     assert not strict.configuration_free(MODEL.home)
 
 
+@settings(max_examples=40, deadline=None)
+@given(turns, st.lists(places, min_size=17, max_size=60, unique=True))
+def test_many_boxes_are_each_looked_at(turn, where):
+    """Boxes are passed by in groups: what is found among many is what is found of each alone."""
+    path = np.array([MODEL.home, MODEL.home + np.array(turn)])
+    items = [brick(f"b{k}", *p) for k, p in enumerate(where)]
+    alone = [checker([item]).motion_free(*path) for item in items]
+    assert checker(items).motion_free(*path) == all(alone)
+    hit = [str(checker([item]).contact(path[1])) for item in items]
+    found = str(checker(items).contact(path[1]))
+    assert found in hit
+
+
 def robot_tip(q):
     from planning.kinematics.kinematics import frame_pose
 
