@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import pytest
 import yaml
 from typer.testing import CliRunner, Result
 
+from planning.importers.apex_mr.importer import HOME_DEG
 from planning.importers.brick_models.stations import APART
 from planning.importers.ldraw.reader import read_ldraw
 from planning.lego.bricks.grid import occupied_span
+from planning.robots.registry import robot_model
 from twin.cli import app
 from twin.planning.lego import build_lego, build_structure
 from twin.scenario.file import load_scenario
@@ -232,3 +235,39 @@ def test_only_lego_goes_to_ldraw(tmp_path: Path) -> None:
     result = invoke("export", other, "--format", "ldraw", "-o", tmp_path / "a.ldr")
     assert result.exit_code == 2
     assert "only a LEGO assembly" in result.output
+
+
+def test_stations_that_find_no_room_are_told(tmp_path: Path) -> None:
+    """Beside 34 studs there is one column of stations, too short for twelve types."""
+    row = [f"8x1 ({4 * k},0,{k % 2})\n" for k in range(7)] + ["6x2 (28,0,1)\n"]
+    sizes = ("2x4", "2x6", "2x8", "1x2", "2x2", "1x4", "1x6", "2x3", "1x3", "1x1")
+    column = [f"{size} (32,0,{k})\n" for k, size in enumerate(sizes, start=2)]
+    result, out = imported(tmp_path, "".join([*row, *column]))
+    assert result.exit_code == 2
+    assert "no room for a feeding station of" in result.output, result.output
+    assert "--cell" in result.output
+    assert not out.exists()
+
+
+def test_another_cell_may_have_robots_of_its_own(tmp_path: Path) -> None:
+    """A description beside the other scenario is found from where the new one is written."""
+    there, here = tmp_path / "there", tmp_path / "here"
+    there.mkdir()
+    here.mkdir()
+    source = next((ROOT / "planning").rglob("gp4.urdf"))
+    shutil.copy(source, there / "arm.urdf")
+    shutil.copytree(source.parent / "meshes", there / "meshes")
+    frames = {
+        name: {"xyz_m": pose[:3, 3].tolist()}
+        for name, pose in robot_model("gp4").frames.items()
+    }
+    content = yaml.safe_load((ROOT / "scenarios" / "lego" / "cliff.yaml").read_text())
+    for robot in content["cell"]["robots"]:
+        robot |= {"model": "arm.urdf", "frames": frames, "home_deg": list(HOME_DEG)}
+    (there / "cell.yaml").write_text(yaml.safe_dump(content))
+    text = "2x4 (0,0,0)\n2x4 (0,0,1)\n"
+    result, out = imported(here, text, "--cell", there / "cell.yaml")
+    assert result.exit_code == 0, result.output
+    models = {r["model"] for r in yaml.safe_load(out.read_text())["cell"]["robots"]}
+    assert models == {"../there/arm.urdf"}
+    assert invoke("validate", out).exit_code == 0
