@@ -87,6 +87,12 @@ class Descent(NamedTuple):
     scratch: Scratch
 
 
+def widest_gap(table: ContactTable) -> float:
+    """Return how far capsules are apart that need no closer look [m]."""
+    # Hulls are decided on with a tolerance.
+    return float(np.max(table.clearance)) + TOLERANCE
+
+
 def start_descent(
     a: SweptSequence,
     b: SweptSequence,
@@ -107,8 +113,7 @@ def start_descent(
         floor,
         limit,
         float(slack),
-        # Hulls are decided on with a tolerance.
-        float(np.max(table.clearance)) + TOLERANCE,
+        widest_gap(table),
         stack,
         np.empty((room, 2), dtype=np.int64),
         np.full((room, 2), np.nan),

@@ -25,6 +25,7 @@ from scheduling.conflicts.close_bodies import (
     Descent,
     keep_close_bodies,
     start_descent,
+    widest_gap,
 )
 from scheduling.conflicts.occupancy import Occupancy
 from scheduling.conflicts.swept_sequence import SweptSequence
@@ -85,6 +86,8 @@ def search_conflicts(
         table: allowed contacts and clearances.
         slack: taken off the clearances [m].
     """
+    if stay_apart(a.sequence, b.sequence, widest_gap(table)):
+        return
     descent = start_descent(a.sequence, b.sequence, table, floor, limit, slack)
     depth = 1
     # Who asks for the first conflict alone does not have to wait for more.
@@ -182,6 +185,12 @@ def next_proposal(
                 stack[depth, 2], stack[depth + 1, 2] = 2 * j + 1, 2 * j + 2
         depth += 2
     return 0, 0, 0, 0, 0, found
+
+
+@kernel
+def stay_apart(a: SweptSequence, b: SweptSequence, gap: float) -> bool:
+    """Tell whether even the volumes that hold all of two occupancies are apart."""
+    return close_blocks(a, 0, b, 0, gap, False, np.empty((1, 2), dtype=np.int64)) == 0
 
 
 @kernel

@@ -36,7 +36,7 @@ from scheduling.conflicts.occupancy import (
 from scheduling.graph.reduction import NodeOrder, order_and_reduce
 from scheduling.graph.rollout import Rollout, earliest_times
 from scheduling.graph.temporal_plan_graph import Causes, NodeChain, TemporalPlanGraph
-from scheduling.graph.total_order import planned_ranks
+from scheduling.graph.total_order import FlatGraph, flatten, planned_ranks
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +53,11 @@ class DerivedTpg:
     def ranks(self) -> tuple[Indices, ...]:
         """Position of every node in the total order, one array a chain."""
         return planned_ranks(self.tpg.chains)
+
+    @cached_property
+    def flat(self) -> FlatGraph:
+        """Nodes and edges as flat arrays."""
+        return flatten(self.ranks, self.tpg.edges)
 
     @cached_property
     def order(self) -> NodeOrder:
@@ -98,7 +103,7 @@ class DerivedTpg:
     @cached_property
     def rollout(self) -> Rollout:
         """Start and end of every node at nominal durations [s]."""
-        return earliest_times(self.tpg, ranks=self.ranks)
+        return earliest_times(self.tpg, flat=self.flat)
 
     def occupancy(
         self, chain: int, first: int, stop: int, nodes: NodeChain | None = None

@@ -63,14 +63,33 @@ class NodeOrder:
 
 
 @kernel
-def _clocks(graph: FlatGraph, keep: npt.NDArray[np.bool_]) -> Indices:
-    """Return all clocks; ``keep`` becomes False for edges that other paths imply."""
+def _clocks(
+    graph: FlatGraph,
+    keep: npt.NDArray[np.bool_],
+    clock: Indices,
+    changed: npt.NDArray[np.bool_],
+) -> None:
+    """Work out clocks; ``keep`` becomes False for edges that other paths imply.
+
+    Args:
+        graph: the graph.
+        keep: of each edge, in the order of the graph.
+        clock: of each node; those of nodes that nothing changed for are right already.
+        changed: nodes with other edges into them than ``clock`` was made from. Becomes True
+            where a clock is another one.
+    """
     first, source = graph.first, graph.source
     robots = len(first) - 1
-    clock = np.full((len(graph.chain), robots), -1)
+    mine = np.empty(robots, dtype=np.int64)
     for n in graph.order:
         own = graph.chain[n]
-        mine = clock[n]
+        again = changed[n] or (n > first[own] and changed[n - 1])
+        for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
+            again = again or changed[source[e]]
+        if not again:
+            continue
+        for k in range(robots):
+            mine[k] = -1
         if n > first[own]:
             for k in range(robots):
                 mine[k] = clock[n - 1, k]
@@ -100,7 +119,11 @@ def _clocks(graph: FlatGraph, keep: npt.NDArray[np.bool_]) -> Indices:
             for k in range(robots):
                 mine[k] = max(mine[k], theirs[k])
             mine[r] = max(mine[r], source[e] - first[r])
-    return clock
+        changed[n] = False
+        for k in range(robots):
+            if clock[n, k] != mine[k]:
+                clock[n, k] = mine[k]
+                changed[n] = True
 
 
 def order_and_reduce(
@@ -129,8 +152,26 @@ def order_and_reduce(
             f"the edge from node {u} of robot {r} to node {v} of robot {s} goes against"
             " the planned order"
         )
-    kept = np.ones(len(edges), dtype=np.bool_)
-    clock = _clocks(graph, kept)
-    keep = np.empty(len(edges), dtype=np.bool_)
+    nodes = len(graph.chain)
+    clock = np.full((nodes, len(ranks)), -1)
+    return reduce_again(
+        graph, NodeOrder(graph.first, clock), np.ones(nodes, dtype=np.bool_)
+    )
+
+
+def reduce_again(
+    graph: FlatGraph, before: NodeOrder, changed: npt.NDArray[np.bool_]
+) -> tuple[NodeOrder, npt.NDArray[np.bool_]]:
+    """Return order and reduction, see ``order_and_reduce``, after some edges have changed.
+
+    Args:
+        graph: with its edges, which follow the total order.
+        before: order of the same nodes with the edges before, reduced.
+        changed: nodes that have other edges into them now, shape (all nodes,).
+    """
+    clock, changed = before.clock.copy(), changed.copy()
+    kept = np.ones(len(graph.row), dtype=np.bool_)
+    _clocks(graph, kept, clock, changed)
+    keep = np.empty(len(kept), dtype=np.bool_)
     keep[graph.row] = kept
     return NodeOrder(graph.first, clock), keep

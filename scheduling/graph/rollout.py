@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.kernels import kernel
-from planning.transforms import Array, Indices
+from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.total_order import FlatGraph, flatten, planned_ranks
 
@@ -54,7 +54,7 @@ def earliest_times(
     tpg: TemporalPlanGraph,
     durations: Sequence[npt.NDArray[Any]] | None = None,
     *,
-    ranks: Sequence[Indices] | None = None,
+    flat: FlatGraph | None = None,
 ) -> Rollout:
     """Return the earliest start and end of every node: longest paths in the total order.
 
@@ -62,13 +62,13 @@ def earliest_times(
         tpg: the graph.
         durations: one array of shape (nodes,) a chain, floats [s] or integers [ns]; the
             nominal durations by default. Integers stay integers.
-        ranks: place of every node in the total order, where that is known already.
+        flat: the graph as flat arrays, where they are known already.
     """
     chosen = durations or [chain.duration for chain in tpg.chains]
     duration = np.concatenate(chosen) if chosen else np.empty(0)
     integer = np.issubdtype(duration.dtype, np.integer)
     duration = duration.astype(np.int64 if integer else np.float64)
-    graph = flatten(planned_ranks(tpg.chains) if ranks is None else ranks, tpg.edges)
+    graph = flat or flatten(planned_ranks(tpg.chains), tpg.edges)
     start, end = _longest_paths(graph, duration)
     cut = [slice(a, b) for a, b in pairwise(graph.first)]
     return Rollout(
@@ -78,27 +78,29 @@ def earliest_times(
     )
 
 
+@kernel
+def _latest_ends(graph: FlatGraph, duration: Array, makespan: float) -> Array:
+    end = np.full(len(duration), makespan)
+    for n in graph.order[::-1]:
+        start = end[n] - duration[n]
+        if n > graph.first[graph.chain[n]]:
+            end[n - 1] = min(end[n - 1], start)
+        for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
+            end[graph.source[e]] = min(end[graph.source[e]], start)
+    return end
+
+
 def latest_ends(
-    tpg: TemporalPlanGraph, rollout: Rollout, *, ranks: Sequence[Indices] | None = None
+    tpg: TemporalPlanGraph, rollout: Rollout, *, flat: FlatGraph | None = None
 ) -> list[Array]:
     """Return the latest end of every node that keeps the makespan [s].
-
-    In the graph turned round, a node starts when all that waits for it here has passed.
 
     Args:
         tpg: the graph.
         rollout: of it, with durations in seconds.
-        ranks: place of every node in the total order, where that is known already.
+        flat: the graph as flat arrays, where they are known already.
     """
-    ranks = planned_ranks(tpg.chains) if ranks is None else ranks
-    lengths = np.array([len(chain) for chain in tpg.chains], dtype=np.int64)
-    r, u, s, v = tpg.edges.T
-    last = len(lengths) - 1
-    turned = np.column_stack(
-        [last - s, lengths[s] - 1 - v, last - r, lengths[r] - 1 - u]
-    )
-    graph = flatten([-rank[::-1] for rank in ranks[::-1]], turned)
-    duration = np.concatenate([*rollout.duration, np.empty(0)])[::-1].copy()
-    start, _ = _longest_paths(graph, duration)
-    latest = float(rollout.makespan) - start[::-1]
-    return np.split(latest, np.cumsum(lengths)[:-1])
+    flat = flat or flatten(planned_ranks(tpg.chains), tpg.edges)
+    duration = np.concatenate([*rollout.duration, np.empty(0)])
+    latest = _latest_ends(flat, duration, float(rollout.makespan))
+    return np.split(latest, flat.first[1:-1])

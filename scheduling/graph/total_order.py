@@ -79,13 +79,20 @@ def flatten(ranks: Sequence[Indices], edges: Indices) -> FlatGraph:
     """
     first = np.cumsum([0, *(len(r) for r in ranks)], dtype=np.int64)
     rank = np.concatenate([*ranks, np.empty(0, dtype=np.int64)])
+    chain = np.repeat(np.arange(len(ranks)), np.diff(first))
+    none = np.empty(0, dtype=np.int64)
+    order = np.argsort(rank, kind="stable")
+    return with_edges(FlatGraph(first, chain, order, none, none, none), edges)
+
+
+def with_edges(graph: FlatGraph, edges: Indices) -> FlatGraph:
+    """Return a graph of the same nodes in the same order with other edges, shape (e, 4)."""
+    first = graph.first
     target = first[edges[:, 2]] + edges[:, 3]
     row = np.argsort(target, kind="stable")
-    return FlatGraph(
-        first,
-        np.repeat(np.arange(len(ranks)), np.diff(first)),
-        np.argsort(rank, kind="stable"),
-        np.searchsorted(target[row], np.arange(len(rank) + 1)),
-        (first[edges[:, 0]] + edges[:, 1])[row],
-        row,
+    into = np.bincount(target, minlength=len(graph.chain))
+    return graph._replace(
+        edge_first=np.concatenate([[0], np.cumsum(into)]).astype(np.int64),
+        source=(first[edges[:, 0]] + edges[:, 1])[row],
+        row=row,
     )

@@ -9,10 +9,11 @@ place nor let anyone pass it too early.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from planning.motion.speed import SpeedModel, sample_path
+from planning.motion.speed import SpeedModel
 from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import NodeChain
@@ -66,9 +67,9 @@ def find_spans(graph: DerivedTpg) -> list[Span]:
     return out
 
 
-LINE, CORNER, JOINT = "line", "corner", "joint"
+LINE, CORNER, JOINT, SMOOTH = "line", "corner", "joint", "smooth"
 
-SHAPES = (LINE, LINE, CORNER, CORNER, JOINT)
+SHAPES = (LINE, SMOOTH, CORNER, CORNER, JOINT)
 """Shapes of candidates, each as likely as it stands here."""
 
 
@@ -84,7 +85,11 @@ def candidate_path(old: Array, shape: str, rng: np.random.Generator) -> Array:
         return old[[0, -1]]
     if shape == CORNER:
         return _with_corner(old, rng)
-    return _straighten(old, int(rng.integers(old.shape[1])))
+    return _straighten(corners(old), int(rng.integers(old.shape[1])))
+
+
+_STRAIGHT = 1e-9
+"""Directions whose components differ by less, the largest being 1, are the same."""
 
 
 def _with_corner(path: Array, rng: np.random.Generator) -> Array:
@@ -114,10 +119,10 @@ def _straighten(path: Array, joint: int) -> Array:
 
 def new_nodes(
     chain: NodeChain, first: int, last: int, path: Array, speed: SpeedModel, step: float
-) -> NodeChain:
-    """Return the nodes of a path, as a chain of their own.
+) -> NodeChain | None:
+    """Return as many nodes for another path, as a chain of their own, None if they do not suffice.
 
-    Each has the task and the planned start of the node that was as far on the way before.
+    Each has the task and the planned start of the node that it replaces.
 
     Args:
         chain: whose nodes ``first`` to ``last`` are to be replaced.
@@ -126,22 +131,60 @@ def new_nodes(
         speed: speed model of the robot.
         step: longest time between nodes [s].
     """
-    waypoints, times = sample_path(path, speed, step)
-    duration = np.diff(times)
-    share = times[1:] / times[-1]
-    old_end = np.cumsum(chain.duration[first : last + 1])
-    at = first + np.searchsorted(old_end / old_end[-1], np.minimum(share, 1.0) - 1e-12)
-    at = np.minimum(at, last)
-    task = np.maximum.accumulate(chain.task[at])
-    count = len(duration)
+    count = last - first + 1
+    sampled = _sample(path, speed, step, count)
+    if sampled is None:
+        return None
+    waypoints, duration = sampled
     return NodeChain(
         chain.robot,
-        waypoints[0],
-        waypoints[1:],
+        path[0],
+        waypoints,
         np.ones(count),
         np.arange(count + 1),
-        task,
+        chain.task[first : last + 1],
         np.zeros(count, dtype=np.bool_),
         duration,
-        np.maximum.accumulate(chain.planned_start[at]),
+        chain.planned_start[first : last + 1],
     )
+
+
+def _sample(
+    path: Array, speed: SpeedModel, step: float, count: int
+) -> tuple[Array, Array] | None:
+    """Return ``count`` waypoints on a path, its corners among them, and the time to each."""
+    stretches = [
+        (a, b, seconds)
+        for a, b in pairwise(path)
+        if (seconds := speed.duration(a, b)) > 0.0
+    ]
+    lasts = np.array([item[2] for item in stretches])
+    parts = np.maximum(1, np.ceil(lasts / step - 1e-9)).astype(np.int64)
+    if len(parts) == 0 or parts.sum() > count:
+        return None
+    while (spare := count - int(parts.sum())) > 0:
+        # What is cut least finely gets what is left over.
+        most = np.argsort(-lasts / parts, kind="stable")[:spare]
+        parts[most] += 1
+    waypoints = [
+        b if k == n else a + (b - a) * (k / n)
+        for (a, b, _), n in zip(stretches, parts.tolist(), strict=True)
+        for k in range(1, n + 1)
+    ]
+    return np.array(waypoints), np.repeat(lasts / parts, parts)
+
+
+def corners(path: Array) -> Array:
+    """Return a polyline without the waypoints that lie on the straight way past them."""
+    way = np.diff(path, axis=0)
+    far = np.abs(way).max(axis=1)
+    kept = [0]
+    along = None
+    for k, (step, size) in enumerate(zip(way, far.tolist(), strict=True)):
+        if size == 0.0:
+            continue
+        direction = step / size
+        if along is not None and np.max(np.abs(direction - along)) > _STRAIGHT:
+            kept.append(k)
+        along = direction
+    return path[[*kept, len(path) - 1]]

@@ -2,16 +2,18 @@
 
 New nodes are checked against every node of another robot that is not ordered with all of them
 already, against robots that stand meanwhile and objects at rest, and, by the scene checker,
-against what never moves. A node of another robot that comes before the replaced run in the
-total order goes before each new node that it conflicts with, a later one after it.
+against what never moves. Of two that conflict, the one that is earlier in the total order goes
+first; a new node has the place of the one that it replaces.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.cell.workcell import Attachment, Workcell, WorldState
 from planning.geometry.scene_checker import SceneChecker
@@ -20,66 +22,88 @@ from planning.transforms import Array, Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.object_spans import Rest, while_at_rest
 from scheduling.conflicts.occupancy import Occupancy
-from scheduling.graph.reduction import NodeOrder
 from scheduling.shortcuts.rewiring import Edge, Swap
 
 
-def order_against(
-    graph: DerivedTpg, pieces: Pieces, swap: Swap, new: Occupancy
-) -> list[Edge]:
-    """Return the type-2 edges that new nodes require.
+class Rivals:
+    """Other robots' nodes that are not ordered with all of some new nodes, and their conflicts.
+
+    Those that come before the first replaced node, or after the last one, go before or after all
+    new nodes wherever these stand in the total order: they are searched once. Edges (robot, node,
+    robot, node) have the new nodes numbered from ``swap.first``.
 
     Args:
         graph: the graph.
         pieces: occupancies of its chains.
         swap: the nodes that are to be replaced.
         new: what the new nodes occupy, numbered from 0.
-
-    Returns:
-        Edges (robot, node, robot, node) with the new nodes numbered from ``swap.first``; nodes
-        of other robots as they are.
     """
-    edges: list[Edge] = []
-    for other in range(len(graph.tpg.chains)):
-        if other != swap.chain:
-            edges += _against_robot(graph, pieces, swap, new, other)
-    return edges
 
+    def __init__(
+        self, graph: DerivedTpg, pieces: Pieces, swap: Swap, new: Occupancy
+    ) -> None:
+        self._graph, self._pieces, self._swap, self._new = graph, pieces, swap, new
+        chain, first, last = swap.chain, swap.first, swap.last
+        self._between: dict[int, tuple[int, int]] = {}
+        self.outside: list[Edge] = []
+        ends = graph.ranks[chain][[first, last]]
+        for other in range(len(graph.tpg.chains)):
+            if other == chain:
+                continue
+            done = int(graph.order.of(chain)[first - 1, other])
+            after = int(graph.order.first_after(chain, other, np.array([last]))[0])
+            turns = np.searchsorted(graph.ranks[other], ends)
+            low, high = np.clip(turns, done + 1, after).tolist()
+            self._between[other] = low, high
+            ones = np.ones(swap.count, dtype=np.int64)
+            self.outside += self._go_first(other, done + 1, low * ones)
+            self.outside += self._wait(other, high * ones, after)
 
-def _against_robot(
-    graph: DerivedTpg, pieces: Pieces, swap: Swap, new: Occupancy, other: int
-) -> list[Edge]:
-    chain, first, last = swap.chain, swap.first, swap.last
-    done = int(graph.order.of(chain)[first - 1, other])
-    after = int(graph.order.first_after(chain, other, np.array([last]))[0])
-    turn = int(np.searchsorted(graph.ranks[other], graph.ranks[chain][last]))
-    turn = min(max(turn, done + 1), after)
-    edges = []
-    for at, piece in pieces.between(graph, other, done + 1, turn):
-        floor = np.full(swap.count, done - at)
-        limit = np.full(swap.count, min(turn - at, piece.nodes))
-        for v, u in graph.conflicts(new, piece, floor, limit):
-            edges.append((other, at + u, chain, first + v))
-    for at, piece in pieces.between(graph, other, turn, after):
-        window = _nodes_within(at, piece, turn, after, swap.count)
-        for w, x in graph.conflicts(piece, new, *window):
-            edges.append((chain, first + x, other, at + w))
-    return edges
+    @property
+    def choice(self) -> bool:
+        """True if it matters where the new nodes stand in the total order."""
+        return any(low < high for low, high in self._between.values())
 
+    def edges(self, ordered: DerivedTpg) -> list[Edge]:
+        """Return the type-2 edges that the new nodes require.
 
-def _nodes_within(
-    at: int, piece: Occupancy, first: int, stop: int, count: int
-) -> tuple[Indices, Indices]:
-    """Return the window of a search in which nodes of a piece ask for all ``count`` others.
+        Args:
+            ordered: the graph, with the nodes that are to be replaced where the new ones are to
+                stand in the total order.
+        """
+        swap, found = self._swap, list(self.outside)
+        own = ordered.ranks[swap.chain][swap.first : swap.last + 1]
+        for other, (low, high) in self._between.items():
+            if low < high:
+                # Of the other's nodes, how many come before each new node.
+                turn = np.clip(np.searchsorted(ordered.ranks[other], own), low, high)
+                found += self._go_first(other, low, turn)
+                found += self._wait(other, turn, high)
+        return found
 
-    Args:
-        at: first node of the piece.
-        piece: its occupancy.
-        first, stop: only nodes ``range(first, stop)`` ask.
-        count: number of others.
-    """
-    nodes = at + np.arange(piece.nodes)
-    return np.where(nodes >= stop, count, -1), np.where(nodes >= first, count, 0)
+    def _go_first(self, other: int, first: int, turn: Indices) -> list[Edge]:
+        """Return edges from nodes of another robot from ``first`` up to each new node's turn."""
+        edges, chain, at_least = [], self._swap.chain, self._swap.first
+        between = self._pieces.between(self._graph, other, first, int(turn[-1]))
+        for at, piece in between:
+            floor = np.full(self._swap.count, first - 1 - at)
+            limit = np.minimum(turn - at, piece.nodes)
+            for v, u in self._graph.conflicts(self._new, piece, floor, limit):
+                edges.append((other, at + u, chain, at_least + v))
+        return edges
+
+    def _wait(self, other: int, turn: Indices, stop: int) -> list[Edge]:
+        """Return edges to nodes of another robot from each new node's turn up to ``stop``."""
+        edges, swap = [], self._swap
+        for at, piece in self._pieces.between(self._graph, other, int(turn[0]), stop):
+            nodes = at + np.arange(piece.nodes)
+            inside = nodes < stop
+            asked = np.searchsorted(turn, nodes, side="right")
+            floor = np.where(inside, -1, swap.count)
+            limit = np.where(inside, asked, swap.count)
+            for w, x in self._graph.conflicts(piece, self._new, floor, limit):
+                edges.append((swap.chain, swap.first + x, other, at + w))
+        return edges
 
 
 def stands_stay_clear(
@@ -88,8 +112,8 @@ def stands_stay_clear(
     """Tell whether new nodes and robots that stand keep apart, in the graph that has them.
 
     New nodes may now fall into a stand of another robot, or meet what it has been given while it
-    stands, and another robot's nodes may fall into the stand before the first new node. Every
-    other stand is as it was.
+    stands, and another robot's nodes may fall into the stands before and between the new nodes.
+    Every other stand is as it was.
 
     Args:
         graph: with the new nodes.
@@ -122,21 +146,26 @@ def _clear_of_stands(graph: DerivedTpg, swap: Swap, new: Occupancy, other: int) 
 
 
 def _stand_clear(graph: DerivedTpg, pieces: Pieces, swap: Swap, other: int) -> bool:
-    """Tell whether another robot keeps clear of the stand before the first new node."""
-    chain, first = swap.chain, swap.first
-    waits_for = graph.order.of(other)[:, chain]
-    lo = int(np.searchsorted(waits_for, first - 1, side="left"))
-    hi = min(
-        int(np.searchsorted(waits_for, first - 1, side="right")),
-        int(graph.order.of(chain)[first, other]) + 1,
+    """Tell whether another robot keeps clear of the stands before each of the new nodes."""
+    chain = swap.chain
+    holds = np.arange(swap.first, swap.first + swap.count)
+    waits_for = np.ascontiguousarray(graph.order.of(other)[:, chain])
+    first = np.searchsorted(waits_for, holds - 1, side="left")
+    stop = np.minimum(
+        np.searchsorted(waits_for, holds - 1, side="right"),
+        graph.order.of(chain)[holds, other] + 1,
     )
-    if lo >= hi:
+    met = first < stop
+    if not np.any(met):
         return True
-    standing = graph.holds(chain, np.array([first]))
+    first, stop = first[met], stop[met]
+    standing = graph.holds(chain, holds[met])
     return all(
-        graph.first_conflict(piece, standing, *_nodes_within(at, piece, lo, hi, 1))
+        graph.first_conflict(
+            standing, piece, first - 1 - at, np.minimum(stop - at, piece.nodes)
+        )
         is None
-        for at, piece in pieces.between(graph, other, lo, hi)
+        for at, piece in pieces.between(graph, other, int(first[0]), int(stop[-1]))
     )
 
 
@@ -209,9 +238,7 @@ class Pieces:
         starts = self._starts(swap.chain)
         lo = int(np.searchsorted(starts, swap.first, side="right")) - 1
         hi = int(np.searchsorted(starts, swap.last, side="right"))
-        size = int(starts[hi] - starts[lo]) + swap.shift
-        self._sizes[swap.chain][lo:hi] = [size]
-        self._built[swap.chain][lo:hi] = [None]
+        self._built[swap.chain][lo:hi] = [None] * (hi - lo)
 
     def _starts(self, chain: int) -> Indices:
         return np.cumsum([0, *self._sizes[chain]])
@@ -222,6 +249,7 @@ class Scenery:
 
     def __init__(self) -> None:
         self._checkers: dict[object, SceneChecker] = {}
+        self._rests: _Rests | None = None
 
     def free(
         self, graph: DerivedTpg, index: int, first: int, last: int, path: Array
@@ -234,33 +262,73 @@ class Scenery:
             first, last: the nodes.
             path: polyline, shape (w, n).
         """
-        chain = graph.tpg.chains[index]
-        present = tuple(
-            rest
-            for rest in graph.history.rests
-            if rest.holder is None
-            and _may_lie_there(graph.order, rest, index, first, last)
-        )
-        tasks = frozenset(chain.task[first : last + 1].tolist())
-        # Within the tasks of a run, a robot carries the same.
-        key = (index, tasks, frozenset((r.object, r.pose.tobytes()) for r in present))
-        checker = self._checkers.get(key)
-        if checker is None:
-            checker = _checker(graph, index, first, tasks, present)
-            self._checkers[key] = checker
+        checker = self.checker(graph, index, first, last)
         return all(checker.motion_free(a, b) for a, b in pairwise(path))
 
+    def checker(
+        self, graph: DerivedTpg, index: int, first: int, last: int
+    ) -> SceneChecker:
+        """Return a checker against all that never moves while some nodes are under way.
 
-def _may_lie_there(
-    order: NodeOrder, rest: Rest, index: int, first: int, last: int
-) -> bool:
-    """Tell whether an object may be at rest while nodes are under way."""
-    too_late = rest.after is not None and order.precedes(index, last, *rest.after)
-    gone = rest.before is not None and (
-        rest.before == (index, first - 1)
-        or order.precedes(*rest.before, index, first - 1)
-    )
-    return not (too_late or gone)
+        Args:
+            graph: as it is.
+            index: chain of the nodes.
+            first, last: the nodes.
+        """
+        chain = graph.tpg.chains[index]
+        present = self._present(graph, index, first, last)
+        tasks = frozenset(chain.task[first : last + 1].tolist())
+        # Within the tasks of a run, a robot carries the same.
+        key = (index, tasks, present.tobytes())
+        checker = self._checkers.get(key)
+        if checker is None:
+            rests = graph.history.rests
+            there = tuple(rests[k] for k in np.flatnonzero(present).tolist())
+            checker = _checker(graph, index, first, tasks, there)
+            self._checkers[key] = checker
+        return checker
+
+    def _present(
+        self, graph: DerivedTpg, index: int, first: int, last: int
+    ) -> npt.NDArray[np.bool_]:
+        """Return which rests may be there while nodes are under way."""
+        if self._rests is None:
+            self._rests = _Rests.of(graph)
+        lying, after, before = self._rests
+        order = graph.order
+        late = order.clock[order.first[after[:, 0]] + after[:, 1], index] >= last
+        waits_for = order.of(index)[first - 1]
+        gone = waits_for[before[:, 0]] >= before[:, 1]
+        gone |= (before == (index, first - 1)).all(axis=1)
+        late &= after[:, 1] >= 0
+        gone &= before[:, 1] >= 0
+        return np.asarray(lying & ~late & ~gone)
+
+
+class _Rests(NamedTuple):
+    """Between which nodes objects are at rest, one row a rest.
+
+    Attributes:
+        lying: True for those that are in no robot's hand, shape (rests,).
+        after, before: chain and node that leaves an object there and that takes it away, node
+            -1 for none, shape (rests, 2).
+    """
+
+    lying: npt.NDArray[np.bool_]
+    after: Indices
+    before: Indices
+
+    @staticmethod
+    def of(graph: DerivedTpg) -> _Rests:
+        """Return those of a graph."""
+        rests = graph.history.rests
+        after = [rest.after or (0, -1) for rest in rests]
+        before = [rest.before or (0, -1) for rest in rests]
+        return _Rests(
+            np.array([rest.holder is None for rest in rests], dtype=np.bool_),
+            np.array(after, dtype=np.int64).reshape(-1, 2),
+            np.array(before, dtype=np.int64).reshape(-1, 2),
+        )
 
 
 def _checker(

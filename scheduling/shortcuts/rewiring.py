@@ -11,15 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
-from planning.transforms import Array, Indices
+from planning.transforms import Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.temporal_plan_graph import (
-    MOTION_CONFLICT,
-    Causes,
-    NodeChain,
-    join_chains,
-)
+from scheduling.graph.reduction import reduce_again
+from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, Causes, NodeChain
+from scheduling.graph.total_order import with_edges
 
 Edge = tuple[int, int, int, int]
 """Robot and node that must be complete, robot and node that may then start."""
@@ -51,34 +49,89 @@ class Swap:
 def rewire(
     graph: DerivedTpg, swap: Swap, new: NodeChain, edges: Sequence[Edge]
 ) -> DerivedTpg:
-    """Return the graph with nodes replaced.
+    """Return the graph with nodes replaced by as many others; what stays is not worked out again.
 
     Args:
         graph: the graph before.
         swap: which nodes of which chain.
         new: the nodes that take their place.
-        edges: that these need, the new nodes numbered from ``swap.first``.
-
-    Raises:
-        PlanInvariantError: they do not fit into the total order.
+        edges: that these need, the new nodes numbered from ``swap.first``; they follow the total
+            order, which stays as it is.
     """
     tpg, extra = graph.tpg, np.array(edges, dtype=np.int64).reshape(-1, 4)
     moved, cause = splice_edges(tpg.edges, tpg.cause, swap)
-    planned = planned_after(tpg.chains, swap, new, edges)
+    wanted = np.concatenate([moved, extra])
+    cause = np.append(cause, np.full(len(extra), MOTION_CONFLICT, dtype=np.uint8))
     chains = list(tpg.chains)
-    new = replace(new, planned_start=planned)
-    old = chains[swap.chain]
-    ends = old.cut(0, swap.first), old.cut(swap.last + 1, len(old))
-    chains[swap.chain] = join_chains([ends[0], new, ends[1]])
-    handlings = tuple(
-        replace(h, node=swap.moved(h.node)) if h.robot == swap.chain else h
-        for h in tpg.handlings
-    )
-    after = graph.derive(replace(tpg, chains=tuple(chains), handlings=handlings))
-    return after.with_edges(
-        np.concatenate([moved, extra]),
-        np.append(cause, np.full(len(extra), MOTION_CONFLICT, dtype=np.uint8)),
-    )
+    chains[swap.chain] = _replaced(chains[swap.chain], swap, new)
+    flat = with_edges(graph.flat, wanted)
+    order, keep = reduce_again(flat, graph.order, _changed_nodes(graph, wanted))
+    kept = wanted[keep]
+    after = replace(tpg, chains=tuple(chains), edges=kept, cause=cause[keep])
+    same = ("ranks", "history", "spans")
+    return graph.derive(after, *same, order=order, flat=with_edges(flat, kept))
+
+
+IN_PLACE, LATE, EARLY = "in place", "late", "early"
+"""Where new nodes stand in the total order: where those that they replace did, right before the
+last of these, or right after the first."""
+
+
+def in_order(graph: DerivedTpg, chain: int, run: range, place: str) -> DerivedTpg:
+    """Return the graph with some nodes of a chain elsewhere in the total order.
+
+    They are to be replaced, and so have no edges that matter; the first and the last of them stay.
+
+    Args:
+        graph: the graph.
+        chain: the chain.
+        run: its nodes.
+        place: IN_PLACE, LATE or EARLY.
+    """
+    if place == IN_PLACE:
+        return graph
+    nodes, first, last = graph.tpg.chains[chain], run[0], run[-1]
+    planned = nodes.planned_start.copy()
+    planned[first:last] = planned[last] if place == LATE else planned[first]
+    chains = list(graph.tpg.chains)
+    chains[chain] = replace(nodes, planned_start=planned)
+    ranks, flat = [rank.copy() for rank in graph.ranks], graph.flat
+    lo, hi = int(ranks[chain][first]), int(ranks[chain][last]) + 1
+    between = flat.order[lo:hi]
+    of, node = flat.chain[between], between - flat.first[flat.chain[between]]
+    start, task = np.empty(len(between)), np.empty(len(between), dtype=np.int64)
+    for k, other in enumerate(chains):
+        own = of == k
+        start[own] = other.planned_start[node[own]]
+        task[own] = other.task[node[own]]
+    order = flat.order.copy()
+    order[lo:hi] = between[np.lexsort((node, task, start))]
+    place_of = np.empty(hi - lo, dtype=np.int64)
+    place_of[np.lexsort((node, task, start))] = np.arange(lo, hi)
+    for k in range(len(chains)):
+        ranks[k][node[of == k]] = place_of[of == k]
+    same = ("history", "spans", "order", "rollout")
+    moved = replace(graph.tpg, chains=tuple(chains))
+    known = {"ranks": tuple(ranks), "flat": flat._replace(order=order)}
+    return graph.derive(moved, *same, **known)
+
+
+def _replaced(chain: NodeChain, swap: Swap, new: NodeChain) -> NodeChain:
+    """Return a chain with as many other pose nodes in the place of some."""
+    waypoints, duration = chain.waypoints.copy(), chain.duration.copy()
+    waypoints[chain.first[swap.first] : chain.first[swap.last + 1]] = new.waypoints
+    duration[swap.first : swap.last + 1] = new.duration
+    return replace(chain, waypoints=waypoints, duration=duration)
+
+
+def _changed_nodes(graph: DerivedTpg, edges: Indices) -> npt.NDArray[np.bool_]:
+    """Return which nodes, chain by chain, may have other edges into them than in a graph before."""
+    first, old = graph.flat.first, graph.tpg.edges
+    changed = np.zeros(len(graph.flat.chain), dtype=np.bool_)
+    moved = np.any(edges[: len(old)] != old, axis=1)
+    for rows in (old[moved], edges[: len(old)][moved], edges[len(old) :]):
+        changed[first[rows[:, 2]] + rows[:, 3]] = True
+    return changed
 
 
 def splice_edges(edges: Indices, cause: Causes, swap: Swap) -> tuple[Indices, Causes]:
@@ -100,9 +153,9 @@ def splice_edges(edges: Indices, cause: Causes, swap: Swap) -> tuple[Indices, Ca
     out[inner_out, 1] = first - 1
     out[outof & ~inner_out, 1] += swap.shift
     added = [
-        (*edges[i, :2], *edges[o, 2:])
-        for i in np.flatnonzero(inner_in)
-        for o in np.flatnonzero(inner_out)
+        (*edges[i, :2].tolist(), *edges[o, 2:].tolist())
+        for i in np.flatnonzero(inner_in).tolist()
+        for o in np.flatnonzero(inner_out).tolist()
         if edges[i, 3] <= edges[o, 1] and edges[i, 0] != edges[o, 2]
     ]
     if not added:
@@ -111,17 +164,3 @@ def splice_edges(edges: Indices, cause: Causes, swap: Swap) -> tuple[Indices, Ca
         np.concatenate([out, np.array(added, dtype=np.int64)]),
         np.append(cause, np.full(len(added), MOTION_CONFLICT, dtype=np.uint8)),
     )
-
-
-def planned_after(
-    chains: Sequence[NodeChain], swap: Swap, new: NodeChain, edges: Sequence[Edge]
-) -> Array:
-    """Return planned starts that put every new node after what it waits for."""
-    planned = new.planned_start.copy()
-    for robot, node, target, at in edges:
-        if target == swap.chain:
-            after = np.nextafter(chains[robot].planned_start[node], np.inf)
-            planned[at - swap.first] = max(planned[at - swap.first], after)
-    latest = float(chains[swap.chain].planned_start[swap.last])
-    planned[-1] = max(planned[-1], latest)
-    return np.asarray(np.minimum(np.maximum.accumulate(planned), latest))

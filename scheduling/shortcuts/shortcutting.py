@@ -1,21 +1,22 @@
 """Shortcutting of a temporal plan graph (APEX-MR IV-C): anytime, seeded, HOME skipped.
 
-A candidate joins two places of a run of transits by a straight line, goes over a corner between
-them, or straightens a single joint. It is taken when it is free, when it can be ordered with
-everyone else's nodes, and when the plan does not end later. Only runs that the makespan hangs on
-are drawn: elsewhere a robot would move less only to wait more. Each is first tried as a whole.
-The budget is a number of candidates, so the same seed gives the same plan.
+A candidate joins two places of a run of transits: by what smoothing makes of the way between them
+where nothing but standing things counts, by a straight line, over a corner, or with a single joint
+straightened. It is taken when it is free, when it can be ordered with everyone else's nodes, and
+when the plan does not end later. Only runs that the makespan hangs on are drawn: elsewhere a robot
+would move less only to wait more. Each is first smoothed as a whole, then in parts. What a candidate
+does not change is not worked out again. The search ends when candidates do not pay any more, or
+after a number of them, never by the clock: the same seed gives the same plan.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 import numpy as np
 
-from planning.errors import PlanInvariantError
 from planning.motion.speed import SpeedModel, path_duration
+from planning.motion.transit import smooth_path
 from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.rollout import latest_ends
@@ -23,25 +24,49 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.shortcuts.candidates import (
     CORNER,
-    LINE,
     SHAPES,
+    SMOOTH,
     candidate_path,
+    corners,
     find_spans,
     new_nodes,
 )
+from scheduling.shortcuts.joining import join_nodes
 from scheduling.shortcuts.replacement_check import (
     Pieces,
+    Rivals,
     Scenery,
-    order_against,
     stands_stay_clear,
 )
-from scheduling.shortcuts.rewiring import Swap, rewire
+from scheduling.shortcuts.rewiring import (
+    EARLY,
+    IN_PLACE,
+    LATE,
+    Swap,
+    in_order,
+    rewire,
+)
 
 _LATER = 1e-9
 """Makespans that differ by less are the same [s]."""
 
 _GAIN = 1e-6
 """Least time that a shortcut has to save its robot [s]."""
+
+_LEAST = 5e-5
+"""Least time that a shortcut has to save its robot, as a share of the makespan."""
+
+_WORTH = 3e-4
+"""Shortcuts go on while those of a window shorten the makespan by this share of it."""
+
+_FEWEST = 500
+"""Least number of candidates in a window."""
+
+_SMOOTHING = 40
+"""Tries to smooth a run, or a part of one, as a whole."""
+
+_PASSES = 2
+"""How often each run is smoothed as a whole."""
 
 _SLACK = 1e-3
 """The makespan hangs on nodes that could end less than this later [s]."""
@@ -64,7 +89,7 @@ def shorten_tpg(
         tpg: a graph that keeps its invariant.
         speeds: speed model of each robot.
         step: longest time between pose nodes [s].
-        candidates: number of candidates drawn.
+        candidates: most candidates drawn.
         seed: of the draws.
         progress: told candidates done and in all.
 
@@ -73,17 +98,28 @@ def shorten_tpg(
     """
     board = Board(tpg, speeds, step)
     rng = np.random.default_rng(seed)
+    since, before = 0, board.makespan
     for done in range(candidates):
-        drawn = board.draw(rng)
-        if drawn is not None:
-            board.try_candidate(*drawn)
+        if since == board.window:
+            if before - board.makespan < _WORTH * board.makespan:
+                break
+            since, before = 0, board.makespan
+        searched = board.searched
+        board.step(rng)
+        # Every run is smoothed as a whole in any case.
+        since, before = (since + 1, before) if searched else (0, board.makespan)
         if done % 16 == 0:
             progress(done, candidates)
     progress(candidates, candidates)
-    shortened = board.graph.tpg
-    if shortened is not tpg:
-        check_invariant(DerivedTpg(shortened))
+    if board.graph.tpg is tpg:
+        return tpg
+    shortened = join_nodes(board.graph, board.spans, step)
+    check_invariant(DerivedTpg(shortened))
     return shortened
+
+
+Candidate = tuple[int, int, int, Array]
+"""A span, the nodes of it to replace, and the path that takes their place."""
 
 
 class Board:
@@ -97,6 +133,7 @@ class Board:
     Attributes:
         graph: as it is now.
         spans: the runs.
+        window: how many candidates have to be worth it together, see ``shorten_tpg``.
     """
 
     def __init__(
@@ -111,44 +148,138 @@ class Board:
         for span in self.spans:
             cuts[span.chain] += [span.first, span.last + 1]
         self._pieces = Pieces([len(chain) for chain in tpg.chains], cuts)
-        self._whole = set(range(len(self.spans)))
+        self.window = max(_FEWEST, len(self.spans) // 2)
+        self._least = max(_GAIN, _LEAST * self.makespan)
+        self._tried: set[int] = set()
+        self._smoothing = False
+        self._passes = _PASSES
+        self._parts: list[tuple[int, int, int]] = []
+        self._excess = np.array([self._span_excess(k) for k in range(len(self.spans))])
         self._critical = self._find_critical()
 
-    def _find_critical(self) -> list[int]:
-        graph = self.graph
-        latest = latest_ends(graph.tpg, graph.rollout, ranks=graph.ranks)
-        slack = [a - b for a, b in zip(latest, graph.rollout.end, strict=True)]
-        return [
-            k
-            for k, span in enumerate(self.spans)
-            if np.any(slack[span.chain][span.first : span.last + 1] < _SLACK)
-        ]
+    @property
+    def makespan(self) -> float:
+        """Of the graph as it is now [s]."""
+        return float(self.graph.rollout.makespan)
 
-    def draw(self, rng: np.random.Generator) -> tuple[int, int, int, Array] | None:
+    @property
+    def searched(self) -> bool:
+        """True when every run that matters has been smoothed as a whole, more than once."""
+        return self._passes == 0
+
+    def step(self, rng: np.random.Generator) -> None:
+        """Draw a candidate, and take it if it pays; of one that does not, parts might."""
+        drawn = self.draw(rng)
+        if drawn is not None:
+            taken = self.try_candidate(*drawn)
+            if self._smoothing and not taken:
+                self._split(*drawn[:3])
+
+    def _span_excess(self, which: int) -> float:
+        span = self.spans[which]
+        return self._most_saved(span.chain, span.first, span.last)
+
+    def _find_critical(self) -> list[int]:
+        graph, flat = self.graph, self.graph.flat
+        latest = latest_ends(graph.tpg, graph.rollout, flat=flat)
+        slack = np.concatenate(latest) - np.concatenate(graph.rollout.end)
+        tight = np.concatenate([[0], np.cumsum(slack < _SLACK)])
+        first = np.array([flat.first[s.chain] + s.first for s in self.spans], np.int64)
+        last = np.array([flat.first[s.chain] + s.last for s in self.spans], np.int64)
+        return np.flatnonzero(tight[last + 1] > tight[first]).tolist()
+
+    def draw(self, rng: np.random.Generator) -> Candidate | None:
         """Return a span, the nodes of it to replace, and the new path, or None."""
         if not self._critical:
+            self._passes = 0
             return None
-        whole = next((k for k in self._critical if k in self._whole), None)
-        if whole is not None:
-            which, shape = whole, LINE
-            self._whole.remove(which)
-        else:
-            which = self._critical[int(rng.integers(len(self._critical)))]
-            shape = SHAPES[int(rng.integers(len(SHAPES)))]
+        part = self._next_part()
+        self._smoothing = part is not None
+        if part is not None:
+            return self._smoothed(*part, rng)
+        excess = np.maximum(self._excess[self._critical], 0.0)
+        total = np.cumsum(excess)
+        if total[-1] < self._least:
+            return None
+        at = int(np.searchsorted(total, rng.random() * total[-1], side="right"))
+        which = self._critical[min(at, len(total) - 1)]
         span = self.spans[which]
         first, last = span.first, span.last
-        if whole is None and (shape != CORNER or rng.random() < 0.5):
+        shape = SHAPES[int(rng.integers(len(SHAPES)))]
+        if shape != CORNER or rng.random() < 0.5:
             first, last = np.sort(
                 rng.integers(span.first, span.last + 1, size=2)
             ).tolist()
-        if last - first < 1:
+        if shape == SMOOTH:
+            return self._smoothed(which, first, last, rng)
+        if self._most_saved(span.chain, first, last) < self._least:
             return None
-        chain = self.graph.tpg.chains[span.chain]
-        old = chain.waypoints[chain.first[first] - 1 : chain.first[last + 1]]
-        path = candidate_path(old, shape, rng)
+        path = candidate_path(self._way(span.chain, first, last), shape, rng)
+        return self._gaining(which, first, last, path)
+
+    def _next_part(self) -> tuple[int, int, int] | None:
+        """Return a part of a span to smooth: whole ones first, halves of those refused."""
+        if self._parts:
+            return self._parts.pop()
+        fresh = [k for k in self._critical if k not in self._tried]
+        if not fresh and self._passes:
+            # Those of the first pass had others around them that have moved since.
+            self._passes -= 1
+            if self._passes:
+                self._tried.clear()
+                fresh = self._critical
+        if not fresh:
+            return None
+        which = fresh[int(np.argmax(self._excess[fresh]))]
+        self._tried.add(which)
+        return which, self.spans[which].first, self.spans[which].last
+
+    def _smoothed(
+        self, which: int, first: int, last: int, rng: np.random.Generator
+    ) -> Candidate | None:
+        """Return a candidate as short as it can be made where nothing but what stands counts."""
+        chain = self.spans[which].chain
+        if self._most_saved(chain, first, last) < self._least:
+            return None
+        checker = self._scenery.checker(self.graph, chain, first, last)
+        speed = self._speeds[self.graph.tpg.chains[chain].robot]
+        old = corners(self._way(chain, first, last))
+        path = smooth_path(checker, old, speed, rng, _SMOOTHING)
+        return self._gaining(which, first, last, path)
+
+    def _split(self, which: int, first: int, last: int) -> None:
+        """Note the halves of nodes that could not be replaced as a whole, if they are many."""
+        span = self.spans[which]
+        count = last - first + 1
+        if count >= (span.last - span.first + 1) // 3 and count >= 8:
+            half, quarter = count // 2, count // 4
+            self._parts += [
+                (which, first + quarter, first + quarter + half),
+                (which, first + half, last),
+                (which, first, first + half),
+            ]
+
+    def _most_saved(self, chain: int, first: int, last: int) -> float:
+        """Return the time that a straight line would save [s]."""
+        if last <= first:
+            return 0.0
+        nodes, way = self.graph.tpg.chains[chain], self._way(chain, first, last)
+        direct = self._speeds[nodes.robot].duration(way[0], way[-1])
+        return float(nodes.duration[first : last + 1].sum()) - direct
+
+    def _way(self, chain: int, first: int, last: int) -> Array:
+        """Return the waypoints from the start of a node to the end of another."""
+        nodes = self.graph.tpg.chains[chain]
+        return nodes.waypoints[nodes.first[first] - 1 : nodes.first[last + 1]]
+
+    def _gaining(
+        self, which: int, first: int, last: int, path: Array
+    ) -> Candidate | None:
+        """Return a candidate if it is faster than the nodes that it replaces."""
+        chain = self.graph.tpg.chains[self.spans[which].chain]
         seconds = path_duration(path, self._speeds[chain.robot])
         saved = float(chain.duration[first : last + 1].sum()) - seconds
-        if saved < _GAIN or seconds < _GAIN:
+        if saved < self._least or seconds < _GAIN:
             return None
         return which, first, last, path
 
@@ -165,28 +296,32 @@ class Board:
         if not self._scenery.free(graph, index, first, last, path):
             return False
         new = new_nodes(chain, first, last, path, self._speeds[chain.robot], self._step)
+        if new is None:
+            return False
         swap = Swap(index, first, last, len(new))
         occupancy = graph.occupancy(index, first, last + 1, new)
-        edges = order_against(graph, self._pieces, swap, occupancy)
-        try:
-            candidate = rewire(graph, swap, new, edges)
-        except PlanInvariantError:
+        rivals = Rivals(graph, self._pieces, swap, occupancy)
+        # Elsewhere in the order is worth a search for what may gain much.
+        choice = rivals.choice and self._smoothing
+        places = (IN_PLACE, LATE, EARLY) if choice else (IN_PLACE,)
+        if choice and self._late(rewire(graph, swap, new, rivals.outside)):
             return False
-        if candidate.rollout.makespan > graph.rollout.makespan + _LATER:
-            return False
-        if not stands_stay_clear(candidate, self._pieces, swap, occupancy):
-            return False
+        for place in places:
+            ordered = in_order(graph, index, range(first, last + 1), place)
+            candidate = rewire(ordered, swap, new, rivals.edges(ordered))
+            if self._late(candidate):
+                continue
+            if stands_stay_clear(candidate, self._pieces, swap, occupancy):
+                self._take(candidate, which, swap)
+                return True
+        return False
+
+    def _late(self, candidate: DerivedTpg) -> bool:
+        """Tell whether the plan would end later."""
+        return candidate.rollout.makespan > self.makespan + _LATER
+
+    def _take(self, candidate: DerivedTpg, which: int, swap: Swap) -> None:
         self.graph = candidate
         self._pieces.splice(swap)
-        self.spans = [
-            span
-            if span.chain != index or span.last < first
-            else replace(
-                span,
-                first=span.first if span.first <= first else span.first + swap.shift,
-                last=span.last + swap.shift,
-            )
-            for span in self.spans
-        ]
+        self._excess[which] = self._span_excess(which)
         self._critical = self._find_critical()
-        return True

@@ -105,7 +105,7 @@ def test_the_papers_rule_loses_an_order_of_three_robots() -> None:
 
 
 def test_the_same_seed_gives_the_same_plan() -> None:
-    plan = random_plan(3, 3, rounds=10, step=0.5)
+    plan = random_plan(4, 1, rounds=9, step=0.5)
     one, two, other = (_shorten(plan, 0.5, seed=s) for s in (1, 1, 2))
     assert np.array_equal(one.edges, two.edges)
     for a, b in zip(one.chains, two.chains, strict=True):
