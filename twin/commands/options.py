@@ -16,7 +16,7 @@ Seed = Annotated[
 Shortcuts = Annotated[
     int | None,
     typer.Option(
-        min=0, help="Shortcuts tried on each plan, in place of the scenario's."
+        min=0, help="Most shortcuts tried on each plan, in place of the scenario's."
     ),
 ]
 Out = Annotated[

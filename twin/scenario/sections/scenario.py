@@ -44,7 +44,7 @@ class PlanningSection(Section):
         attempts: transit searches, each longer than the one before, until the planner gives up.
         coordination: ``sequential`` plans one task after another; ``synchronous`` turns that
             into slots in which robots move at once.
-        shortcut_candidates: shortcuts tried on the temporal plan graph, after its tasks were
+        shortcut_candidates: most shortcuts tried on the temporal plan graph, after its tasks were
             put into a better order; 0 leaves it as planned, ``auto`` goes by the number of steps.
     """
 
