@@ -38,7 +38,7 @@ _LEVEL = (np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
 
 @dataclass(frozen=True)
 class JointStrength:
-    """Forces that a joint between LEGO bricks bears.
+    """Forces that a joint between LEGO bricks bears; plates hold as bricks do, an assumption.
 
     Attributes:
         narrow_pull: friction T of one of the four contacts of a knob in a brick of one stud's

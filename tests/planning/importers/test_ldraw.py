@@ -226,6 +226,11 @@ def test_what_is_no_model_of_bricks_is_told_by_its_line(
         assert message in str(caught.value)
 
 
+def test_an_archive_is_no_model(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="export the model as LDraw"):
+        read(tmp_path, b"PK\x03\x04 and more", "model.io")
+
+
 def test_models_that_multiply_are_refused_at_once(tmp_path: Path) -> None:
     """Forty models, each twice in the one before it: none has any part."""
     text = "".join(
