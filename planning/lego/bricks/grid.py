@@ -62,9 +62,12 @@ class Span(NamedTuple):
 
     def carries(self, other: Span) -> bool:
         """Tell whether another brick stands on this one."""
+        return other.bottom == self.top and self.shares_studs(other)
+
+    def shares_studs(self, other: Span) -> bool:
+        """Tell whether another room is over or under this one, or in it."""
         return (
-            other.bottom == self.top
-            and self.x0 < other.x1
+            self.x0 < other.x1
             and other.x0 < self.x1
             and self.y0 < other.y1
             and other.y0 < self.y1

@@ -39,7 +39,7 @@ def contacts_at_rest(
     That is each other; the bricks around; the fixtures that the brick stands on, plate, and
     table if level; for the tool the bricks beside: its lever wall reaches down along the gripped
     edge, and turns against what stands there. Along the edge of a plate it reaches to the bottom,
-    where it touches what the plate stands on, if that ends at the edge.
+    where it touches what ends beside it: what the plate stands on, if that ends at the edge.
 
     Args:
         robot: who picks or places.
@@ -56,10 +56,11 @@ def contacts_at_rest(
     beside = _bordering(span, others, levels=0)
     if lever_reaches_below(kind):
         lever = occupied_span(lever_cell(cell, kind, press), BRICKS["1x2"])
-        for name in around:
-            below = occupied_span(*others[name])
-            if below.carries(span) and not below.carries(lever):
-                beside.append(name)
+        beside += [
+            name
+            for name in _bordering(lever, others, levels=1)
+            if not lever.shares_studs(occupied_span(*others[name]))
+        ]
     return (
         gripped(robot, brick)
         | touching(brick, [*around, *under])

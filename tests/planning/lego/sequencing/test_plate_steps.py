@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from planning.errors import InfeasibleStepError
-from planning.lego.bricks.assembly import BRICKS, Cell, PlacedBrick, Press
-from planning.lego.bricks.grid import occupied_places
-from planning.lego.bricks.grips import lever_cell, presses
+from planning.lego.bricks.assembly import BRICKS, Cell, PlacedBrick, Plate, Press
+from planning.lego.bricks.grid import box_pose, box_size, occupied_places, top_pose
+from planning.lego.bricks.grips import grip_pose, lever_cell, presses
 from planning.lego.sequencing.sequencing import sequence_structure
+from planning.lego.skills.allowed_contacts import contacts_at_rest
 
 POST = PlacedBrick("post", BRICKS["2x8"], Cell(20, 20, 1))
 
@@ -67,3 +69,36 @@ def test_the_wall_stands_beside_the_pressed_edge(
     assert (found.x, found.y) == at
     assert (found.z, found.raised) == (3, 1)
     assert found.turned == ((press.side in (2, 3)) != turned)
+
+
+OTHERS = {
+    "post": (POST.cell, POST.brick),
+    "row": (Cell(18, 20, 1), BRICKS["2x8"]),
+    "wall": (Cell(22, 20, 2), BRICKS["2x4"]),
+    "high": (Cell(18, 24, 2), BRICKS["2x4-plate"]),
+    "far": (Cell(30, 30, 1), BRICKS["2x4"]),
+}
+
+
+@pytest.mark.parametrize("press", presses(BRICKS["2x4-plate"]))
+def test_the_wall_touches_what_ends_beside_it_and_no_knobs(press: Press) -> None:
+    """Which bricks around a plate may touch the tool, against the box of its wall."""
+    item, grid = plate(20, 20, 2), Plate(np.eye(4))
+    pose = box_pose(grid, item.cell, item.brick)
+    seat = (item.cell, item.brick, pose)
+    pairs = contacts_at_rest("r", "top", seat, press, OTHERS, ())
+    tool = {next(iter(pair - {"r/tool"})) for pair in pairs if "r/tool" in pair}
+    top = top_pose(grid, item.cell, item.brick)
+    grip = grip_pose(top, item.brick, press)
+    corners = np.array([[-0.008, -0.008, 0.0], [0.0, 0.008, 0.0032]])
+    wall = np.sort(corners @ grip[:3, :3].T + grip[:3, 3], axis=0)
+    expected = {"top", "wall", "high"}  # beside the plate, as for any brick
+    for name, (cell, kind) in OTHERS.items():
+        centre = box_pose(grid, cell, kind)
+        half = np.abs(centre[:3, :3]) @ box_size(kind) / 2
+        low, high = centre[:3, 3] - half, centre[:3, 3] + half
+        gap = np.maximum(low - wall[1], wall[0] - high)
+        if (gap < 0.0003).all() and (gap[:2] > 0.0).any():
+            expected.add(name)
+    assert tool == expected
+    assert "far" not in tool
