@@ -120,6 +120,22 @@ def _box(x: float, y: float, z: float) -> tuple[Array, Capsules]:
     return vertices, _capsules(segments, np.eye(3))
 
 
+def cut_across(vertices: npt.ArrayLike, axis: int, count: int) -> list[Array]:
+    """Cut a convex hull into pieces of equal extent along a coordinate axis.
+
+    Args:
+        vertices: points whose hull is cut, shape (v, 3) [m].
+        axis: 0, 1 or 2.
+        count: number of pieces.
+
+    Returns:
+        The corners of each piece, those on the cuts included.
+    """
+    counts = [1, 1, 1]
+    counts[axis] = count
+    return _cells(hull_vertices(vertices), (counts[0], counts[1], counts[2]))
+
+
 def _directions(count: int = 300) -> Array:
     """Return unit vectors spread over the sphere, the coordinate axes among them."""
     k = np.arange(count) + 0.5

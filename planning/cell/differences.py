@@ -7,7 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
+from planning.cell.workcell import (
+    CellObject,
+    Clearances,
+    Fixture,
+    PlacedRobot,
+    Workcell,
+)
 
 _SAME = 1e-9  # poses and sizes that differ by less are equal but for rounding [m, rad]
 
@@ -36,11 +42,17 @@ def cell_differences(planned: Workcell, given: Workcell) -> list[str]:
     ]
     if planned.clearances != given.clearances:
         out.append(
-            f"the clearances are {planned.clearances.robot_robot:g} and"
-            f" {planned.clearances.robot_object:g} m in the plan,"
-            f" {given.clearances.robot_robot:g} and {given.clearances.robot_object:g} m here"
+            f"the clearances are {_metres(planned.clearances)} in the plan,"
+            f" {_metres(given.clearances)} here"
         )
     return out
+
+
+def _metres(clearances: Clearances) -> str:
+    return (
+        f"{clearances.robot_robot:g} and {clearances.robot_object:g} m"
+        f" (contact tolerance {clearances.contact_tolerance:g} m)"
+    )
 
 
 def _compared(

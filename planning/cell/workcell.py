@@ -79,10 +79,14 @@ class Clearances:
     Attributes:
         robot_robot: between two robots, with their tools and all that they carry [m].
         robot_object: between a robot, or what it carries, and anything else [m].
+        contact_tolerance: how deep a tool may graze a brick at rest within a LEGO skill. The
+            default is the gap by which a brick is shorter than its studs times the pitch, 0.1 mm
+            on each side: the play that bricks leave each other on their studs [m].
     """
 
     robot_robot: float = 0.001
     robot_object: float = 0.0
+    contact_tolerance: float = 0.0002
 
 
 @dataclass(frozen=True)

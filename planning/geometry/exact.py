@@ -174,6 +174,8 @@ def come_close(
     b_from: Array,
     b_to: Array,
     clearance: float,
+    *,
+    tolerance: float = TOLERANCE,
 ) -> bool:
     """Tell whether two bodies can come closer than a clearance, each anywhere on its motion.
 
@@ -184,7 +186,8 @@ def come_close(
         a, b: the bodies.
         a_from, a_to: ends of the straight joint-space motion that carries ``a``, shape (n,).
         b_from, b_to: likewise for ``b``.
-        clearance: least distance [m].
+        clearance: least distance, negative for an overlap that is let pass [m].
+        tolerance: motion that is not divided further, so far from the truth at most [m].
     """
     if a.carrier is None and b.carrier is not None:
         a, a_from, a_to, b, b_from, b_to = b, b_from, b_to, a, a_from, a_to
@@ -200,7 +203,7 @@ def come_close(
             return True
         if gap - moved_a - moved_b >= clearance:
             continue
-        if moved_a + moved_b < TOLERANCE:
+        if moved_a + moved_b < tolerance:
             return True
         if moved_a >= moved_b:
             middle = 0.5 * (a0 + a1)

@@ -6,13 +6,20 @@ from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise, product
 
 import numpy as np
 
 from planning.cell.workcell import Workcell, WorldState
 from planning.geometry.clearing import BOX, HIT, SELF, Scene, find_undecided
-from planning.geometry.exact import Solid, come_close, come_close_together, distance_at
-from planning.geometry.robot_bodies import Held, held_by, robot_bodies
+from planning.geometry.exact import (
+    TOLERANCE,
+    Solid,
+    come_close,
+    come_close_together,
+    distance_at,
+)
+from planning.geometry.robot_bodies import Held, entity, held_by, robot_bodies
 from planning.geometry.separation import room_for
 from planning.geometry.sorted_objects import sort_objects
 from planning.geometry.standing import StandingBoxes, stand_robots
@@ -23,6 +30,9 @@ from planning.transforms import Array
 
 _PROBE = 0.35
 """Joint travel (largest joint) between the configurations probed before a whole motion [rad]."""
+
+_FINE = 2e-5
+"""How true overlaps that are let pass are measured on a motion [m]."""
 
 
 @dataclass(frozen=True)
@@ -212,6 +222,36 @@ class SceneChecker:
                 name = self._boxes.names[other] if kind == BOX else second.name
                 worst = Contact(mine.name, name, gap, limit)
         return worst
+
+    @property
+    def clearance(self) -> float:
+        """Least distance that the robot keeps from objects, and a motion is proved to keep [m]."""
+        return self._to_objects + TOLERANCE
+
+    def tool_comes_within(self, path: Array, name: str, limit: float) -> bool:
+        """Tell whether the robot's tool may come nearer to a box at rest than a limit.
+
+        Args:
+            path: waypoints of straight joint-space motions, shape (w, n).
+            name: of the fixture or object; what is not there is far away.
+            limit: least distance, negative for an overlap that is let pass [m].
+        """
+        if name not in self._boxes.column:
+            return False
+        box = self._boxes.solid(self._boxes.column[name])
+        tool = entity(self.robot.name, "tool")
+        solids = [self._own.solids[k] for k in self._own.of_entity(tool)]
+        ways = list(pairwise(np.array(path, dtype=np.float64)))
+        # What is too near at an end or half-way need not be sought in between.
+        for (q0, q1), solid in product(ways, solids):
+            if any(
+                distance_at(solid, q, box, q) < limit for q in (q1, 0.5 * (q0 + q1))
+            ):
+                return True
+        return any(
+            come_close(solid, q0, q1, box, q1, q1, limit, tolerance=_FINE)
+            for (q0, q1), solid in product(ways, solids)
+        )
 
     def _pair(self, kind: int, body: int, other: int) -> tuple[Solid, Solid, float]:
         """Return an own body, what it may come close to, and their least distance."""

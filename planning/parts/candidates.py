@@ -223,7 +223,7 @@ class _GripOption:
         objects = {**self.step.around, part.name: (part, before)}
         scene = SkillScene(self.cell, objects, self._home, contacts, (part.name, after))
         found = resolve_skill(self.robot, targets, scene)
-        return found if isinstance(found, Obstruction) else found[0]
+        return found if isinstance(found, Obstruction) else found.path
 
     @property
     def _home(self) -> dict[str, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from pathlib import Path
 from types import MappingProxyType
@@ -30,6 +30,8 @@ class RobotEntry(UrdfOptions):
         file: path of the description in its folder.
         folder: of the description, of others' among ours; None for our own.
         meshes: a further folder among ours in which meshes are looked up.
+        tools: tools it comes with, each with the name of the entry that carries it; the same
+            for all of them.
     """
 
     name: str
@@ -40,6 +42,7 @@ class RobotEntry(UrdfOptions):
     file: str
     folder: str | None = None
     meshes: str | None = None
+    tools: Mapping[str, str] = field(default_factory=dict)
 
 
 def _radians(*degrees: float) -> tuple[float, ...]:
@@ -64,21 +67,30 @@ _MOBILE_PAD = {"tool": translation(0.0, 0.0, 0.11)}
 _IIWA_PAD = {"tool": translation(0.0, 0.0, 0.1)}
 _CRANE_PAD = {"tool": from_rpy((0.0, 0.0, -0.13), (np.pi, 0.0, 0.0))}
 
-_ENTRIES = (
-    RobotEntry(
-        name="gp4",
-        source="own primitives within the measured outer dimensions",
+_GP4_TOOLS = MappingProxyType({"dual-arm": "gp4", "slim": "gp4-slim-tool"})
+
+
+def _gp4(name: str, tool: str, file: str) -> RobotEntry:
+    return RobotEntry(
+        name=name,
+        source="own primitives around the measured dimensions",
         licence="MIT",
-        note="Yaskawa GP4, 6 joints, with force sensor and LEGO tool",
+        note=f"Yaskawa GP4, 6 joints, with force sensor and LEGO tool ({tool})",
         home=_radians(0.0, -15.4560, -40.3566, 0.0, -65.0995, 0.0),
         tool_links=("tool",),
         frames={
             key: translation(a6, 0.0, -d6 - _GP4_FLANGE_DEPTH)
             for key, (d6, a6) in _GP4_TOOL_ROWS.items()
         },
-        file="gp4.urdf",
+        file=file,
         flange_link="flange",
-    ),
+        tools=_GP4_TOOLS,
+    )
+
+
+_ENTRIES = (
+    _gp4("gp4", "dual-arm tool", "gp4.urdf"),
+    _gp4("gp4-slim-tool", "slim tool", "gp4_slim_tool.urdf"),
     RobotEntry(
         name="panda",
         source="copy of pybullet_data/franka_panda",
@@ -144,6 +156,28 @@ _ENTRIES = (
 
 ROBOTS: Mapping[str, RobotEntry] = MappingProxyType({e.name: e for e in _ENTRIES})
 """Registered robots by name."""
+
+
+def with_tool(model: str, tool: str | None) -> str:
+    """Return the name of a robot type with one of the tools that it comes with.
+
+    Args:
+        model: a name in ROBOTS, or the path of a URDF file, which comes with its tool.
+        tool: such as ``"slim"``; None for the tool that the model names.
+
+    Raises:
+        RobotModelError: the model does not come with such a tool.
+    """
+    if tool is None:
+        return model
+    tools = ROBOTS[model].tools if model in ROBOTS else {}
+    if not tools:
+        raise RobotModelError(f"the robot {model!r} has no tools to choose from")
+    if tool not in tools:
+        raise RobotModelError(
+            f"the robot {model!r} has no tool {tool!r}", choices=tuple(tools)
+        )
+    return tools[tool]
 
 
 def robot_model(name_or_urdf: str, base_dir: Path | None = None) -> RobotModel:

@@ -44,6 +44,21 @@ class SkillContacts:
         return self.after if phase is Phase.AFTER else self.during
 
 
+@dataclass(frozen=True)
+class ToolContact:
+    """How deep a tool may overlap objects at rest within a skill, beyond what it handles.
+
+    Attributes:
+        grazing: any object [m].
+        pressing: objects that the skill is allowed to touch, and those to lean on [m].
+        leaning: names of objects that it may lean on, as deep as on those it may touch.
+    """
+
+    grazing: float
+    pressing: float
+    leaning: frozenset[str] = frozenset()
+
+
 def gripped(robot: str, item: str) -> Pairs:
     """Return the contact of a robot's tool with the object that it handles."""
     return touching(entity(robot, "tool"), [item])

@@ -27,6 +27,7 @@ class StepBuilder:
     _tasks: list[Task] = field(default_factory=list)
     _dependencies: list[tuple[int, int]] = field(default_factory=list)
     _allowed: dict[frozenset[str], set[int]] = field(default_factory=dict)
+    _grazed: dict[frozenset[str], set[int]] = field(default_factory=dict)
     _objects: list[CellObject] = field(default_factory=list)
 
     def transit(
@@ -99,6 +100,11 @@ class StepBuilder:
         for entry in pairs:
             self._allowed.setdefault(entry, set()).update(tasks)
 
+    def graze(self, pairs: Pairs, task: int) -> None:
+        """Allow contacts no deeper than the contact tolerance during a task."""
+        for entry in pairs:
+            self._grazed.setdefault(entry, set()).add(task)
+
     def of_robot(self, robot: str, first: int, last: int) -> list[int]:
         """Return the tasks of a robot from one index to another, both included."""
         return [
@@ -110,9 +116,11 @@ class StepBuilder:
     def build(self) -> StepTasks:
         """Return the step."""
         allowed = []
-        for entry, tasks in sorted(self._allowed.items(), key=lambda e: sorted(e[0])):
-            first, second = sorted(entry)
-            allowed.append(AllowedContact(first, second, frozenset(tasks)))
+        for pairs, grazing in ((self._allowed, False), (self._grazed, True)):
+            for entry, tasks in sorted(pairs.items(), key=lambda e: sorted(e[0])):
+                first, second = sorted(entry)
+                contact = AllowedContact(first, second, frozenset(tasks), grazing)
+                allowed.append(contact)
         return StepTasks(
             self.step,
             tuple(self._tasks),

@@ -15,13 +15,19 @@ from planning.cell.workcell import (
     Workcell,
     WorldState,
 )
-from planning.geometry.robot_bodies import robot_bodies
+from planning.geometry.robot_bodies import entity, robot_bodies
 from planning.geometry.scene_checker import SceneChecker
 from planning.geometry.standing import StandingBoxes, stand_boxes
 from planning.geometry.swept import boxes_in_reach
 from planning.kinematics.kinematics import frame_pose
 from planning.motion.sequential import MARGIN
-from planning.skills.contacts import Phase, SkillContacts
+from planning.skills.contacts import (
+    Pairs,
+    Phase,
+    SkillContacts,
+    ToolContact,
+    touching,
+)
 from planning.skills.joint_paths import (
     Obstruction,
     SkillPath,
@@ -51,6 +57,8 @@ class SkillScene:
             feeding station, or None.
         standing: the fixtures and all objects at rest but for what changes hands, where they are
             known already.
+        tool: how deep the tool may overlap objects at rest within the skill; None for not at
+            all, and without a limit for those that it may touch.
     """
 
     cell: Workcell
@@ -60,6 +68,7 @@ class SkillScene:
     handed: tuple[str, Attachment] | None = None
     refill: Placed | None = None
     standing: StandingBoxes | None = None
+    tool: ToolContact | None = None
 
     def near(self, path: SkillPath) -> StandingBoxes:
         """Return the fixtures, and the objects at rest that anything on a path may come near to.
@@ -83,13 +92,16 @@ class SkillScene:
             )
         )
 
-    def checker(self, robot: str, boxes: StandingBoxes, phase: Phase) -> SceneChecker:
+    def checker(
+        self, robot: str, boxes: StandingBoxes, phase: Phase, allowed: Pairs
+    ) -> SceneChecker:
         """Return the collision checker of a robot in a phase of the skill.
 
         Args:
             robot: who does the skill.
             boxes: what stands around but for what changes hands, see ``near``.
             phase: of the skill.
+            allowed: who may touch whom in it.
         """
         after = phase in (Phase.SINCE_CHANGE, Phase.AFTER)
         more, in_hand = [], []
@@ -109,7 +121,7 @@ class SkillScene:
             self.cell,
             robot,
             WorldState(self.configurations, {}),
-            self.contacts.in_phase(phase),
+            allowed,
             margin=MARGIN,
             amid=(
                 self._held_by(robot, after=after),
@@ -152,17 +164,20 @@ class SkillTrial:
         path: of the skill.
         found: what is in the way, None when nothing is (any more).
         gone: names of what has been taken away, in this order.
+        touched: names of what the tool grazes or leans on, no deeper than it may; whether it
+            leans on it.
     """
 
     def __init__(self, path: SkillPath, scene: SkillScene) -> None:
         self.path = path
         self.gone: list[str] = []
+        self.touched: dict[str, bool] = {}
         self._scene = scene
         self._near = scene.near(path)
         self._built: dict[bool, SceneChecker] = {}
         self._checkers: dict[Phase, SceneChecker] = {}
         self._obstructions = obstructions(path, self._checker)
-        self.found = next(self._obstructions, None)
+        self.found = self._next()
 
     def take_away(self, names: Collection[str]) -> Obstruction | None:
         """Go on without whatever is in the way and among some names; return what remains so."""
@@ -172,8 +187,57 @@ class SkillTrial:
                 break
             self.gone.append(self.found.by)
             self._checkers.clear()
-            self.found = next(self._obstructions, None)
+            self.found = self._next()
         return self.found
+
+    def resolved(self) -> ResolvedSkill:
+        """Return the skill as it is once nothing is in the way any more."""
+        left = {k: v for k, v in self.touched.items() if k not in self.gone}
+        return ResolvedSkill(self.path, tuple(self.gone), left)
+
+    def _next(self) -> Obstruction | None:
+        """Return what is in the way next, but for what the tool may graze or lean on."""
+        found = next(self._obstructions, None)
+        while found is not None and self._may_touch(found.by):
+            found = next(self._obstructions, None)
+        return self._pressed_into() if found is None else found
+
+    def _may_touch(self, name: str | None) -> bool:
+        """Tell whether the tool comes near to an object, but no deeper into it than it may."""
+        tool = self._scene.tool
+        if tool is None or name is None or name in self.touched:
+            return False
+        if name not in self._near.names[self._near.fixtures :]:
+            return False
+        checker, way = self._checker(Phase.UNTIL_CHANGE), self.path.waypoints
+        leans = checker.tool_comes_within(way, name, -tool.grazing)
+        if leans and (
+            name not in tool.leaning
+            or checker.tool_comes_within(way, name, -tool.pressing)
+        ):
+            return False
+        if not checker.tool_comes_within(way, name, checker.clearance):
+            return False
+        self.touched[name] = leans
+        self._checkers.clear()
+        return True
+
+    def _pressed_into(self) -> Obstruction | None:
+        """Return an object that the tool may touch, but goes into deeper than it may."""
+        tool, scene = self._scene.tool, self._scene
+        if tool is None:
+            return None
+        hand = entity(self.path.robot, "tool")
+        beside = {
+            name for pair in scene.contacts.during if hand in pair for name in pair
+        }
+        checker = self._checker(Phase.UNTIL_CHANGE)
+        there = frozenset(self._near.names[self._near.fixtures :])
+        for name in sorted(beside & there - frozenset(self.gone)):
+            if checker.tool_comes_within(self.path.waypoints, name, -tool.pressing):
+                deep = f"more than {tool.pressing * 1e3:g} mm"
+                return Obstruction(f"the tool would press {deep} into {name}", name)
+        return None
 
     def _checker(self, phase: Phase) -> SceneChecker:
         if phase not in self._checkers:
@@ -186,14 +250,17 @@ class SkillTrial:
     def _whole(self, phase: Phase) -> SceneChecker:
         """Build one checker while things stay where they are, whatever may touch."""
         scene, robot = self._scene, self.path.robot
+        allowed = scene.contacts.in_phase(phase)
+        if phase in (Phase.UNTIL_CHANGE, Phase.SINCE_CHANGE):
+            allowed |= touching(entity(robot, "tool"), self.touched)
         if phase is Phase.AFTER and scene.refill is not None:
-            return scene.checker(robot, self._near, phase)
+            return scene.checker(robot, self._near, phase, allowed)
         changed = scene.handed is not None
         after = phase in (Phase.SINCE_CHANGE, Phase.AFTER) and changed
         if after not in self._built:
-            self._built[after] = scene.checker(robot, self._near, phase)
+            self._built[after] = scene.checker(robot, self._near, phase, allowed)
             return self._built[after]
-        return self._built[after].with_allowed(scene.contacts.in_phase(phase))
+        return self._built[after].with_allowed(allowed)
 
 
 def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:
@@ -205,12 +272,27 @@ def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:
     return SkillTrial(path, scene).found
 
 
+@dataclass(frozen=True)
+class ResolvedSkill:
+    """A skill in joint space that is free of all that stays.
+
+    Attributes:
+        path: of the skill.
+        gone: names of what must be gone.
+        touched: names of what the tool grazes, False, or leans on, True.
+    """
+
+    path: SkillPath
+    gone: tuple[str, ...]
+    touched: Mapping[str, bool]
+
+
 def resolve_skill(
     robot: PlacedRobot,
     targets: SkillTargets,
     scene: SkillScene,
     loose: Collection[str] = (),
-) -> tuple[SkillPath, list[str]] | Obstruction:
+) -> ResolvedSkill | Obstruction:
     """Return the skill in joint space, in the posture nearest to HOME that is free.
 
     Args:
@@ -220,8 +302,8 @@ def resolve_skill(
         loose: names of objects that may be gone by then, taken away where no posture is free.
 
     Returns:
-        The path and what must be gone; or why the posture nearest to HOME that came furthest
-        failed.
+        The path, what must be gone and what the tool touches; or why the posture nearest to HOME
+        that came furthest failed.
     """
     trials: list[SkillTrial | Obstruction] = []
     reason: Obstruction | None = None
@@ -229,8 +311,8 @@ def resolve_skill(
         trial = path if isinstance(path, Obstruction) else SkillTrial(path, scene)
         found = trial if isinstance(trial, Obstruction) else trial.found
         if found is None:
-            assert isinstance(path, SkillPath)
-            return path, []
+            assert isinstance(trial, SkillTrial)
+            return trial.resolved()
         trials.append(trial)
         reason = _nearer_reason(reason, found)
     if reason is None:
@@ -242,7 +324,7 @@ def resolve_skill(
         found = item if isinstance(item, Obstruction) else item.take_away(loose)
         if found is None:
             assert isinstance(item, SkillTrial)
-            return item.path, item.gone
+            return item.resolved()
         reason = _nearer_reason(reason, found)
     assert reason is not None
     return reason

@@ -68,11 +68,13 @@ class AllowedContact:
         tasks: indices of the tasks. A contact of a node of task m with something that is not a
             robot's node needs m in ``tasks``; a contact between nodes of tasks m and m' of two
             robots needs both.
+        grazing: whether it was measured to be no deeper than the cell's contact tolerance.
     """
 
     first: str
     second: str
     tasks: frozenset[int]
+    grazing: bool = False
 
 
 @dataclass(frozen=True)

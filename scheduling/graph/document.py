@@ -43,7 +43,10 @@ def _keys(kind: type, *arrays: str, **renamed: str) -> dict[str, str]:
 _FIXTURE = _keys(Fixture, "size", "pose")
 _OBJECT = _keys(CellObject, "size", "start", mass="mass_kg")
 _CLEARANCE = _keys(
-    Clearances, robot_robot="robot_robot_m", robot_object="robot_object_m"
+    Clearances,
+    robot_robot="robot_robot_m",
+    robot_object="robot_object_m",
+    contact_tolerance="contact_tolerance_m",
 )
 _TASK = _keys(Task, "path", "handlings")
 _HANDLING = _keys(Handling, "pose")
@@ -66,6 +69,7 @@ def graph_document(tpg: TemporalPlanGraph) -> tuple[Document, Arrays]:
         "handlings": [_entry(h, _NODE_HANDLING) for h in tpg.handlings],
         "allowed": [
             {"first": a.first, "second": a.second, "tasks": sorted(a.tasks)}
+            | ({"grazing": True} if a.grazing else {})
             for a in tpg.allowed
         ],
     }
@@ -105,7 +109,9 @@ def graph_of(
         )
     )
     allowed = tuple(
-        AllowedContact(a["first"], a["second"], frozenset(a["tasks"]))
+        AllowedContact(
+            a["first"], a["second"], frozenset(a["tasks"]), a.get("grazing", False)
+        )
         for a in document["allowed"]
     )
     return TemporalPlanGraph(
@@ -222,7 +228,9 @@ def _cell(
         values = _box_values({"later": False, **entry}, _OBJECT, size)
         values["colour"] = tuple(values["colour"])
         objects.append(CellObject(**values, start=start))
-    clearances = Clearances(**_values(document["clearance"], _CLEARANCE))
+    # Plans of earlier versions grazed nothing.
+    given = {"contact_tolerance_m": 0.0, **document["clearance"]}
+    clearances = Clearances(**_values(given, _CLEARANCE))
     return Workcell(tuple(robots), fixtures, tuple(objects), clearances)
 
 

@@ -4,11 +4,11 @@ plan.json, version 1:
     format, version, arrays_sha256 (of plan.npz)
     cell       robots [{name, model, urdf, sha256, joints, frames}], fixtures [{name, body}],
                objects [{name, kind, body, mass_kg, fixed, colour, later}],
-               clearance {robot_robot_m, robot_object_m}
+               clearance {robot_robot_m, robot_object_m, contact_tolerance_m}
     tasks      [{index, robot, kind, step, label, object, goal, handlings [{object, waypoint, holder}]}]
     chains     [robot]
     handlings  [{object, chain, node, waypoint, holder}]
-    allowed    [{first, second, tasks}]
+    allowed    [{first, second, tasks, grazing where it is true}]
 ``model`` is a name of the robot registry; null says that the robot is read from ``urdf``, which
 then lies with its meshes beside the plan. ``sha256`` is that of the description and the meshes
 that the robot collides with: a plan is refused when they have changed.

@@ -45,6 +45,7 @@ class _Object(_Fixture):
 class _Clearance(_Entry):
     robot_robot_m: Metres
     robot_object_m: Metres
+    contact_tolerance_m: Metres = 0.0
 
 
 class _Cell(_Entry):
@@ -80,6 +81,7 @@ class _Allowed(_Entry):
     first: str
     second: str
     tasks: list[Index]
+    grazing: bool = False
 
 
 class _Plan(_Entry):

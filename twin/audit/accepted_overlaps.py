@@ -11,7 +11,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.motion.executed import Recording
 
 CONTACT_DEPTH = 0.003
-"""Allowed contacts may be this deep [m]."""
+"""Allowed contacts may be this deep, unless the plan says that a tool only grazes [m]."""
 
 SLACK = 1e-4
 """Overlaps up to this are numerical: 2.5 times the measured error of Bullet's distances [m]."""
@@ -24,8 +24,13 @@ class ContactRule:
     kind that handling needs: a tool and an object, two objects, or an object and a fixture.
     Robots never touch each other, and an arm never touches anything.
 
+    A tool that grazes goes no deeper than the contact tolerance of the cell.
+
     Args:
         tpg: the allowed contacts of the plan, and the tasks of nodes.
+
+    Attributes:
+        tolerance: the contact tolerance [m].
     """
 
     def __init__(self, tpg: TemporalPlanGraph) -> None:
@@ -36,7 +41,8 @@ class ContactRule:
         fixtures = {box.name for box in tpg.cell.fixtures}
         tools = {f"{robot.name}/tool": robot.name for robot in tpg.cell.robots}
         self._tools: Mapping[str, str] = tools
-        self._allowed: dict[frozenset[str], list[frozenset[int]]] = {}
+        self.tolerance = tpg.cell.clearances.contact_tolerance
+        self._allowed: dict[frozenset[str], list[tuple[frozenset[int], bool]]] = {}
         for contact in tpg.allowed:
             pair = frozenset((contact.first, contact.second))
             partners = pair - objects
@@ -45,7 +51,8 @@ class ContactRule:
                 and len(partners) <= 1
                 and partners <= tools.keys() | fixtures
             ):
-                self._allowed.setdefault(pair, []).append(contact.tasks)
+                entry = contact.tasks, contact.grazing
+                self._allowed.setdefault(pair, []).append(entry)
 
     def during(self, recording: Recording) -> ContactRule:
         """Return the rule for an execution, which tells which task each robot is at."""
@@ -71,10 +78,20 @@ class ContactRule:
             for name in (first, second)
             if (owner := self._tools.get(name, holders.get(name))) is not None
         }
-        for tasks in entries:
-            if all(tasks & self.tasks_at(owner, t) for owner in owners):
-                return CONTACT_DEPTH
-        return SLACK
+        now = [
+            grazing
+            for tasks, grazing in entries
+            if all(tasks & self.tasks_at(owner, t) for owner in owners)
+        ]
+        if not now:
+            return SLACK
+        return self.tolerance + SLACK if all(now) else CONTACT_DEPTH
+
+    def grazes(
+        self, first: str, second: str, holders: Mapping[str, str | None], t: float
+    ) -> bool:
+        """Tell whether a contact is one of a tool that only grazes."""
+        return self.depth(first, second, holders, t) == self.tolerance + SLACK
 
     def tasks_at(self, robot: str, t: float) -> frozenset[int]:
         """Return the tasks a robot is at: two at the moment one ends and when it stands."""

@@ -61,6 +61,8 @@ class AuditReport:
             less than ``min_distance_m`` [m].
         violations: by time; empty when all is well.
         engine: what distances were measured with, and its version.
+        contact_tolerance_m: how deep a tool may graze a brick in a skill [m].
+        deepest_graze_m: how deep one did where it was measured; 0 where none did [m].
     """
 
     configurations: int
@@ -68,6 +70,8 @@ class AuditReport:
     min_distance_bound_m: float
     violations: tuple[Violation, ...]
     engine: str
+    contact_tolerance_m: float = 0.0
+    deepest_graze_m: float = 0.0
 
 
 def audit_run(
@@ -195,6 +199,7 @@ class _Watch:
         self._least = self._bound = within
         self._configurations = 0
         self._samples = 0
+        self._deepest_graze = 0.0
         # Deepest overlap of each pair by number of the sample: time [s], depth [m], links.
         self._overlaps: dict[tuple[str, str], dict[int, tuple[float, float, str]]] = {}
         self._jumped: list[Violation] = []
@@ -225,6 +230,8 @@ class _Watch:
                 continue
             for sample in range(gap.sample, min(gap.until, len(stretch.t))):
                 t, number = float(stretch.t[sample]), self._samples + sample
+                if not robots and self._rule.grazes(a.entity, b.entity, holders, t):
+                    self._deepest_graze = max(self._deepest_graze, -gap.distance)
                 if robots or -gap.distance > self._rule.depth(
                     a.entity, b.entity, holders, t
                 ):
@@ -282,7 +289,13 @@ class _Watch:
                 _, depth, detail = max(rows, key=itemgetter(1))
                 found.append(Violation(rows[0][0], rows[-1][0], *pair, depth, detail))
         return AuditReport(
-            self._configurations, self._least, self._bound, _by_time(found), engine
+            self._configurations,
+            self._least,
+            self._bound,
+            _by_time(found),
+            engine,
+            self._rule.tolerance,
+            self._deepest_graze,
         )
 
 

@@ -31,14 +31,19 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
         robots=tuple(_robot(r, folder) for r in scenario.cell.robots),
         fixtures=(*(_fixture(f) for f in scenario.cell.fixtures), *assembly.fixtures()),
         objects=assembly.objects(),
-        clearances=Clearances(clearance.robot_robot_m, clearance.robot_object_m),
+        clearances=Clearances(
+            clearance.robot_robot_m,
+            clearance.robot_object_m,
+            clearance.contact_tolerance_m,
+        ),
     )
 
 
 def _robot(section: RobotSection, folder: Path) -> PlacedRobot:
-    from planning.robots.registry import robot_model
+    from planning.robots.registry import robot_model, with_tool
 
-    model: RobotModel = robot_model(section.model, folder)
+    named = with_tool(section.model, section.tool)
+    model: RobotModel = robot_model(named, folder)
     if section.frames:
         own = {name: build_transform(pose) for name, pose in section.frames.items()}
         model = dataclasses.replace(model, frames={**model.frames, **own})

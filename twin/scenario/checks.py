@@ -73,7 +73,7 @@ def _place(cell: CellSection, robot: int, key: str) -> KeyPath:
 
 
 def _check_robots(cell: CellSection, folder: Path) -> Found:
-    from planning.robots.registry import robot_model
+    from planning.robots.registry import robot_model, with_tool
 
     # The robots of a team are alike: what is wrong with one is said once.
     for i, robot in enumerate(cell.robots[: len(cell.listed) + 1]):
@@ -86,6 +86,14 @@ def _check_robots(cell: CellSection, folder: Path) -> Found:
             else:
                 yield at, str(error)
             continue
+        try:
+            with_tool(robot.model, robot.tool)
+        except RobotModelError as error:
+            at = _place(cell, i, "tool")
+            if error.choices:
+                yield at, unknown_name("tool", str(robot.tool), error.choices)
+            else:
+                yield at, str(error)
         if robot.parked is not None and not model.is_mobile:
             in_team = i >= len(cell.listed)
             place = _place(cell, i, "ring" if in_team else "parked")

@@ -303,5 +303,7 @@ def _audit(
         "configurations": report.configurations,
         "min_distance_m": finite(report.min_distance_m),
         "min_distance_bound_m": finite(report.min_distance_bound_m),
+        "contact_tolerance_m": report.contact_tolerance_m,
+        "deepest_graze_m": report.deepest_graze_m,
         "violations": [asdict(violation) for violation in report.violations],
     }

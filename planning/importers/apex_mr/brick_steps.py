@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from planning.errors import ScenarioError
+from planning.importers.apex_mr.press_contacts import PressReader
 from planning.importers.apex_mr.task_files import (
+    NONE,
     Notes,
     Record,
+    cell_entry,
     choice,
     integer,
     number,
     read_json,
 )
-
-NONE = -1
-"""Stands for a value that a step does not have."""
 
 _CELL = ("x", "y", "z", "ori")
 _BRICK_KEYS = frozenset(("height", "width", "weight", "mass", "inventory"))
@@ -86,7 +86,7 @@ def published_stock(
         entry: dict[str, Any] = {
             "name": name,
             "brick": _name(file, name, match[1], names),
-            **_cell(item, ""),
+            **cell_entry(item, ""),
         }
         if item.content.get("fixed", False):
             entry["fixed"] = True
@@ -105,6 +105,7 @@ def published_steps(
     names: Mapping[str, str],
     stock: Sequence[Mapping[str, Any]] | None,
     notes: Notes,
+    presses_of: PressReader,
 ) -> list[dict[str, Any]]:
     """Return the entries of the steps, in order.
 
@@ -116,6 +117,7 @@ def published_steps(
         names: of the brick types.
         stock: entries of the stock when steps prescribe it, None when they do not.
         notes: takes what is not used.
+        presses_of: reads the grip of each step.
     """
     file = read_json(path)
     keys = []
@@ -136,8 +138,8 @@ def published_steps(
         brick_id = str(integer(step, "brick_id"))
         entry = {
             "brick": _name(file, key, brick_id, names),
-            **_cell(step, ""),
-            **_ways(step),
+            **cell_entry(step, ""),
+            **_ways(step, presses_of.press(step, brick_id)),
         }
         if stock is not None and step.content.get("brick_seq") not in (None, "", NONE):
             source = _prescribed(step, brick_id, stock)
@@ -152,18 +154,12 @@ def published_steps(
     return out
 
 
-def _ways(step: Record) -> dict[str, Any]:
-    """Return how a step is done, as far as it says."""
+def _ways(step: Record, press: Mapping[str, Any]) -> dict[str, Any]:
+    """Return how a step is done, as far as it says, with the grip that was read."""
     entry: dict[str, Any] = {}
     if choice(step, "manipulate_type", (0, 1), default=0) == 1:
         entry["place"] = "up"
-    side = choice(step, "press_side", (1, 2, 3, 4, NONE), default=NONE)
-    offset = integer(step, "press_offset", default=NONE)
-    if side != NONE and offset != NONE:
-        entry["press"] = {"side": side, "offset": offset}
-    # A place from above does not need the contact cell: side and offset say it all.
-    if "place" in entry and integer(step, "press_x", default=NONE) != NONE:
-        entry["press_cell"] = _cell(step, "press_")
+    entry |= press
     if integer(step, "support_x", default=NONE) != NONE:
         entry["support"] = {
             "at": [integer(step, f"support_{k}") for k in "xyz"],
@@ -201,10 +197,3 @@ def _name(file: Record, key: str, brick_id: str, names: Mapping[str, str]) -> st
             f"{file.path}: {key}: the library has no brick {brick_id}",
             choices=tuple(names),
         ) from None
-
-
-def _cell(record: Record, prefix: str) -> dict[str, Any]:
-    out: dict[str, Any] = {"at": [integer(record, f"{prefix}{k}") for k in "xyz"]}
-    if choice(record, f"{prefix}ori", (0, 1)) == 1:
-        out["turned"] = True
-    return out

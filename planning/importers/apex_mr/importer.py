@@ -23,6 +23,7 @@ from planning.importers.apex_mr.brick_steps import (
     published_steps,
     published_stock,
 )
+from planning.importers.apex_mr.press_contacts import PressFrom, PressReader
 from planning.importers.apex_mr.task_files import (
     TOOLS,
     Notes,
@@ -34,6 +35,7 @@ from planning.importers.apex_mr.task_files import (
     read_json,
     tool_offset,
 )
+from planning.lego.bricks.assembly import BrickType
 from planning.transforms import Transform, from_rpy
 
 ROBOT_NAMES = ("left", "right")
@@ -59,6 +61,7 @@ def import_apex_mr(
     task: str,
     *,
     prescribed_stock: bool = False,
+    press_from: PressFrom = "side",
     note: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
     """Read one published task.
@@ -69,8 +72,11 @@ def import_apex_mr(
         task: name of the task, such as ``"cliff"``.
         prescribed_stock: take the stock brick of each step as published, from
             ``steps/<task>_seq.json`` where there is one, instead of leaving it to the planner.
+        press_from: which of the two ways in which a grip is given is taken where they
+            contradict each other: ``press_side`` and ``press_offset``, or the cell ``press_x``.
         note: called with a line for everything that is not taken over: keys that say nothing
-            to us, prescribed bricks that the stock no longer has to give.
+            to us, prescribed bricks that the stock no longer has to give, grips that contradict
+            themselves.
 
     Returns:
         A scenario as plain dictionaries, lists, strings and numbers, in the shape of a
@@ -94,8 +100,14 @@ def import_apex_mr(
     chosen = folder / "steps" / f"{task}_seq.json"
     if prescribed_stock and chosen.exists():
         sequence = chosen
-    steps = published_steps(sequence, names, stock if prescribed_stock else None, notes)
     bricks = published_bricks(library, names, notes)
+    types = {
+        key: BrickType(name, tuple(bricks[name]["studs"]), bricks[name]["mass_kg"])
+        for key, name in names.items()
+    }
+    reader = PressReader(types, press_from, notes)
+    prescribed = stock if prescribed_stock else None
+    steps = published_steps(sequence, names, prescribed, notes, reader)
     for line in notes.lines():
         note(line)
     return {
@@ -143,8 +155,8 @@ def _robots(folder: Path) -> list[dict[str, Any]]:
             "base": _pose(arm_base(properties, f"r{k}_base.txt")),
             "home_deg": list(HOME_DEG),
             "frames": {
-                frame: _upright(tool_offset(properties, f"r{k}", tool))
-                for frame, tool in TOOLS.items()
+                frame: _upright(tool_offset(properties, f"r{k}", file))
+                for frame, file in TOOLS.items()
             },
         }
         for k, name in enumerate(ROBOT_NAMES, start=1)

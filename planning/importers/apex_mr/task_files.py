@@ -25,6 +25,9 @@ TOOLS: Mapping[str, str] = {
 }
 """What each tool frame is called in the name of its published file."""
 
+NONE = -1
+"""Stands for a value that a step does not have."""
+
 _PI = np.pi
 # Rows (theta offset, d, a, alpha) of the arm whose tasks are published, up to the flange.
 _GP4 = np.array(
@@ -163,6 +166,14 @@ def choice(
             choices=tuple(str(v) for v in valid),
         )
     return value
+
+
+def cell_entry(record: Record, prefix: str) -> dict[str, Any]:
+    """Return the entry of a cell, whose keys begin with a prefix."""
+    out: dict[str, Any] = {"at": [integer(record, f"{prefix}{k}") for k in "xyz"]}
+    if choice(record, f"{prefix}ori", (0, 1)) == 1:
+        out["turned"] = True
+    return out
 
 
 def tool_offset(properties: Path, robot: str, tool: str) -> list[float]:

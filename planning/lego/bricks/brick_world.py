@@ -104,6 +104,14 @@ class BrickWorld:
         near.pop(stock)
         return near
 
+    def stock_around(self, stock: str) -> dict[str, tuple[Cell, BrickType]]:
+        """Return cell and type of the other stock bricks within a stud and more around one."""
+        item = self.stock[stock]
+        span = occupied_span(item.cell, item.brick).widened(1)
+        near = self._stock_tiles[item.name].near(span, before=1)
+        near.pop(stock)
+        return near
+
     @cached_property
     def _stock_tiles(self) -> Mapping[str, BrickTiles]:
         """For each stock brick the tiles of its plate, on which goals stand as well."""

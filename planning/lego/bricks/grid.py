@@ -49,6 +49,17 @@ class Span(NamedTuple):
         xs, ys = range(self.x0, self.x1), range(self.y0, self.y1)
         return frozenset(product(xs, ys, range(self.bottom, self.top)))
 
+    def widened(self, studs: int) -> Span:
+        """Return the room that reaches some studs further along x and y."""
+        return Span(
+            self.x0 - studs,
+            self.x1 + studs,
+            self.y0 - studs,
+            self.y1 + studs,
+            self.bottom,
+            self.top,
+        )
+
     def near(self, other: Span, *, levels: int) -> bool:
         """Tell whether another room begins within a stud beside, and so many levels above or below."""
         return (

@@ -1,17 +1,15 @@
 """Room for the tool among the bricks: the third pruning of APEX-MR App. A.
 
-The tool is cut into slices, each slice bounded by a box along the plate's axes at every pose of
+The tool is cut into convex pieces, each bounded by a box along the plate's axes at every pose of
 a skill; a pose has room when no box meets a brick or the plate. That errs on the safe side at
 the corners of the round parts. Arms are left to motion planning.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
-from types import MappingProxyType
 
 import numpy as np
 
@@ -25,8 +23,8 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.grid import box_size, brick_height, top_pose
 from planning.lego.bricks.grips import grip_pose, side_contact_pose
+from planning.lego.sequencing.tool_shape import ToolShape, tool_shape
 from planning.lego.skills.support import (
-    LEVER_WALL,
     STUD_HEIGHT,
     lever_reaches_below,
     support_bottom_targets,
@@ -47,45 +45,6 @@ TOUCH = 0.0005
 
 KEPT = 0.0006
 """Clearance that planning keeps around a robot, and a little more [m]."""
-
-_FRAMES: Mapping[str, Transform] = MappingProxyType(
-    {
-        "tool": translation(0.0, 0.0, 0.111),
-        "assemble": translation(0.0078, 0.0, 0.1105),
-        "disassemble": translation(0.0, 0.0, 0.120),
-        "handover_assemble": translation(0.0078, 0.0, 0.1095),
-        "alt": translation(-0.0174, 0.0, 0.1064),
-        "alt_assemble": translation(-0.0078, 0.0, 0.1064),
-    }
-)
-"""Frames of the LEGO tool LT-V2 of APEX-MR (Fig. 5c) on its force sensor, in the flange frame.
-
-Boxes of the tool are in the frame ``"tool"``: z out of it, origin in the grip plane, x towards the
-middle of a brick gripped from above."""
-
-_TIP = ((-0.008, -0.008, -0.0165), (0.008, 0.008, 0.0))
-_LEVER = ((-0.008, -0.008, 0.0), (0.0, 0.008, 0.0032))
-"""Least and greatest corner of the tip, and of the wall beside the grip [m]."""
-
-
-def _upright(low: float, high: float, half: float) -> list[list[float]]:
-    return [[-half, -half, low], [half, half, high]]
-
-
-_CONE = zip(
-    np.linspace(-0.0505, -0.0165, 9), np.linspace(0.0393, 0.011, 9), strict=True
-)
-_SLICES = readonly(
-    [
-        _upright(-0.111, -0.0605, 0.0472),
-        _upright(-0.0605, -0.0505, 0.040),
-        *(_upright(low, high, half) for (low, half), (high, _) in pairwise(_CONE)),
-        _upright(-0.0165, 0.0, 0.008),
-        _LEVER,
-        [[-0.008, -0.046, -0.0605], [0.008, -0.038, -0.0165]],
-    ]
-)
-"""Corners of the boxes that the tool is made of, with the published dimensions, (m, 2, 3) [m]."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +97,7 @@ def blocking(boxes: Array, bricks: BrickBoxes, *, clearance: float = 0.0) -> str
 
 
 def place_down_blocked(
-    item: PlacedBrick, press: Press, others: BrickBoxes
+    item: PlacedBrick, press: Press, others: BrickBoxes, robot: str = "gp4"
 ) -> str | None:
     """Return the obstacle to putting a brick down, None when there is room.
 
@@ -146,19 +105,24 @@ def place_down_blocked(
         item: the brick and its goal.
         press: the grip.
         others: boxes of the bricks that are there already.
+        robot: the registered robot that carries the tool.
     """
-    targets = place_down_targets(_FRAMES, item.brick, _top(item), press)
-    first = blocking(_tool_boxes(targets.subgoals), others)
+    tool = tool_shape(robot)
+    targets = place_down_targets(tool.frames, item.brick, _top(item), press)
+    first = blocking(_tool_boxes(tool, targets.subgoals), others)
     if first is None and lever_reaches_below(item.brick):
-        first = blocking(_below_lever(item, press), others)
+        first = blocking(_below_lever(tool, item, press), others)
     return first or blocking(_above(item), others)
 
 
-def place_up_blocked(item: PlacedBrick, press: Press, others: BrickBoxes) -> str | None:
+def place_up_blocked(
+    item: PlacedBrick, press: Press, others: BrickBoxes, robot: str = "gp4"
+) -> str | None:
     """Return the obstacle to bringing a brick in from below, None when there is room."""
+    tool = tool_shape(robot)
     contact = side_contact_pose(_top(item), item.brick, press)
-    targets = place_up_targets(_FRAMES, contact)
-    boxes = _tool_boxes(targets.subgoals)
+    targets = place_up_targets(tool.frames, contact)
+    boxes = _tool_boxes(tool, targets.subgoals)
     # Only what stands beside the brick may be touched; from the others planning keeps off.
     aloof = others.without(_beside(item, others))
     first = blocking(boxes, others) or blocking(boxes, aloof, clearance=KEPT)
@@ -166,29 +130,35 @@ def place_up_blocked(item: PlacedBrick, press: Press, others: BrickBoxes) -> str
 
 
 @lru_cache(maxsize=20_000)
-def support_boxes(support: Support, *, top: bool) -> Array:
+def support_boxes(support: Support, *, top: bool, robot: str = "gp4") -> Array:
     """Return boxes around a supporting tool, before and while it supports, (k, 2, 3) [m]."""
     targets = (support_top_targets if top else support_bottom_targets)(GRID, support)
-    return readonly(_tool_boxes(targets[0].subgoals))
+    return readonly(_tool_boxes(tool_shape(robot), targets[0].subgoals))
 
 
 @lru_cache(maxsize=20_000)
-def support_face(support: Support, *, top: bool) -> Array:
+def support_face(support: Support, *, top: bool, robot: str = "gp4") -> Array:
     """Return the rectangle in which a supporting tool touches bricks, (2, 3) [m].
 
     That is the side of the tip that looks up for a support-bottom, the end of the lever wall
     for a support-top; in the plate's frame, its least and greatest corner.
     """
     targets = (support_top_targets if top else support_bottom_targets)(GRID, support)
-    pose = _tool_pose(targets[0].subgoals[-1])
-    (x0, y0, z0), (x1, y1, z1) = _LEVER if top else _TIP
+    tool = tool_shape(robot)
+    pose = _tool_pose(tool, targets[0].subgoals[-1])
+    (x0, y0, z0), (x1, y1, z1) = tool.lever_end if top else tool.tip
     ends = [[x0, y0, z1], [x1, y1, z1]] if top else [[x1, y0, z0], [x1, y1, z1]]
     corners = np.array(ends) @ pose[:3, :3].T + pose[:3, 3]
     return readonly(np.stack([corners.min(axis=0), corners.max(axis=0)]))
 
 
 def attack_side(
-    item: PlacedBrick, press: Press, others: BrickBoxes, *, up: bool
+    item: PlacedBrick,
+    press: Press,
+    others: BrickBoxes,
+    *,
+    up: bool,
+    robot: str = "gp4",
 ) -> int:
     """Return +1 or -1: the side to come from, past no neighbour if there is one, else +1.
 
@@ -197,15 +167,16 @@ def attack_side(
         press: the grip.
         others: boxes of the bricks that are there already.
         up: True for a place-up.
+        robot: the registered robot that carries the tool.
     """
-    top = _top(item)
+    frames, top = tool_shape(robot).frames, _top(item)
     contact = side_contact_pose(top, item.brick, press)
     for attack in (1, -1):
         if up:
-            targets = place_up_targets(_FRAMES, contact, attack=attack)
+            targets = place_up_targets(frames, contact, attack=attack)
             way, goal = targets.subgoals[1:3], contact
         else:
-            targets = place_down_targets(_FRAMES, item.brick, top, press, attack=attack)
+            targets = place_down_targets(frames, item.brick, top, press, attack=attack)
             way, goal = targets.subgoals[:2], targets.subgoals[2].pose
         if blocking(_moved(item, goal, way), others) is None:
             return attack
@@ -233,10 +204,10 @@ def _above(item: PlacedBrick) -> Array:
     return box[None]
 
 
-def _below_lever(item: PlacedBrick, press: Press) -> Array:
+def _below_lever(tool: ToolShape, item: PlacedBrick, press: Press) -> Array:
     """Return the room of the knobs that the tool's wall would stand on beside a plate."""
     grip = grip_pose(_top(item), item.brick, press)
-    wall = np.add(_LEVER, [[0.0, 0.0, LEVER_WALL], [0.0, 0.0, STUD_HEIGHT]])
+    wall = np.add(tool.lever_end, [[0.0, 0.0, 0.0], [0.0, 0.0, STUD_HEIGHT]])
     corners = wall @ grip[:3, :3].T + grip[:3, 3]
     return np.stack([corners.min(axis=0), corners.max(axis=0)])[None]
 
@@ -252,18 +223,12 @@ def _moved(item: PlacedBrick, goal: Transform, way: Iterable[Subgoal]) -> Array:
     return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])[None]
 
 
-def _tool_boxes(subgoals: Sequence[Subgoal]) -> Array:
+def _tool_boxes(tool: ToolShape, subgoals: Sequence[Subgoal]) -> Array:
     """Return boxes along the plate's axes around the tool at each subgoal, (k, 2, 3) [m]."""
-    low, high = _SLICES[:, 0], _SLICES[:, 1]
-    middle, half = (low + high) / 2, (high - low) / 2
-    out = []
-    for pose in map(_tool_pose, subgoals):
-        centre = middle @ pose[:3, :3].T + pose[:3, 3]
-        reach = half @ np.abs(pose[:3, :3]).T
-        out.append(np.stack([centre - reach, centre + reach], axis=1))
-    return np.concatenate(out)
+    return np.concatenate([tool.boxes_at(_tool_pose(tool, s)) for s in subgoals])
 
 
-def _tool_pose(subgoal: Subgoal) -> Transform:
+def _tool_pose(tool: ToolShape, subgoal: Subgoal) -> Transform:
     """Return the pose of the frame ``"tool"`` at a subgoal."""
-    return subgoal.pose @ inverse(_FRAMES[subgoal.frame]) @ _FRAMES["tool"]
+    frames = tool.frames
+    return subgoal.pose @ inverse(frames[subgoal.frame]) @ frames["tool"]

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
 from planning.cell.workcell import CellObject
+from planning.geometry.robot_bodies import entity
 from planning.kinematics.kinematics import frame_pose
 from planning.lego.bricks.assembly import BrickType, Cell
 from planning.lego.bricks.brick_world import BrickWorld, press_of
@@ -17,7 +18,7 @@ from planning.lego.skills.candidates import LegoCandidates
 from planning.lego.skills.handovers import HandoverOption
 from planning.lego.skills.options import SkillOption
 from planning.lego.skills.support import supported_span
-from planning.skills.contacts import gripped
+from planning.skills.contacts import gripped, touching
 from planning.skills.joint_paths import Obstruction, SkillPath
 from planning.skills.step_builder import StepBuilder
 from planning.tasks.assignment import TaskPlan
@@ -130,13 +131,13 @@ class _Expander:
         place, support = self._cooperation()
         picked = self._pick(robot)
         held = 0 if support is None else self._support(support)
-        build.lead_in(place, f"{self.brick} to its place", self.brick)
+        build.lead_in(place.path, f"{self.brick} to its place", self.brick)
         placed = self._place(place, f"place {self.brick}")
         carrying = build.of_robot(robot, picked, placed)
         build.allow(gripped(robot, self.brick), *carrying)
         self._home(robot)
         if support is not None:
-            self._retract(support, held, placed)
+            self._retract(support.path, held, placed)
 
     def place_up(self) -> None:
         """Write pick, handover, support from above, place from below, and the ways back."""
@@ -168,27 +169,28 @@ class _Expander:
             receiver, handover.pre_receive, f"take {self.brick}", self.brick
         )
         build.depend(given, taken)
-        build.lead_in(place, f"{self.brick} to its place", self.brick)
+        build.lead_in(place.path, f"{self.brick} to its place", self.brick)
         held = self._support(support)
         placed = self._place(place, f"place {self.brick} from below")
         carrying = build.of_robot(receiver, taken, placed)
         build.allow(gripped(receiver, self.brick), ready, given, *carrying)
         self._home(receiver)
-        self._retract(support, held, placed)
+        self._retract(support.path, held, placed)
 
-    def _cooperation(self) -> tuple[SkillPath, SkillPath | None]:
+    def _cooperation(self) -> tuple[SkillOption, SkillOption | None]:
         """Return the place beside the support, and the support if there is one."""
         robot, step, grasp = self.choice.robot, self.choice.step, self.choice.grasp
         by = self.choice.support
         if by is None:
-            return _path(self.skills.place(robot, step, grasp, None)), None
-        place = _path(self.skills.place(robot, step, grasp, by))
-        return place, _path(self.skills.support(by.robot, step, by.pose))
+            return _option(self.skills.place(robot, step, grasp, None)), None
+        place = _option(self.skills.place(robot, step, grasp, by))
+        return place, _option(self.skills.support(by.robot, step, by.pose))
 
     def _pick(self, robot: str) -> int:
         """Write transit, pick and the way HOME; return the pick."""
         build, brick = self.builder, self.brick
-        path = _path(self.skills.pick(robot, self.choice.object, self.choice.grasp))
+        option = _option(self.skills.pick(robot, self.choice.object, self.choice.grasp))
+        path = option.path
         build.lead_in(path, f"to {brick}", None)
         start = self.world.stock_at_rest[self.choice.object][1].pose
         held = inverse(self._flange(robot, path.contact)) @ start
@@ -199,16 +201,18 @@ class _Expander:
         if self.refill is not None:
             beside.pop(self.refill.name)
         self._allow_at_rest(picked, robot, cell, start, beside)
+        self._allow_touched(picked, option)
         self._home(robot, brick)
         return picked
 
-    def _place(self, path: SkillPath, label: str) -> int:
+    def _place(self, option: SkillOption, label: str) -> int:
         """Write the place itself; return it."""
-        goal = self.world.goal(self.choice.step)[1].pose
+        goal, path = self.world.goal(self.choice.step)[1].pose, option.path
         placed = self.builder.skill(path, label, self.brick, None, goal)
         cell = self.work.cell
         others = self._standing_near(occupied_span(cell, self.work.brick))
         self._allow_at_rest(placed, path.robot, cell, goal, others)
+        self._allow_touched(placed, option)
         return placed
 
     def _allow_at_rest(
@@ -220,10 +224,22 @@ class _Expander:
         pairs = contacts_at_rest(robot, self.brick, seat, press, others, fixtures)
         self.builder.allow(pairs, task)
 
-    def _support(self, path: SkillPath) -> int:
+    def _allow_touched(self, task: int, option: SkillOption) -> None:
+        """Allow what the tool grazes or leans on in a skill, as far as it is there by then."""
+        build, tool = self.builder, entity(option.path.robot, "tool")
+        later, brick = self.world.goal_numbers, (self.work.cell, self.work.brick)
+        for known, leans in option.touched.items():
+            if later.get(known, 0) < build.step:
+                allow = build.allow if leans else build.graze
+                allow(touching(tool, self._standing({known: brick})), task)
+
+    def _support(self, option: SkillOption) -> int:
         """Write transit and support; return the support."""
-        self.builder.lead_in(path, "to its support", None)
-        return self.builder.skill(path, f"support step {self.choice.step}", None)
+        self.builder.lead_in(option.path, "to its support", None)
+        label = f"support step {self.choice.step}"
+        held = self.builder.skill(option.path, label, None)
+        self._allow_touched(held, option)
+        return held
 
     def _retract(self, path: SkillPath, held: int, placed: int) -> None:
         """Write the supporting robot's way back, once the brick is placed."""
@@ -253,6 +269,6 @@ class _Expander:
         return frame_pose(self.world.cell.robot(robot), q)
 
 
-def _path(found: SkillOption | Obstruction) -> SkillPath:
+def _option(found: SkillOption | Obstruction) -> SkillOption:
     assert isinstance(found, SkillOption), found
-    return found.path
+    return found

@@ -205,7 +205,7 @@ class HandoverOptions:
         )
         targets = handover_targets(frames, kind, top, press, twist=twist)
         found = resolve_skill(giver, targets, scene)
-        return found if isinstance(found, Obstruction) else (found[0], top)
+        return found if isinstance(found, Obstruction) else (found.path, top)
 
 
 def _receiver_clash(

@@ -7,7 +7,7 @@ the robot, the step and the grip (the place): their product is never checked pai
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from itertools import product
 
@@ -22,7 +22,12 @@ from planning.lego.bricks.brick_world import (
 )
 from planning.lego.bricks.grid import occupied_span
 from planning.lego.bricks.grips import grip_pose, side_contact_pose
-from planning.lego.skills.allowed_contacts import contacts_at_rest, supporting
+from planning.lego.skills.allowed_contacts import (
+    PRESSED,
+    contacts_at_rest,
+    leaned_on,
+    supporting,
+)
 from planning.lego.skills.support import (
     support_bottom_targets,
     support_top_targets,
@@ -36,7 +41,13 @@ from planning.lego.skills.targets import (
     place_down_targets,
     place_up_targets,
 )
-from planning.skills.contacts import NOTHING, Pairs, SkillContacts, gripped
+from planning.skills.contacts import (
+    NOTHING,
+    Pairs,
+    SkillContacts,
+    ToolContact,
+    gripped,
+)
 from planning.skills.joint_paths import Obstruction, SkillPath
 from planning.skills.subgoals import SkillTargets, Subgoal
 from planning.skills.surroundings import SkillScene, resolve_skill
@@ -56,11 +67,13 @@ class SkillOption:
         after: stock bricks that stand in the way until they have been used.
         latest: last step at which it is possible, because a later brick is in the way; None
             when none is.
+        touched: bricks that the tool grazes, False, or leans on, True.
     """
 
     path: SkillPath
     after: frozenset[str] = frozenset()
     latest: int | None = None
+    touched: Mapping[str, bool] = field(default_factory=dict)
 
 
 Found = SkillOption | Obstruction
@@ -83,6 +96,7 @@ class SkillOptions:
 
     def __init__(self, world: BrickWorld) -> None:
         self.world = world
+        self._tool = ToolContact(world.cell.clearances.contact_tolerance, PRESSED)
         self.home: dict[str, Array] = {r.name: r.home for r in world.cell.robots}
         self.pick: Callable[[str, str, int], Found] = cache(self._pick)
         self.place: Callable[[str, int, int, SupportCandidate | None], Found] = cache(
@@ -113,10 +127,23 @@ class SkillOptions:
             (stock, Attachment(robot, held)),
             self._refill(stock),
             world.all_standing.without([*above, stock]),
+            ToolContact(
+                world.cell.clearances.contact_tolerance,
+                PRESSED,
+                leaned_on(item.cell, item.brick, world.stock_around(stock)),
+            ),
         )
         loose = self._loose_in_picks - above - {stock}
-        targets = self.pick_targets(robot, stock, grasp)
-        option = self._resolve(robot, targets, scene, loose)
+        option = self._resolve(
+            robot, self.pick_targets(robot, stock, grasp), scene, loose
+        )
+        if _blocked(option):
+            targets = self.pick_targets(robot, stock, grasp, by_halves=True)
+            other = self._resolve(robot, targets, scene, loose)
+            if isinstance(other, SkillOption) and (
+                isinstance(option, Obstruction) or len(other.after) < len(option.after)
+            ):
+                option = other
         if isinstance(option, Obstruction):
             return option
         return replace(option, after=option.after | above)
@@ -128,8 +155,10 @@ class SkillOptions:
         item, at = self.world.stock_at_rest[stock]
         return replace(item, name=f"the next brick of {stock}"), at
 
-    def pick_targets(self, robot: str, stock: str, grasp: int) -> SkillTargets:
-        """Return the subgoals of picking a stock brick with a grip."""
+    def pick_targets(
+        self, robot: str, stock: str, grasp: int, *, by_halves: bool = False
+    ) -> SkillTargets:
+        """Return the subgoals of picking a stock brick with a grip, its twist by halves or not."""
         world = self.world
         return pick_targets(
             world.frames(robot),
@@ -137,6 +166,7 @@ class SkillOptions:
             world.start_top(stock),
             press_of(grasp),
             twist=world.assembly.twist["pick"],
+            by_halves=by_halves,
         )
 
     def place_targets(
@@ -222,6 +252,7 @@ class SkillOptions:
             SkillContacts(gripped(robot, name), touching, NOTHING),
             (name, at_goal),
             standing=world.standing(step),
+            tool=self._tool,
         )
         attacks = [work.attack]
         if grasp_number(work.press or press_of(grasp)) != grasp or not work.press:
@@ -261,8 +292,9 @@ class SkillOptions:
             return Obstruction("the step does not say where to support")
         held = self.supported(robot, step, choice)
         contacts = SkillContacts(NOTHING, held, held)
+        standing = world.standing(step)
         scene = SkillScene(
-            world.cell, {}, self.home, contacts, standing=world.standing(step)
+            world.cell, {}, self.home, contacts, standing=standing, tool=self._tool
         )
         return _first_option(
             self._resolve(robot, _drawn_back(targets, back), scene, world.loose_stock)
@@ -283,14 +315,20 @@ class SkillOptions:
         found = resolve_skill(placed, targets, scene, loose)
         if isinstance(found, Obstruction):
             return found
-        path, gone = found
+        gone = found.gone
         if not gone:
-            return SkillOption(path)
+            return SkillOption(found.path, touched=found.touched)
         steps = range(1, len(self.world.assembly.steps) + 1)
         latest = min((k for k in steps if goal_name(k) in gone), default=None)
-        return SkillOption(
-            path, frozenset(gone).difference(map(goal_name, steps)), latest
-        )
+        after = frozenset(gone).difference(map(goal_name, steps))
+        return SkillOption(found.path, after, latest, found.touched)
+
+
+def _blocked(found: Found) -> bool:
+    """Tell whether things are in the way of a skill, for good or until they are gone."""
+    if isinstance(found, Obstruction):
+        return found.by is not None
+    return bool(found.after)
 
 
 def _first_option(tried: Iterable[Found]) -> Found:

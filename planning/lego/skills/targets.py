@@ -43,6 +43,7 @@ def pick_targets(
     press: Press,
     *,
     twist: float = DEFAULT_TWIST["pick"],
+    by_halves: bool = False,
 ) -> SkillTargets:
     """Return the subgoals of picking a brick up: approach, above, attach, twist, leave.
 
@@ -52,16 +53,23 @@ def pick_targets(
         top: pose of the centre of its top face in the world.
         press: the grip.
         twist: angle of the twist that loosens it [rad].
+        by_halves: whether half way through the twist is a subgoal of its own: joints turning
+            evenly lean the tool further over what stands beside the brick.
     """
     grip = grip_pose(top, brick, press)
     # The twist is about the bottom edge of a brick; that of a plate is nearer to the tool.
     nearer = LAYER_HEIGHT - brick_height(brick)
     axis = _via(frames, grip, "tool", "disassemble") @ translation(0.0, 0.0, -nearer)
-    turned = axis @ rotation("y", twist) @ translation(0.0, 0.0, nearer)
+    half, turned = (
+        axis @ rotation("y", angle) @ translation(0.0, 0.0, nearer)
+        for angle in (twist / 2, twist)
+    )
+    between = (Subgoal("half twist", "disassemble", half),) if by_halves else ()
     subgoals = (
         Subgoal("approach", "tool", grip @ translation(-0.005, 0.005, -0.0056)),
         Subgoal("above", "tool", grip @ translation(0.0, 0.0, -0.0028)),
         Subgoal("attach", "tool", grip),
+        *between,
         Subgoal("twist", "disassemble", turned),
         Subgoal("leave", "disassemble", _lifted(turned)),
     )

@@ -206,6 +206,37 @@ def test_the_result_is_plain_and_survives_json(folder: Path) -> None:
     assert json.loads(json.dumps(scenario)) == scenario
 
 
+def test_grips_that_contradict_themselves_are_named_and_either_is_taken(
+    folder: Path,
+) -> None:
+    """A 2x4 at [4, 5, 1]: side 4 and offset 2 are the cell [5, 7, 2], side 3 and 0 [4, 5, 2]."""
+    place = {"press_x": 5, "press_y": 7, "press_z": 2, "press_ori": 0}
+    for given, cell, expected, words in (
+        ((4, 2), place, None, None),
+        ((1, 0), place, (4, 2), "side 4 and offset 2"),
+        ((1, 0), {**place, "press_x": 6}, None, "no place on an edge"),
+    ):
+        step = {**STEP, "press_side": given[0], "press_offset": given[1], **cell}
+        write(folder / TASK, {"1": step})
+        for source, taken in (("side", given), ("cell", expected or given)):
+            notes: list[str] = []
+            (step,) = import_apex_mr(
+                folder, "shed", press_from=source, note=notes.append
+            )["assembly"]["steps"]
+            assert (step["press"]["side"], step["press"]["offset"]) == taken
+            found = [line for line in notes if "press" in line]
+            assert len(found) == (words is not None)
+            assert all("shed.json: 1" in line and str(words) in line for line in found)
+
+
+def test_a_contact_cell_alone_is_a_grip(folder: Path) -> None:
+    step = {k: v for k, v in STEP.items() if k != "press_side"}
+    cell = {"press_x": 4, "press_y": 8, "press_z": 2, "press_ori": 1}
+    write(folder / TASK, {"1": {**step, **cell}})
+    (found,) = import_apex_mr(folder, "shed")["assembly"]["steps"]
+    assert found["press"] == {"side": 2, "offset": 0}
+
+
 def test_an_unknown_task_lists_those_there_are(folder: Path) -> None:
     assert available_tasks(folder) == ("shed",)
     with pytest.raises(ScenarioError, match="no published task 'barn'") as caught:

@@ -1,4 +1,4 @@
-"""The meshes of our own robots: lattice girders of the tower crane, and the tool cone of the GP4.
+"""The meshes of our own robots: lattice girders of the tower crane, and the tools of the GP4.
 
 ``python -m tests.planning.robots.drawn_meshes`` writes the committed meshes anew.
 """
@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from planning.robots.load_urdf import frustum
 from planning.transforms import Array
@@ -105,19 +106,56 @@ def _bar(first: Array, second: Array, thickness: float) -> Array:
     )
 
 
+_DRAWN = "metres, axis z; tests/planning/robots/drawn_meshes.py"
+
+
 def cone_obj() -> str:
-    """Return the tool cone (radius 39 mm to 11 mm over 34 mm) as Wavefront OBJ text."""
-    sides = 24
-    corners = frustum(0.039, 0.011, 0.0, 0.034, sides)
-    lines = [
-        "# cone of the GP4's tool: metres, axis z; tests/planning/robots/drawn_meshes.py"
+    """Return the cone of the dual-arm tool as Wavefront OBJ text.
+
+    Its radius goes from 38.6 mm to 6.6 mm over 33.9 mm: a twentieth of a millimetre around all
+    that was measured.
+    """
+    corners = frustum(0.0386, 0.0066, 0.0, 0.0339)
+    return convex_obj(corners, f"cone of the GP4's dual-arm tool: {_DRAWN}")
+
+
+def lever_obj() -> str:
+    """Return the tapering root of the dual-arm tool's lever, up to 1.5 mm beyond its grip plane."""
+    profile = ((-8.0, 0.0), (-5.2, 1.5), (0.0, 1.5), (0.0, 0.0))
+    corners = [(x, y, z) for x, z in profile for y in (-8.0, 8.0)]
+    return convex_obj(
+        np.array(corners) / 1e3, f"lever of the GP4's dual-arm tool: {_DRAWN}"
+    )
+
+
+def slim_body_obj() -> str:
+    """Return the body of the slim tool: eight sides, tapering to the tip from 38 mm on.
+
+    It is 11.2 mm from the axis on four sides and 14.2 mm on the four between them.
+    """
+    near, far = 11.2, 14.2 * np.sqrt(2.0) - 11.2
+    ring = [
+        (sx * x, sy * y)
+        for x, y in ((near, far), (far, near))
+        for sx in (-1.0, 1.0)
+        for sy in (-1.0, 1.0)
     ]
+    tip = [(x, y, 40.0) for x in (-9.9, 8.0) for y in (-8.0, 8.0)]
+    corners = np.array([*((x, y, z) for x, y in ring for z in (10.1, 38.0)), *tip])
+    corners[:, 2] -= 10.1
+    return convex_obj(corners / 1e3, f"body of the GP4's slim tool: {_DRAWN}")
+
+
+def convex_obj(corners: Array, title: str) -> str:
+    """Return a convex body as Wavefront OBJ text, its faces counter-clockwise from outside."""
+    hull = ConvexHull(corners)
+    lines = [f"# {title}"]
     lines += [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in corners]
-    for k in range(sides):
-        a, b = k + 1, (k + 1) % sides + 1
-        lines += [f"f {a} {b} {b + sides}", f"f {a} {b + sides} {a + sides}"]
-    for k in range(2, sides):
-        lines += [f"f 1 {k + 1} {k}", f"f {sides + 1} {sides + k} {sides + k + 1}"]
+    for face, plane in zip(hull.simplices, hull.equations, strict=True):
+        a, b, c = corners[face]
+        turned = np.cross(b - a, c - a) @ plane[:3] < 0.0
+        i, j, k = face[::-1] if turned else face
+        lines.append(f"f {i + 1} {j + 1} {k + 1}")
     return "\n".join(lines) + "\n"
 
 
@@ -127,6 +165,8 @@ def own_meshes() -> dict[str, str]:
         "crane_mast.obj": obj_text(mast_struts(0.3, 3.3, 0.16), "mast of the crane"),
         "crane_jib.obj": obj_text(jib_struts(-1.4, 4.2, 0.17, 1.3), "jib of the crane"),
         "tool_cone.obj": cone_obj(),
+        "tool_lever.obj": lever_obj(),
+        "slim_tool_body.obj": slim_body_obj(),
     }
 
 

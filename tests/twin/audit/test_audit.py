@@ -160,6 +160,26 @@ def test_the_same_contact_is_fine_while_the_plan_allows_it_up_to_a_depth(
     assert depth > CONTACT_DEPTH
 
 
+def test_a_tool_that_only_grazes_goes_no_deeper_than_the_tolerance(
+    tmp_path: Path,
+) -> None:
+    cell = two_arm_cell([brick("b1", X, Y)])
+    assert cell.clearances.contact_tolerance == 0.0002
+    grazing = AllowedContact("left/tool", "b1", frozenset([0]), grazing=True)
+    for depth, fine in ((0.00015, True), (0.0006, False)):
+        times, path = down_and_up(CONTACT - depth)
+        run = HandWrittenRun(cell, [grazing])
+        run.move("left", times, path)
+        report = audit_run(run.write(tmp_path))
+        assert (report.violations == ()) == fine
+        assert report.contact_tolerance_m == 0.0002
+        assert report.deepest_graze_m == pytest.approx(depth, abs=5e-5)
+        if not fine:
+            pair, found, _, _ = only(report)
+            assert pair == {"left/tool", "b1"}
+            assert found == pytest.approx(depth, abs=1e-4)
+
+
 @pytest.mark.parametrize(
     "entry",
     [

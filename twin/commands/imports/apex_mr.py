@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from planning.errors import InfeasibleStepError
+from planning.errors import InfeasibleStepError, RequestError
 from twin.commands.imports.options import Output
 from twin.host.guard import guarded
 
@@ -23,36 +23,75 @@ Prescribed = Annotated[
 ]
 
 
+Tool = Annotated[
+    str | None,
+    typer.Option(
+        help="Tool of both arms: dual-arm or slim; by default the first with which some robot can do every step."
+    ),
+]
+PressSource = Annotated[
+    str,
+    typer.Option(
+        "--press-from",
+        help="Where the two ways to give a grip contradict each other: side (press_side, press_offset) or cell (press_x, press_ori).",
+    ),
+]
+
+
 @guarded
 def apex_mr(
-    folder: Folder, task: Task, output: Output, prescribed_stock: Prescribed = False
+    folder: Folder,
+    task: Task,
+    output: Output,
+    prescribed_stock: Prescribed = False,
+    tool: Tool = None,
+    press_from: PressSource = "side",
 ) -> None:
     """Read a task as the authors of APEX-MR publish them."""
     from planning.importers.apex_mr.importer import import_apex_mr
+    from planning.importers.apex_mr.press_contacts import READINGS
     from planning.lego.sequencing.stable_steps import stable_steps
+    from planning.robots.registry import with_tool
     from twin.host.atomic import write_text
     from twin.planning.kind import assembly_kind
     from twin.planning.lego import build_lego
+    from twin.planning.tool_choice import choose_tool
     from twin.scenario.document.text import scenario_text
     from twin.scenario.file import load_scenario
     from twin.scenario.sections.lego import LegoSection
 
+    if press_from not in READINGS:
+        raise RequestError(f"--press-from {press_from}", choices=tuple(READINGS))
+    with_tool("gp4", tool)
     content = import_apex_mr(
         folder,
         task,
         prescribed_stock=prescribed_stock,
-        note=lambda line: typer.echo(f"note: {line}", err=True),
+        press_from=READINGS[press_from],
+        note=_note,
     )
     note = f"Imported from the published APEX-MR task {task!r}."
     write_text(output, scenario_text(content, note))
-    section = load_scenario(output).assembly
+    scenario = load_scenario(output)
+    section = scenario.assembly
     assert isinstance(section, LegoSection)
+    assembly = build_lego(section)
     try:
-        stable_steps(build_lego(section))
+        stable_steps(assembly)
     except InfeasibleStepError as error:
         # They were built as published: rather doubt what is assumed of bricks and presses.
-        typer.echo(f"note: the steps are not checked when planned: {error}", err=True)
+        _note(f"the steps are not checked when planned: {error}")
         content["assembly"]["rules"] = {"check_steps": False}
-        write_text(output, scenario_text(content, note))
-    assembly = assembly_kind(section)
-    typer.echo(f"{output}: {assembly.steps()} steps, {assembly.supply()}")
+    if tool is None:
+        choice = choose_tool(scenario, assembly, output.parent)
+        tool = choice.tool
+        typer.echo(choice.words)
+    for robot in content["cell"]["robots"]:
+        robot["tool"] = tool
+    write_text(output, scenario_text(content, note))
+    kind = assembly_kind(section)
+    typer.echo(f"{output}: {kind.steps()} steps, {kind.supply()}")
+
+
+def _note(line: str) -> None:
+    typer.echo(f"note: {line}", err=True)

@@ -37,11 +37,14 @@ class RobotSection(Section):
         home_deg: HOME of a robot with revolute joints only [deg]; default: the model's.
         home_rad_or_m: HOME of any robot, joint by joint [rad or m].
         parked: where a mobile robot stands at HOME; its arm is as in the model's HOME.
+        tool: one of the tools that the model comes with, such as slim for a gp4; default: the
+            one that the model names.
         frames: tool frames, each a pose in the flange frame; they replace the model's.
     """
 
     name: Name
     model: Annotated[str, Field(min_length=1, max_length=4096)]
+    tool: Name | None = None
     base: PoseSection = PoseSection(xyz_m=(0.0, 0.0, 0.0))
     home_deg: Configuration | None = None
     home_rad_or_m: Configuration | None = None
@@ -116,10 +119,18 @@ class FixtureSection(Section):
 
 
 class ClearanceSection(Section):
-    """Least distances kept: between robots with all they carry, and to anything else."""
+    """Least distances kept.
+
+    Attributes:
+        robot_robot_m: between robots with all they carry.
+        robot_object_m: between robots with all they carry and anything else.
+        contact_tolerance_m: how deep a tool may graze a brick at rest within a LEGO skill; the
+            default is the gap between neighbouring bricks, 0.1 mm on each side.
+    """
 
     robot_robot_m: Annotated[float, Field(ge=0, le=1)] = 0.001
     robot_object_m: Annotated[float, Field(ge=0, le=1)] = 0.0
+    contact_tolerance_m: Annotated[float, Field(ge=0, le=0.002)] = 0.0002
 
 
 class CellSection(Section):
