@@ -18,10 +18,7 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.object_spans import Node, handlings_in_order
 from scheduling.conflicts.occupancy import Occupancy
 from scheduling.graph.task_edges import dependency_edges, task_nodes
-
-Stair = tuple[Indices, Indices]
-"""Nodes of the later task, counted from its first one, and for each the node of the earlier
-task that must be complete before it."""
+from scheduling.ordering.contents import Contents, KnownConflicts, Stair
 
 _Key = tuple[object, ...]
 """Cache key of an obstacle."""
@@ -32,6 +29,7 @@ class TaskRelations:
 
     Args:
         graph: its edges are not looked at.
+        known: what was found for other graphs of the same cell; what is found here is added.
 
     Attributes:
         graph: the graph.
@@ -41,7 +39,7 @@ class TaskRelations:
         left_by, taken_by: numbers of the rests that begin in a unit, and that end in one.
     """
 
-    def __init__(self, graph: DerivedTpg) -> None:
+    def __init__(self, graph: DerivedTpg, known: KnownConflicts | None = None) -> None:
         self.graph = graph
         by_chain = task_nodes(graph.tpg.chains)
         self.units = list(joined.from_iterable(by_chain))
@@ -59,6 +57,8 @@ class TaskRelations:
         self._occupancies: dict[_Key, Occupancy] = {}
         self._stairs: dict[tuple[int, int], Stair | None] = {}
         self._clear: dict[tuple[_Key, int], bool] = {}
+        self._known = known
+        self._contents = Contents(graph, self.units)
 
     def unit_of(self, node: Node) -> int:
         """Return the unit that a node (chain, index) belongs to."""
@@ -74,14 +74,23 @@ class TaskRelations:
         """
         key = (earlier, later)
         if key not in self._stairs:
-            a, b = self._unit(later), self._unit(earlier)
-            stairs: list[tuple[int, int]] = []
-            for v, u in sorted(self.graph.conflicts(a, b, *_all_nodes(a, b))):
-                if not stairs or u > stairs[-1][1]:
-                    stairs.append((v, u))
-            rows = np.array(stairs, dtype=np.int64).reshape(-1, 2)
-            self._stairs[key] = (rows[:, 0], rows[:, 1]) if stairs else None
+            if self._known is None:
+                self._stairs[key] = self._find_stairs(earlier, later)
+            else:
+                pair = self._contents.pair(("unit", earlier), later)
+                if pair not in self._known.stairs:
+                    self._known.stairs[pair] = self._find_stairs(earlier, later)
+                self._stairs[key] = self._known.stairs[pair]
         return self._stairs[key]
+
+    def _find_stairs(self, earlier: int, later: int) -> Stair | None:
+        a, b = self._unit(later), self._unit(earlier)
+        stairs: list[tuple[int, int]] = []
+        for v, u in sorted(self.graph.conflicts(a, b, *_all_nodes(a, b))):
+            if not stairs or u > stairs[-1][1]:
+                stairs.append((v, u))
+        rows = np.array(stairs, dtype=np.int64).reshape(-1, 2)
+        return (rows[:, 0], rows[:, 1]) if stairs else None
 
     def sweeps_clear(self, first: int, second: int) -> bool:
         """Tell whether two units of different robots keep clear at any times."""
@@ -125,10 +134,20 @@ class TaskRelations:
     def _clear_of(self, key: _Key, make: Callable[[], Occupancy], unit: int) -> bool:
         """Tell whether a unit keeps clear of what the key stands for, which is made if need be."""
         if (key, unit) not in self._clear:
-            a, b = self._kept(key, make), self._unit(unit)
-            found = self.graph.first_conflict(a, b, *_all_nodes(a, b))
-            self._clear[key, unit] = found is None
+            self._clear[key, unit] = self._find_clear(key, make, unit)
         return self._clear[key, unit]
+
+    def _find_clear(self, key: _Key, make: Callable[[], Occupancy], unit: int) -> bool:
+        pair = None
+        if self._known is not None:
+            pair = self._contents.pair(key, unit)
+            if pair in self._known.clear:
+                return self._known.clear[pair]
+        a, b = self._kept(key, make), self._unit(unit)
+        clear = self.graph.first_conflict(a, b, *_all_nodes(a, b)) is None
+        if self._known is not None and pair is not None:
+            self._known.clear[pair] = clear
+        return clear
 
     def _prerequisites(self) -> list[set[int]]:
         """Return what tasks depend on, and who had each object before."""

@@ -65,6 +65,9 @@ _FEWEST = 500
 _SMOOTHING = 40
 """Tries to smooth a run, or a part of one, as a whole."""
 
+_QUICK = 8
+"""Most candidates for each run in a quick look ahead."""
+
 _PASSES = 2
 """How often each run is smoothed as a whole."""
 
@@ -118,6 +121,26 @@ def shorten_tpg(
     return shortened
 
 
+def smooth_runs(
+    tpg: TemporalPlanGraph,
+    speeds: Mapping[str, SpeedModel],
+    *,
+    step: float,
+    seed: int = 0,
+) -> DerivedTpg:
+    """Return a graph with the runs that matter smoothed as a whole, once: a quick look ahead.
+
+    It has not been checked as ``shorten_tpg`` does, whose arguments these are.
+    """
+    board = Board(tpg, speeds, step, passes=1)
+    rng = np.random.default_rng(seed)
+    for _ in range(_QUICK * len(board.spans)):
+        if board.searched:
+            break
+        board.step(rng)
+    return board.graph
+
+
 Candidate = tuple[int, int, int, Array]
 """A span, the nodes of it to replace, and the path that takes their place."""
 
@@ -129,6 +152,7 @@ class Board:
         tpg: the graph.
         speeds: speed model of each robot.
         step: longest time between pose nodes [s].
+        passes: how often each run is smoothed as a whole.
 
     Attributes:
         graph: as it is now.
@@ -137,7 +161,12 @@ class Board:
     """
 
     def __init__(
-        self, tpg: TemporalPlanGraph, speeds: Mapping[str, SpeedModel], step: float
+        self,
+        tpg: TemporalPlanGraph,
+        speeds: Mapping[str, SpeedModel],
+        step: float,
+        *,
+        passes: int = _PASSES,
     ) -> None:
         self.graph = DerivedTpg(tpg)
         self.spans = find_spans(self.graph)
@@ -152,7 +181,7 @@ class Board:
         self._least = max(_GAIN, _LEAST * self.makespan)
         self._tried: set[int] = set()
         self._smoothing = False
-        self._passes = _PASSES
+        self._passes = passes
         self._parts: list[tuple[int, int, int]] = []
         self._excess = np.array([self._span_excess(k) for k in range(len(self.spans))])
         self._critical = self._find_critical()

@@ -13,6 +13,14 @@ ScenarioFile = Annotated[
 Seed = Annotated[
     int | None, typer.Option(min=0, help="Seed, in place of the scenario's.")
 ]
+Improve = Annotated[
+    float | None,
+    typer.Option(
+        min=0,
+        help="Seconds to search for better robots, objects, grips and supports, in place of the"
+        " scenario's; what is found depends on the machine.",
+    ),
+]
 Shortcuts = Annotated[
     int | None,
     typer.Option(

@@ -11,6 +11,7 @@ from planning.errors import RequestError, ScenarioError
 from twin.commands.options import (
     AsJson,
     AuditEngine,
+    Improve,
     Out,
     Quiet,
     ScenarioFile,
@@ -92,6 +93,7 @@ def run(
     policy: PolicyName = None,
     stalls: Stalls = None,
     shortcuts: Shortcuts = None,
+    improve: Improve = None,
     robots: Robots = None,
     settings: Settings = None,
     audit: Audit = True,
@@ -114,7 +116,7 @@ def run(
     given = {"policy": policy, "stalls.count_per_robot": stalls}
     variant = {key: value for key, value in given.items() if value is not None}
     variant |= _values(settings or [])
-    chosen, document = _chosen(scenario, seed, shortcuts, robots, variant)
+    chosen, document = _chosen(scenario, seed, (shortcuts, improve), robots, variant)
     silent = quiet or as_json
     with (
         StageDisplay(enabled=not silent) as progress,
@@ -175,7 +177,7 @@ def _values(settings: list[str]) -> dict[str, Any]:
 def _chosen(
     path: Path,
     seed: int | None,
-    shortcuts: int | None,
+    planning: tuple[int | None, float | None],
     robots: int | None,
     variant: Variant,
 ) -> tuple[Scenario, YamlDocument]:
@@ -195,8 +197,11 @@ def _chosen(
         choose_robots(content["cell"], robots)
     if seed is not None:
         content["seed"] = seed
+    shortcuts, improve = planning
     if shortcuts is not None:
         content["planning"]["shortcut_candidates"] = shortcuts
+    if improve is not None:
+        content["planning"]["improve_s"] = improve
     assign_variant(content, variant)
     chosen = restored(content)
     # Names of robots and files of times are looked at now, not after planning.

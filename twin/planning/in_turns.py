@@ -43,4 +43,4 @@ def plan_in_turns(
         motion_plan = plan_sequential(
             cell, steps.callables(), work.link, settings, watch.reporter(MOTION)
         )
-    return PlannedMotions(cell, assembly, steps.plan, motion_plan, settings)
+    return PlannedMotions(cell, assembly, steps.plan, motion_plan, settings, work=work)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from planning.motion.motion_plan import MotionPlan
     from planning.motion.sequential import MotionSettings
     from planning.tasks.assignment import TaskPlan
+    from planning.tasks.work import AssemblyWork
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class PlannedMotions:
         task_plan: who does what; empty where that is decided along with the motions.
         motion_plan: how everyone moves.
         settings: how tasks were turned into motions.
+        work: what task and motion plan were made from, where others can be made from it.
     """
 
     cell: Workcell
@@ -37,6 +39,7 @@ class PlannedMotions:
     task_plan: TaskPlan
     motion_plan: MotionPlan
     settings: MotionSettings
+    work: AssemblyWork | None = field(default=None, kw_only=True)
 
 
 class AssemblyKind(Protocol):

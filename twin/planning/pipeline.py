@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.errors import ScenarioError
+from planning.errors import PlanInvariantError, ScenarioError
 from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import JointSpeed, L1Speed, SpeedModel
@@ -17,6 +17,7 @@ from planning.motion.transit import RrtConnect
 from planning.transforms import Indices
 from scheduling.build_nodes import build_nodes
 from scheduling.build_tpg import build_tpg
+from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.ordering.reordering import reorder_tasks
 from scheduling.ordering.synchronous import (
@@ -38,7 +39,7 @@ from twin.run.policies import (
 from twin.scenario.sections.scenario import Scenario
 
 SLOTS, ORDER = "who moves at once", "what waits for what"
-SHORTCUTS = "shortcuts"
+SHORTCUTS, IMPROVEMENT = "shortcuts", "better choices"
 """Names of the stages for progress displays."""
 
 CANDIDATES_PER_STEP, FEWEST_CANDIDATES = 150, 5000
@@ -84,7 +85,25 @@ def plan_scenario(
         PlanInvariantError: the plan breaks a guarantee, which is a fault of this program.
     """
     watch = StageWatch(progress)
+    refuse_improvement(scenario)
     first = plan_motions(scenario, folder, watch)
+    planned = _coordinated(scenario, first, watch)
+    if not scenario.planning.improves:
+        return planned
+    better = improved_motions(scenario, first, watch)
+    if better is None:
+        return planned
+    try:
+        other = _coordinated(scenario, better, watch)
+    except PlanInvariantError:
+        return planned
+    return other if nominal_s(other.tpg) < nominal_s(planned.tpg) else planned
+
+
+def _coordinated(
+    scenario: Scenario, first: PlannedMotions, watch: StageWatch
+) -> Planned:
+    """Return planned motions with their graph, ordered and shortened as the scenario says."""
     motion_plan, slots, turns = first.motion_plan, None, None
     variant = AT_ONCE if assembly_kind(scenario.assembly).at_once else IN_TURNS
     if scenario.planning.coordination == "synchronous":
@@ -115,6 +134,67 @@ def plan_scenario(
         turns,
         variant,
     )
+
+
+def nominal_s(tpg: TemporalPlanGraph) -> float:
+    """Return the makespan of a graph at nominal durations [s]."""
+    return float(earliest_times(tpg).makespan)
+
+
+def refuse_improvement(scenario: Scenario) -> None:
+    """Refuse to improve what is not chosen step by step, before anything is planned.
+
+    Raises:
+        ScenarioError: says which scenarios can be improved.
+    """
+    section = scenario.planning
+    if not section.improves:
+        return
+    kind = scenario.assembly.kind
+    if kind not in ("lego", "pick-and-place"):
+        raise ScenarioError(
+            f"planning.improve_s and improve_tries search for other robots, objects, grips and"
+            f" supports of steps; a {kind} has none to choose from: leave them out",
+            choices=("lego", "pick-and-place"),
+        )
+    if section.coordination != "sequential":
+        raise ScenarioError(
+            "planning.improve_s and improve_tries judge a plan by its temporal plan graph, not by"
+            " slots: leave them out, or the coordination 'synchronous'"
+        )
+
+
+def improved_motions(
+    scenario: Scenario, first: PlannedMotions, watch: StageWatch
+) -> PlannedMotions | None:
+    """Search for a better task plan; the stage is improve.
+
+    Returns:
+        The motions of the best plan found, None where none is better than the one given.
+    """
+    from scheduling.improvement.rated_plans import PlanRater
+    from scheduling.improvement.search import improve_plan
+
+    if first.work is None:
+        return None
+    section = scenario.planning
+    with watch.stage("improve"):
+        watch.report(IMPROVEMENT, 0, 1)
+        shortcuts = planned_shortcuts(scenario) > 0
+        rater = PlanRater(first.cell, first.work, first.settings, shortcuts=shortcuts)
+        start = rater.rate_motions(first.task_plan, first.motion_plan)
+        best = improve_plan(
+            rater,
+            first.work.problem,
+            start,
+            seconds=section.improve_s,
+            tries=section.improve_tries,
+            seed=scenario.seed,
+            progress=watch.reporter(IMPROVEMENT),
+        )
+    if best is start:
+        return None
+    return replace(first, task_plan=best.task_plan, motion_plan=best.motion_plan)
 
 
 def plan_motions(scenario: Scenario, folder: Path, watch: StageWatch) -> PlannedMotions:

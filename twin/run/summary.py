@@ -100,6 +100,7 @@ _STAGES = {
     "synchronous": "who moves at once",
     "tpg": "what waits for what",
     "shortcut": "shortcuts",
+    "improve": "better choices",
 }
 
 

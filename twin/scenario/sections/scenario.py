@@ -46,6 +46,10 @@ class PlanningSection(Section):
             into slots in which robots move at once.
         shortcut_candidates: most shortcuts tried on the temporal plan graph, after its tasks were
             put into a better order; 0 leaves it as planned, ``auto`` goes by the number of steps.
+        improve_s: how long to search for a better choice of robots, objects, grips and supports
+            [s]; what is found depends on the machine. 0 for no limit where there are tries.
+        improve_tries: most plans tried in that search; on its own, it makes the same plan
+            everywhere. 0 for no limit where there are seconds.
     """
 
     speed_model: Literal["l1", "joint"] = "l1"
@@ -56,6 +60,13 @@ class PlanningSection(Section):
     shortcut_candidates: (
         Annotated[int, Field(ge=0, le=10_000_000)] | Literal["auto"]
     ) = "auto"
+    improve_s: Annotated[float, Field(ge=0, le=1e6)] = 0.0
+    improve_tries: Annotated[int, Field(ge=0, le=1_000_000)] = 0
+
+    @property
+    def improves(self) -> bool:
+        """True if a better plan is searched for."""
+        return self.improve_s > 0 or self.improve_tries > 0
 
 
 class Scenario(Section):

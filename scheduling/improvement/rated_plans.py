@@ -1,0 +1,127 @@
+"""Plans and what they are worth: the makespan of their graphs, in order and past HOME."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from planning.cell.workcell import Workcell
+from planning.errors import PlanInvariantError, TransitError
+from planning.motion.motion_plan import MotionPlan
+from planning.motion.sequential import MotionSettings, plan_sequential
+from planning.tasks.assignment import TaskPlan
+from planning.tasks.work import AssemblyWork, StepExpansions
+from scheduling.build_nodes import build_nodes
+from scheduling.build_tpg import connect_nodes
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.graph.rollout import latest_ends
+from scheduling.ordering.beam_search import TaskOrderSearch
+from scheduling.ordering.contents import KnownConflicts
+from scheduling.ordering.relations import TaskRelations
+from scheduling.ordering.reordering import find_blocks, put_in_order
+from scheduling.shortcuts.shortcutting import smooth_runs
+
+_WIDTH = 8
+"""Orders followed at once; the plan that is found is ordered again with care."""
+
+_TIGHT = 1e-3
+"""The makespan hangs on nodes that could end less than this later [s]."""
+
+
+@dataclass(frozen=True)
+class RatedPlan:
+    """A plan with its motions, and when everyone would be ready.
+
+    Attributes:
+        task_plan: who does what.
+        motion_plan: how everyone moves.
+        by_home_s: makespan of the graph of the best order of its tasks that was found, by way of
+            HOME [s].
+        makespan_s: of that graph with its runs of transits smoothed past HOME [s]; infinite
+            where it was not looked at.
+        critical: steps with tasks that this makespan hangs on.
+    """
+
+    task_plan: TaskPlan
+    motion_plan: MotionPlan
+    by_home_s: float
+    makespan_s: float
+    critical: tuple[int, ...]
+
+
+class PlanRater:
+    """Rates plans of one assembly; how two tasks get on is searched once for all plans.
+
+    Args:
+        cell: where it is built.
+        work: what is built.
+        settings: how tasks are turned into motions.
+        shortcuts: whether paths will be taken past HOME.
+    """
+
+    def __init__(
+        self,
+        cell: Workcell,
+        work: AssemblyWork,
+        settings: MotionSettings,
+        *,
+        shortcuts: bool = True,
+    ) -> None:
+        self._cell, self._work, self._settings = cell, work, settings
+        self._shortcuts = shortcuts
+        self._known = KnownConflicts()
+
+    def rate(self, plan: TaskPlan, worst_s: float = np.inf) -> RatedPlan | None:
+        """Plan the motions of a plan and rate them; None where there are none.
+
+        Args:
+            plan: the plan.
+            worst_s: a plan that takes longer than this by way of HOME is not looked at further.
+        """
+        steps = StepExpansions(self._work, plan)
+        try:
+            motions = plan_sequential(
+                self._cell, steps.callables(), self._work.link, self._settings
+            )
+            return self.rate_motions(steps.plan, motions, worst_s)
+        except (TransitError, PlanInvariantError):
+            return None
+
+    def rate_motions(
+        self, plan: TaskPlan, motions: MotionPlan, worst_s: float = np.inf
+    ) -> RatedPlan:
+        """Rate motions that are planned already, see ``rate``.
+
+        Raises:
+            PlanInvariantError: the order that was found breaks a guarantee.
+        """
+        nodes = build_nodes(motions)
+        relations = TaskRelations(DerivedTpg(nodes), self._known)
+        blocks = find_blocks(nodes.chains, relations)
+        way = TaskOrderSearch(relations, blocks).best_way(_WIDTH)
+        by_home = max(way.clocks, default=0.0)
+        if by_home > worst_s:
+            return RatedPlan(plan, motions, by_home, np.inf, ())
+        order = [blocks[b] for b in way.order()]
+        chains = put_in_order(nodes.chains, relations, order)
+        graph = DerivedTpg(connect_nodes(DerivedTpg(replace(nodes, chains=chains))))
+        if self._shortcuts:
+            speeds, step = self._settings.speeds, self._settings.step
+            seed = self._settings.seed
+            graph = smooth_runs(graph.tpg, speeds, step=step, seed=seed)
+        makespan = float(graph.rollout.makespan)
+        return RatedPlan(plan, motions, by_home, makespan, _critical_steps(graph))
+
+
+def _critical_steps(graph: DerivedTpg) -> tuple[int, ...]:
+    """Return the steps with tasks that the makespan hangs on."""
+    latest = latest_ends(graph.tpg, graph.rollout, flat=graph.flat)
+    step_of = {task.index: task.step for task in graph.tpg.tasks}
+    found: set[int] = set()
+    for chain, end, late in zip(
+        graph.tpg.chains, graph.rollout.end, latest, strict=True
+    ):
+        tasks = np.unique(chain.task[late - end < _TIGHT]).tolist()
+        found |= {step_of[task] for task in tasks}
+    return tuple(sorted(found))

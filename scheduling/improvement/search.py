@@ -1,0 +1,74 @@
+"""Anytime search for a better plan, from the one that the integer program chose.
+
+That program adds up distances; it does not see who waits for whom. Here a plan is worth the
+makespan of its own graph, with its own motions, the best order of its tasks that is found, and
+transits smoothed past HOME. A plan next to the present one is drawn, mostly where the makespan hangs on, and becomes the present
+one unless it is clearly worse than the best so far (record-to-record travel, Dueck 1993).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from planning.tasks.assignment import AssignmentProblem, TaskPlan
+from scheduling.improvement.neighbours import draw_neighbour
+from scheduling.improvement.rated_plans import PlanRater, RatedPlan
+
+_WORSE = 0.005
+"""Share of the best makespan by which a plan may be worse and still be gone on from."""
+
+_FAR = 0.05
+"""Share by which a plan may be worse by way of HOME and still be looked at past HOME."""
+
+_DRAWS = 200
+"""Draws without a plan that is new after which the search ends."""
+
+
+def improve_plan(
+    rater: PlanRater,
+    problem: AssignmentProblem,
+    start: RatedPlan,
+    *,
+    seconds: float,
+    tries: int,
+    seed: int,
+    progress: Callable[[float, float], None] = lambda done, total: None,
+) -> RatedPlan:
+    """Return the best plan found; the given one where none is better.
+
+    Args:
+        rater: rates plans.
+        problem: what the plans are solutions of.
+        start: where to begin.
+        seconds: how long to search; a plan found so depends on the machine. 0 for no limit.
+        tries: most plans rated; 0 for no limit.
+        seed: of the draws.
+        progress: told how much is done, and of how much.
+    """
+    begin = time.monotonic()
+    rng = np.random.default_rng([seed, 7])
+    best = present = start
+    seen: set[TaskPlan] = {start.task_plan}
+    idle = done = 0
+    while (not tries or done < tries) and idle < _DRAWS:
+        spent = time.monotonic() - begin
+        if seconds and spent >= seconds:
+            break
+        drawn = draw_neighbour(problem, present.task_plan, present.critical, rng)
+        if drawn is None or drawn in seen:
+            idle += 1
+            continue
+        idle, done = 0, done + 1
+        seen.add(drawn)
+        progress(done if tries else spent, tries or seconds)
+        rated = rater.rate(drawn, present.by_home_s * (1.0 + _FAR))
+        if rated is None or rated.makespan_s > best.makespan_s * (1.0 + _WORSE):
+            continue
+        present = rated
+        if rated.makespan_s < best.makespan_s - 1e-9:
+            best = rated
+    progress(1, 1)
+    return best

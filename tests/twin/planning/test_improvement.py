@@ -1,0 +1,178 @@
+"""A better choice of robots, objects and grips: rated exactly, never worse, the same everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planning.errors import ScenarioError
+from planning.tasks.assignment import AssignmentProblem, TaskPlan
+from scheduling.improvement.neighbours import draw_neighbour
+from scheduling.improvement.rated_plans import PlanRater, RatedPlan
+from scheduling.improvement.search import improve_plan
+from scheduling.verification.verify import verify_plan
+from twin.host.progress import StageWatch
+from twin.planning.kind import PlannedMotions
+from twin.planning.pipeline import nominal_s, plan_motions, plan_scenario
+from twin.scenario.file import load_scenario
+from twin.scenario.sections.scenario import Scenario
+
+SCENARIO = """\
+version: 1
+name: four
+seed: 3
+cell:
+  robots:
+    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
+    - {name: right, model: gp4, base: {xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}
+  fixtures:
+    - {name: table, size_m: [0.7, 1.2, 0.02], pose: {xyz_m: [0.44, 0, 1.1045]}}
+assembly:
+  kind: lego
+  plate: {pose: {xyz_m: [0.44, 0, 1.1145]}}
+  stock:
+    - {name: left_a, brick: 2x4, at: [2, 30, 1]}
+    - {name: left_b, brick: 2x4, at: [6, 30, 1]}
+    - {name: left_c, brick: 2x4, at: [6, 20, 1]}
+    - {name: right_a, brick: 2x4, at: [44, 30, 1]}
+    - {name: right_b, brick: 2x4, at: [40, 30, 1]}
+    - {name: right_c, brick: 2x4, at: [40, 20, 1]}
+  steps:
+    - {brick: 2x4, at: [23, 15, 1]}
+    - {brick: 2x4, at: [23, 25, 1]}
+    - {brick: 2x4, at: [23, 15, 2]}
+    - {brick: 2x4, at: [23, 25, 2]}
+"""
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
+    file = tmp_path_factory.mktemp("four") / "four.yaml"
+    file.write_text(SCENARIO)
+    return load_scenario(file)
+
+
+@pytest.fixture(scope="module")
+def first(scenario: Scenario) -> PlannedMotions:
+    return plan_motions(scenario, Path(), StageWatch())
+
+
+def _rater(first: PlannedMotions, *, shortcuts: bool) -> PlanRater:
+    assert first.work is not None
+    return PlanRater(first.cell, first.work, first.settings, shortcuts=shortcuts)
+
+
+def _changed(scenario: Scenario, **keys: object) -> Scenario:
+    planning = scenario.planning.model_copy(update=keys)
+    return scenario.model_copy(update={"planning": planning})
+
+
+def _walk(problem: AssignmentProblem, plan: TaskPlan, steps: int) -> list[TaskPlan]:
+    rng = np.random.default_rng(5)
+    plans: list[TaskPlan] = []
+    while len(plans) < steps:
+        drawn = draw_neighbour(problem, plan, (), rng)
+        if drawn is not None:
+            plan = drawn
+            plans.append(plan)
+    return plans
+
+
+def _obeys(problem: AssignmentProblem, plan: TaskPlan) -> bool:
+    """Tell whether a plan keeps (2) to (6) and what stands on what in the stock."""
+    used: list[str] = []
+    for choice in plan.choices:
+        if choice.primary not in problem.primaries:
+            return False
+        if not choice.primary.after <= set(used):
+            return False
+        if (choice.support is None) is problem.needs_support[choice.step - 1]:
+            return False
+        used.append(choice.object)
+    single = [name for name in used if name not in problem.unlimited]
+    return len(single) == len(set(single))
+
+
+def test_what_is_known_of_other_plans_changes_no_rating(first: PlannedMotions) -> None:
+    assert first.work is not None
+    once, twice = (_rater(first, shortcuts=on) for on in (False, True))
+    for plan in _walk(first.work.problem, first.task_plan, 6):
+        assert _obeys(first.work.problem, plan)
+        for rater, shortcuts in ((once, False), (twice, True)):
+            fresh = _rater(first, shortcuts=shortcuts).rate(plan)
+            known = rater.rate(plan)
+            assert (fresh is None) == (known is None)
+            if fresh is None or known is None:
+                continue
+            assert known.by_home_s == fresh.by_home_s
+            assert known.makespan_s == fresh.makespan_s
+            assert known.critical == fresh.critical
+            if not shortcuts:
+                # The graph built from scratch says what the search among orders said.
+                assert known.makespan_s == pytest.approx(known.by_home_s, abs=1e-6)
+
+
+def test_the_same_tries_find_the_same_plan_and_no_worse_one(
+    first: PlannedMotions,
+) -> None:
+    assert first.work is not None
+    problem = first.work.problem
+
+    def search() -> tuple[RatedPlan, RatedPlan]:
+        rater = _rater(first, shortcuts=True)
+        start = rater.rate_motions(first.task_plan, first.motion_plan)
+        best = improve_plan(rater, problem, start, seconds=0, tries=8, seed=1)
+        return start, best
+
+    (start, best), (_, again) = search(), search()
+    assert best.task_plan == again.task_plan
+    assert best.makespan_s == again.makespan_s <= start.makespan_s
+
+
+def test_a_bad_choice_is_mended(first: PlannedMotions) -> None:
+    """From a plan in which one robot does everything, the search comes to one that shares."""
+    assert first.work is not None
+    problem = first.work.problem
+    plan = first.task_plan
+    for step in range(1, 5):
+        plan = _of_robot(problem, plan, step, ("left", "right")[step == 4])
+    rater = _rater(first, shortcuts=False)
+    start = rater.rate(plan)
+    assert start is not None
+    best = improve_plan(rater, problem, start, seconds=0, tries=25, seed=2)
+    assert best.makespan_s < 0.9 * start.makespan_s
+    robots: Sequence[str] = [choice.robot for choice in best.task_plan.choices]
+    assert robots.count("left") == robots.count("right") == 2
+
+
+def _of_robot(
+    problem: AssignmentProblem, plan: TaskPlan, step: int, robot: str
+) -> TaskPlan:
+    from planning.tasks.assignment import alternatives
+
+    if plan[step].robot == robot:
+        return plan
+    ways = alternatives(problem, plan, step)
+    return plan.with_choice(next(way for way in ways if way.robot == robot))
+
+
+def test_an_improved_plan_is_safe_and_no_worse(scenario: Scenario) -> None:
+    plain = plan_scenario(scenario)
+    better = plan_scenario(_changed(scenario, improve_tries=6))
+    assert nominal_s(better.tpg) <= nominal_s(plain.tpg)
+    assert verify_plan(better.tpg).problems == ()
+    assert "improve" in better.planning_s
+    assert "improve" not in plain.planning_s
+
+
+def test_what_cannot_be_improved_is_refused(scenario: Scenario) -> None:
+    slots = _changed(scenario, improve_tries=1, coordination="synchronous")
+    with pytest.raises(ScenarioError, match="not by slots"):
+        plan_scenario(slots)
+    folder = Path(__file__).parents[3] / "scenarios"
+    tower = load_scenario(folder / "construction" / "tower.yaml")
+    with pytest.raises(ScenarioError, match="a construction has none"):
+        plan_scenario(_changed(tower, improve_s=1.0), folder / "construction")
