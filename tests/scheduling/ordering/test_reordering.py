@@ -128,7 +128,7 @@ def test_conflicting_nodes_stay_ordered_and_paths_stay_as_they_are(
         assert v in behind[u] or u in behind[v], (u, v)
 
 
-@pytest.mark.parametrize("seed", [2])
+@pytest.mark.parametrize("seed", [3])
 def test_a_plan_in_another_order_is_proved_safe(seed: int) -> None:
     before = build_tpg(random_turns(seed, 6, gap=0.62))
     tpg = reorder_tasks(before)
