@@ -106,7 +106,8 @@ class _ClearanceCheck:
     Attributes:
         problems: found so far.
         pairs: pairs of pieces looked at.
-        robots, objects: measure between two robots, and between other things.
+        robots, objects, grazing: measure between two robots, between other things, and where a
+            tool only grazes.
     """
 
     def __init__(self, tpg: TemporalPlanGraph, limit: int, progress: Progress) -> None:
@@ -114,10 +115,12 @@ class _ClearanceCheck:
         self.problems: list[Problem] = []
         self.pairs = 0
         self.robots, self.objects = Measuring(), Measuring()
-        self.allowed: dict[frozenset[str], list[frozenset[int]]] = {}
+        self.grazing = Measuring()
+        self.allowed: dict[frozenset[str], list[tuple[frozenset[int], bool]]] = {}
         for contact in tpg.allowed:
             pair = frozenset((contact.first, contact.second))
-            self.allowed.setdefault(pair, []).append(contact.tasks)
+            entry = contact.tasks, contact.grazing
+            self.allowed.setdefault(pair, []).append(entry)
 
     def run(self, precedence: Precedence) -> None:
         """Check all pairs of robots, then every robot against what rests in the world."""
@@ -204,29 +207,40 @@ class _ClearanceCheck:
         measuring: Measuring,
         seen: dict[_Key, Problem],
     ) -> None:
-        """Note what comes too close in some pairs of pieces, unless it may."""
+        """Note what comes too close in some pairs of pieces, unless it may.
+
+        What may graze is held to the contact tolerance.
+        """
         a, b = sides
         entities = a.motion.part.entity, b.motion.part.entity
         if entities[0] == entities[1]:
             return
         left = np.ones(len(pairs[0]), dtype=np.bool_)
-        for tasks in self.allowed.get(frozenset(entities), ()):
-            left &= ~(a.in_tasks(pairs[0], tasks) & b.in_tasks(pairs[1], tasks))
+        grazes = np.zeros(len(pairs[0]), dtype=np.bool_)
+        for tasks, grazing in self.allowed.get(frozenset(entities), ()):
+            now = a.in_tasks(pairs[0], tasks) & b.in_tasks(pairs[1], tasks)
+            if grazing:
+                grazes |= now
+            else:
+                left &= ~now
         keys = np.stack([a.keys(pairs[0]), b.keys(pairs[1])])
         if seen:
             left &= [key not in seen for key in zip(*keys.tolist(), strict=True)]
-        rows, columns = pairs[0][left], pairs[1][left]
-        keys = keys[:, left]
-        alike = (
-            np.ravel_multi_index(tuple(keys), tuple(keys.max(axis=1) + 1))
-            if len(rows)
-            else rows
-        )
-        for k, distance in measuring.too_close(
-            a.motion, b.motion, (rows, columns), limit - TOLERANCE, alike
+        tolerance = self.tpg.cell.clearances.contact_tolerance
+        for some, least, how in (
+            (left & ~grazes, limit, measuring),
+            (left & grazes, -tolerance, self.grazing),
         ):
-            first, second = a.moment(int(rows[k])), b.moment(int(columns[k]))
-            seen[keys[0, k], keys[1, k]] = _conflict(first, second, distance)
+            rows, columns = pairs[0][some], pairs[1][some]
+            if not len(rows):
+                continue
+            known = keys[:, some]
+            alike = np.ravel_multi_index(tuple(known), tuple(known.max(axis=1) + 1))
+            for k, distance in how.too_close(
+                a.motion, b.motion, (rows, columns), least - TOLERANCE, alike
+            ):
+                first, second = a.moment(int(rows[k])), b.moment(int(columns[k]))
+                seen[known[0, k], known[1, k]] = _conflict(first, second, distance)
 
 
 @dataclass(frozen=True)

@@ -198,6 +198,33 @@ def test_an_object_at_rest_is_in_the_way_after_its_place() -> None:
     assert verify_plan(tpg).ok
 
 
+@pytest.mark.parametrize(
+    ("depth", "grazing", "fine"),
+    [
+        (0.00015, True, True),
+        (0.0006, True, False),
+        (0.0006, False, True),
+        (0.00015, None, False),
+    ],
+)
+def test_a_tool_that_grazes_is_held_to_the_contact_tolerance(
+    depth: float, grazing: bool | None, fine: bool
+) -> None:
+    """The lever, 3.2 mm beyond the grip plane, goes a little into the top of a block."""
+    x, y, z = 0.40, 0.0, 0.25
+    writer = Writer(two_arms((block("block", (0.1, 0.1, 0.04), translation(x, y, z)),)))
+    above = at(writer, "left", x, y, z + 0.02 + 0.0032 + 0.01)
+    down = at(writer, "left", x, y, z + 0.02 + 0.0032 - depth)
+    for q in (above, down, above, writer.cell.robot("left").home):
+        writer.move("left", q, step=ONE_NODE)
+    tasks = frozenset(task.index for task in writer.tasks)
+    if grazing is not None:
+        contact = AllowedContact("left/tool", "block", tasks, grazing)
+        writer.allowed.append(contact)
+    report = verify_plan(graph(writer))
+    assert report.ok == fine, report.problems
+
+
 def test_an_object_that_comes_up_later_is_in_the_way_from_then_on() -> None:
     """Right passes the place of a station; left lets the next block come up there."""
     pose = translation(0.40, 0.10, 0.23)
