@@ -101,7 +101,7 @@ def test_an_edge_one_node_too_early_is_found() -> None:
 
 def test_every_edge_of_a_reduced_graph_is_needed() -> None:
     """One edge less is a problem of nodes next to the edge's own."""
-    tpg = build_tpg(random_turns(1, 4, gap=0.64))
+    tpg = build_tpg(random_turns(1, 4, gap=0.6))
     assert len(tpg.edges) >= 2
     for e in (0, len(tpg.edges) // 2):
         less = replace(tpg, edges=np.delete(tpg.edges, e, axis=0))
