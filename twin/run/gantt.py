@@ -131,20 +131,13 @@ def _draw_lane(
     window: tuple[float, float],
 ) -> None:
     point_s = (window[1] - window[0]) / (_WIDTH_IN * 0.91 * 72)
+    bars: dict[str, list[tuple[float, float]]] = {}
     for span in lane:
         start, end = span.start_ns / NANOSECONDS, span.end_ns / NANOSECONDS
         low, high = max(start, window[0]), min(end, window[1])
         if high <= low:
             continue
-        waits = span.state == WAITING
-        axis.broken_barh(
-            [(low, high - low)],
-            (k - _LANE_HEIGHT / 2, _LANE_HEIGHT),
-            facecolor="white" if waits else _colour(span.state),
-            edgecolor="#9aa3ad" if waits else "white",
-            hatch="//////" if waits else None,
-            lw=0.0 if waits else 0.4,
-        )
+        bars.setdefault(span.state, []).append((low, high - low))
         label = _label(tpg, span)
         size_pt = 7.5 if len(label) < 3 else 6.3
         if label and (high - low) / point_s > 0.62 * size_pt * len(label) + 1.5:
@@ -157,6 +150,16 @@ def _draw_lane(
                 fontsize=size_pt,
                 color="white" if _dark(span.state) else INK,
             )
+    for state, spans in bars.items():
+        waits = state == WAITING
+        axis.broken_barh(
+            spans,
+            (k - _LANE_HEIGHT / 2, _LANE_HEIGHT),
+            facecolor="white" if waits else _colour(state),
+            edgecolor="#9aa3ad" if waits else "white",
+            hatch="//////" if waits else None,
+            lw=0.0 if waits else 0.4,
+        )
 
 
 def _label(tpg: TemporalPlanGraph, span: Activity) -> str:
