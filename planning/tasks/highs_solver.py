@@ -15,6 +15,7 @@ from planning.tasks.assignment import (
     TaskPlan,
     explain_rejections,
 )
+from planning.tasks.rolling_horizon import is_large, solve_in_windows
 
 _TIME_LIMIT_S = 60.0
 """Time limit of one solve; the best plan found by then is taken."""
@@ -23,15 +24,25 @@ _TIME_LIMIT_S = 60.0
 def assign_steps(problem: AssignmentProblem) -> TaskPlan:
     """Return the cheapest plan (1) under (2)-(8): optimal, and the same every time.
 
+    Where very many objects that can be used once compete, it is cheapest window by window of
+    steps, see ``rolling_horizon``.
+
     Raises:
         InfeasibleStepError: a step has no candidate (why each fell out is listed), or the steps
             compete for robots and objects (which do is listed).
     """
     _require_candidates(problem)
-    program = _Program(problem, elastic=False)
-    if not program.solve():
+    plan = solve_in_windows(problem, _solved) if is_large(problem) else None
+    plan = plan or _solved(problem)
+    if plan is None:
         raise _competition(problem)
-    return program.plan()
+    return plan
+
+
+def _solved(problem: AssignmentProblem) -> TaskPlan | None:
+    """Return the cheapest plan, None where there is none."""
+    program = _Program(problem, elastic=False)
+    return program.plan() if program.solve() else None
 
 
 def _require_candidates(problem: AssignmentProblem) -> None:
