@@ -11,11 +11,13 @@ import math
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from functools import cache
 from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
 
+from planning.transforms import Transform
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.accepted_overlaps import ContactRule
@@ -204,6 +206,7 @@ class _Watch:
         self._overlaps: dict[tuple[str, str], dict[int, tuple[float, float, str]]] = {}
         self._jumped: list[Violation] = []
         self._before: Stretch | None = None
+        self._number = {shape.entity: k for k, shape in enumerate(world.objects)}
 
     def look(self, stretch: Stretch) -> None:
         """Check one stretch."""
@@ -215,9 +218,12 @@ class _Watch:
         self._configurations += len(moved) - (self._before is not None)
         holders = {name: p.holder for name, p in stretch.placements.items()}
 
+        @cache
+        def depth_at(first: str, second: str, sample: int) -> float:
+            return self._rule.depth(first, second, holders, float(stretch.t[sample]))
+
         def depth(a: Shape, b: Shape, sample: int) -> float:
-            t = float(stretch.t[sample])
-            return self._rule.depth(a.entity, b.entity, holders, t)
+            return depth_at(a.entity, b.entity, sample)
 
         asked = Asked(lambda: self._least, depth)
         for gap in gaps(self._world, stretch, self._exempt, asked):
@@ -232,9 +238,7 @@ class _Watch:
                 t, number = float(stretch.t[sample]), self._samples + sample
                 if not robots and self._rule.grazes(a.entity, b.entity, holders, t):
                     self._deepest_graze = max(self._deepest_graze, -gap.distance)
-                if robots or -gap.distance > self._rule.depth(
-                    a.entity, b.entity, holders, t
-                ):
+                if robots or -gap.distance > depth(a, b, sample):
                     seen = self._overlaps.setdefault((a.entity, b.entity), {})
                     if number not in seen or seen[number][1] < -gap.distance:
                         links = f"{a.detail} - {b.detail}"
@@ -254,30 +258,22 @@ class _Watch:
         moved = {k for k, row in now.items() if before.get(k) is not row}
         if not moved:
             return
-        tracks = [
-            {
-                track.shape.entity: track
-                for track in (*piece.moving, *piece.resting)
-                if track.shape.entity in moved
-            }
-            for piece in (self._before, stretch)
-        ]
-        cell = self._world.cell
-        for shape, box in zip(self._world.objects, cell.objects, strict=True):
-            if box.name not in moved:
-                continue
-            row = before.get(box.name)
-            old = box.start if row is None else tracks[0][box.name].pose(-1)
-            ends = np.stack([old, tracks[1][box.name].pose(0)])
+        for name in sorted(moved, key=self._number.__getitem__):
+            shape = self._world.objects[self._number[name]]
+            row = before.get(name)
+            old = (
+                self._world.cell.objects[self._number[name]].start
+                if row is None
+                else _pose_of(self._before, name, -1)
+            )
+            ends = np.stack([old, _pose_of(stretch, name, 0)])
             jump = float(
                 travel_of_points(ends[:, :3, :3], ends[:, :3, 3], shape.radius)[0]
             )
             if jump > JUMP:
-                after = now[box.name].holder
+                after = now[name].holder
                 detail = f"when it goes from {_whose(row)} to {after or 'rest'}"
-                self._jumped.append(
-                    Violation(t, t, box.name, "jump", jump, detail, "jump")
-                )
+                self._jumped.append(Violation(t, t, name, "jump", jump, detail, "jump"))
 
     def report(self, engine: str, besides: Sequence[Violation] = ()) -> AuditReport:
         """Return everything seen so far, and what was found besides."""
@@ -297,6 +293,15 @@ class _Watch:
             self._rule.tolerance,
             self._deepest_graze,
         )
+
+
+def _pose_of(piece: Stretch, name: str, sample: int) -> Transform:
+    """Return where an object is at a sample of a stretch."""
+    row = piece.placements[name]
+    if row.holder is None:
+        return row.pose
+    (track,) = (k for k in piece.moving if k.shape.entity == name)
+    return track.pose(sample)
 
 
 def _whose(row: ObjectRow | None) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -38,10 +38,17 @@ class RestWatch:
         sizes |= {o.name: o.size for o in cell.objects}
         self._boxes = {name: (shapes[name], size) for name, size in sizes.items()}
         self._poses: dict[str, Transform] = {f.name: f.pose for f in cell.fixtures}
-        self._bounds = {name: self._box_of(name) for name in self._poses}
+        # The upright box around each thing; nowhere, where it is not at rest.
+        self._names = tuple(self._boxes)
+        self._number = {name: k for k, name in enumerate(self._names)}
+        self._bounds = np.full((len(self._names), 2, 3), np.nan)
+        for name in self._poses:
+            self._bounds[self._number[name]] = self._box_of(name)
         self._fixtures = tuple(self._poses)
         self._rows: dict[str, ObjectRow] = {}
         self._carriers: dict[str, set[str]] = {}
+        self._carried: dict[str, set[str]] = {name: set() for name in self._names}
+        self._stands = set(self._fixtures)
         self._goals = {p.object: p.pose for p in wanted.places if p.object}
         self._hanging: dict[str, tuple[float, float, str]] = {}
         self._found: list[Violation] = []
@@ -76,19 +83,39 @@ class RestWatch:
         resting = {k: row for k, row in placements.items() if row.holder is None}
         gone = [k for k, row in self._rows.items() if resting.get(k) is not row]
         come = [k for k, row in resting.items() if self._rows.get(k) is not row]
+        fallen = False
         for name in gone:
-            del self._rows[name], self._poses[name], self._bounds[name]
-            self._carriers.pop(name)
-            for carriers in self._carriers.values():
-                carriers.discard(name)
+            del self._rows[name], self._poses[name]
+            self._bounds[self._number[name]] = np.nan
+            for carrier in self._carriers.pop(name):
+                self._carried[carrier].discard(name)
+            for other in self._carried[name]:
+                self._carriers[other].discard(name)
+                fallen = True
+            self._carried[name].clear()
+            self._stands.discard(name)
+        if fallen:
+            self._stands = set(self._fixtures)
+            self._stand_on(self._fixtures)
         for name in come:
             self._rows[name] = resting[name]
             self._poses[name] = resting[name].pose
-            self._bounds[name] = self._box_of(name)
+            self._bounds[self._number[name]] = self._box_of(name)
             self._carriers[name] = set()
             for other in self._near(name):
                 self._join(name, other)
+            if not self._carriers[name].isdisjoint(self._stands):
+                self._stands.add(name)
+                self._stand_on([name])
         return bool(gone or come)
+
+    def _stand_on(self, names: Iterable[str]) -> None:
+        """Note that what is carried by things that stand, stands too."""
+        front = list(names)
+        while front:
+            new = self._carried[front.pop()] - self._stands
+            self._stands |= new
+            front += new
 
     def _box_of(self, name: str) -> Array:
         """Return the corners of the upright box around an object, shape (2, 3)."""
@@ -97,15 +124,14 @@ class RestWatch:
         return np.array([pose[:3, 3] - reach, pose[:3, 3] + reach])
 
     def _near(self, name: str) -> list[str]:
-        low, high = self._bounds[name]
+        low, high = self._bounds[self._number[name]]
         touch = self._wanted.touch_m
-        return [
-            other
-            for other, (lo, hi) in self._bounds.items()
-            if other != name
-            and np.all(low <= hi + touch)
-            and np.all(lo <= high + touch)
-        ]
+        near = np.all(
+            (self._bounds[:, 0] <= high + touch) & (low <= self._bounds[:, 1] + touch),
+            axis=1,
+        )
+        found = [self._names[k] for k in np.flatnonzero(near).tolist()]
+        return [other for other in found if other != name]
 
     def _join(self, first: str, second: str) -> None:
         """Note who of two carries whom, if they touch."""
@@ -120,8 +146,10 @@ class RestWatch:
             carries = [any(carries)] * 2
         if carries[0]:
             self._carriers[first].add(second)
+            self._carried[second].add(first)
         if carries[1] and second in self._carriers:
             self._carriers[second].add(first)
+            self._carried[first].add(second)
 
     def _touch(self, first: str, second: str) -> float:
         """Return how near is touching: joints may have room where the scenario puts them [m]."""
@@ -129,7 +157,7 @@ class RestWatch:
             if name in self._fixtures:
                 continue
             goal = self._goals.get(name)
-            if goal is None or not np.allclose(goal, self._poses[name], atol=1e-3):
+            if goal is None or np.abs(goal - self._poses[name]).max() > 1e-3:
                 return TOUCH
         return max(TOUCH, self._wanted.touch_m)
 
@@ -149,16 +177,7 @@ class RestWatch:
         return shape
 
     def _floating(self) -> list[str]:
-        carried: dict[str, list[str]] = {}
-        for name, carriers in self._carriers.items():
-            for carrier in carriers:
-                carried.setdefault(carrier, []).append(name)
-        front, stands = list(self._fixtures), set(self._fixtures)
-        while front:
-            new = set(carried.get(front.pop(), ())) - stands
-            stands |= new
-            front += new
-        return [name for name in self._rows if name not in stands]
+        return [name for name in self._rows if name not in self._stands]
 
     def _nearest(self, name: str, hanging: list[str]) -> tuple[float, str]:
         gaps = {o: self._gap(name, o) for o in self._poses if o not in hanging}

@@ -84,12 +84,14 @@ class Movers:
             boxes: at rest.
         """
         most = self.moved.max(axis=0)[movers, None]
-        apart = np.maximum(
-            self.low[movers, None] - (boxes.centre + boxes.reach),
-            (boxes.centre - boxes.reach) - self.high[movers, None],
-        )
-        rows, columns = np.nonzero(_outside(apart) <= most)
-        first, second = movers[rows], columns
+        low, high = self.low[movers] - most, self.high[movers] + most
+        least, greatest = boxes.centre - boxes.reach, boxes.centre + boxes.reach
+        # Most boxes are far from all shapes.
+        there = (greatest >= low.min(axis=0)) & (least <= high.max(axis=0))
+        some = np.flatnonzero(there.all(axis=1))
+        near = (low[:, None] <= greatest[some]) & (high[:, None] >= least[some])
+        rows, columns = np.nonzero(near.all(axis=2))
+        first, second = movers[rows], some[columns]
         for some in self._parts(np.arange(len(first))):
             i, b = first[some], second[some]
             away = boxes.centre[b] - self.centre[:, i]
