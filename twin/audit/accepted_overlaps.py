@@ -87,11 +87,9 @@ class ContactRule:
             return SLACK
         return self.tolerance + SLACK if all(now) else CONTACT_DEPTH
 
-    def grazes(
-        self, first: str, second: str, holders: Mapping[str, str | None], t: float
-    ) -> bool:
-        """Tell whether a contact is one of a tool that only grazes."""
-        return self.depth(first, second, holders, t) == self.tolerance + SLACK
+    def is_of_graze(self, depth: float) -> bool:
+        """Tell whether a greatest overlap is that of a tool that only grazes."""
+        return depth == self.tolerance + SLACK
 
     def tasks_at(self, robot: str, t: float) -> frozenset[int]:
         """Return the tasks a robot is at: two at the moment one ends and when it stands."""

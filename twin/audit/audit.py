@@ -236,9 +236,10 @@ class _Watch:
                 continue
             for sample in range(gap.sample, min(gap.until, len(stretch.t))):
                 t, number = float(stretch.t[sample]), self._samples + sample
-                if not robots and self._rule.grazes(a.entity, b.entity, holders, t):
+                limit = depth(a, b, sample)
+                if not robots and self._rule.is_of_graze(limit):
                     self._deepest_graze = max(self._deepest_graze, -gap.distance)
-                if robots or -gap.distance > depth(a, b, sample):
+                if robots or -gap.distance > limit:
                     seen = self._overlaps.setdefault((a.entity, b.entity), {})
                     if number not in seen or seen[number][1] < -gap.distance:
                         links = f"{a.detail} - {b.detail}"
