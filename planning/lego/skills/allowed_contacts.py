@@ -49,7 +49,7 @@ def contacts_at_rest(
         brick: its name.
         seat: where it is then.
         press: the grip.
-        others: all other bricks at rest.
+        others: all other bricks at rest near ``room_at_rest``, or more.
         fixtures: of the cell.
     """
     cell, kind, pose = seat
@@ -86,6 +86,15 @@ def leaned_on(cell: Cell, kind: BrickType, others: Bricks) -> frozenset[str]:
     span = occupied_span(cell, kind)
     near = _bordering(span, others, levels=0)
     return frozenset(_bordering(span.widened(1), others, levels=0)) - frozenset(near)
+
+
+def room_at_rest(cell: Cell, brick: BrickType) -> Span:
+    """Return the room of a brick at its pick or place, the tool's wall beside a plate included.
+
+    Whatever contacts_at_rest names is near to it.
+    """
+    span = occupied_span(cell, brick)
+    return span.widened(1) if lever_reaches_below(brick) else span
 
 
 def supporting(robot: str, support: Support, bricks: Bricks) -> Pairs:

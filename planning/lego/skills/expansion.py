@@ -11,9 +11,14 @@ from planning.geometry.robot_bodies import entity
 from planning.kinematics.kinematics import frame_pose
 from planning.lego.bricks.assembly import BrickType, Cell
 from planning.lego.bricks.brick_world import BrickWorld, press_of
-from planning.lego.bricks.grid import Span, box_from_top, occupied_span
+from planning.lego.bricks.grid import Span, box_from_top
 from planning.lego.bricks.objects import copy_name, next_copy, object_names, source_of
-from planning.lego.skills.allowed_contacts import Bricks, contacts_at_rest, supporting
+from planning.lego.skills.allowed_contacts import (
+    Bricks,
+    contacts_at_rest,
+    room_at_rest,
+    supporting,
+)
 from planning.lego.skills.candidates import LegoCandidates
 from planning.lego.skills.handovers import HandoverOption
 from planning.lego.skills.options import SkillOption
@@ -210,7 +215,7 @@ class _Expander:
         goal, path = self.world.goal(self.choice.step)[1].pose, option.path
         placed = self.builder.skill(path, label, self.brick, None, goal)
         cell = self.work.cell
-        others = self._standing_near(occupied_span(cell, self.work.brick))
+        others = self._standing_near(room_at_rest(cell, self.work.brick))
         self._allow_at_rest(placed, path.robot, cell, goal, others)
         self._allow_touched(placed, option)
         return placed

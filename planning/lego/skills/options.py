@@ -20,12 +20,12 @@ from planning.lego.bricks.brick_world import (
     grasp_number,
     press_of,
 )
-from planning.lego.bricks.grid import occupied_span
 from planning.lego.bricks.grips import grip_pose, side_contact_pose
 from planning.lego.skills.allowed_contacts import (
     PRESSED,
     contacts_at_rest,
     leaned_on,
+    room_at_rest,
     supporting,
 )
 from planning.lego.skills.support import (
@@ -235,7 +235,7 @@ class SkillOptions:
             name,
             seat,
             press_of(grasp),
-            world.cells_near(occupied_span(work.cell, work.brick), step),
+            world.cells_near(room_at_rest(work.cell, work.brick), step),
             world.cell.fixtures,
         )
         standing = dict(self.home)

@@ -271,3 +271,20 @@ def test_another_cell_may_have_robots_of_its_own(tmp_path: Path) -> None:
     models = {r["model"] for r in yaml.safe_load(out.read_text())["cell"]["robots"]}
     assert models == {"../there/arm.urdf"}
     assert invoke("validate", out).exit_code == 0
+
+
+def test_a_plate_is_placed_where_the_wall_passes_a_brick(tmp_path: Path) -> None:
+    """The wall beside the plate's grip stands between the brick below it and one two studs away."""
+    text = "\n".join(
+        [
+            "1 4 20 0 80 0 0 -1 0 1 0 1 0 0 3007.dat",
+            "1 4 80 0 40 1 0 0 0 1 0 0 0 1 3003.dat",
+            "1 4 30 -8 60 0 0 -1 0 1 0 1 0 0 3023.dat",
+        ]
+    )
+    _, out = imported(tmp_path, text)
+    options = ("--out", tmp_path / "run", "--no-recording", "--seed", "0")
+    result = invoke("run", out, *options)
+    assert result.exit_code == 0, result.output
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["outcome"] == "completed"
