@@ -35,6 +35,7 @@ def improve_plan(
     seconds: float,
     tries: int,
     seed: int,
+    clock: Callable[[], float] = time.monotonic,
     progress: Callable[[float, float], None] = lambda done, total: None,
 ) -> RatedPlan:
     """Return the best plan found; the given one where none is better.
@@ -46,15 +47,16 @@ def improve_plan(
         seconds: how long to search; a plan found so depends on the machine. 0 for no limit.
         tries: most plans rated; 0 for no limit.
         seed: of the draws.
+        clock: that the seconds are read from.
         progress: told how much is done, and of how much.
     """
-    begin = time.monotonic()
+    begin = clock()
     rng = np.random.default_rng([seed, 7])
     best = present = start
     seen: set[TaskPlan] = {start.task_plan}
     idle = done = 0
     while (not tries or done < tries) and idle < _DRAWS:
-        spent = time.monotonic() - begin
+        spent = clock() - begin
         if seconds and spent >= seconds:
             break
         drawn = draw_neighbour(problem, present.task_plan, present.critical, rng)

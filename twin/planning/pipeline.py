@@ -10,6 +10,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.errors import PlanInvariantError, ScenarioError
+from planning.motion.load_bound import load_bound_s
 from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import JointSpeed, L1Speed, SpeedModel
@@ -59,12 +60,15 @@ class Planned(PlannedMotions):
         turns: nodes of the sequential plan, where the plan is made in slots or shortened;
             None where ``tpg`` has the same nodes.
         variant: which plan ``tpg`` is: a plan of twin.run.policies.
+        load_bound_s: a makespan at nominal durations that no choice of who does what can beat
+            [s], None where that was not worked out.
     """
 
     tpg: TemporalPlanGraph
     planning_s: Mapping[str, float]
     turns: TemporalPlanGraph | None = None
     variant: str = IN_TURNS
+    load_bound_s: float | None = None
 
 
 def plan_scenario(
@@ -88,13 +92,23 @@ def plan_scenario(
     refuse_improvement(scenario)
     first = plan_motions(scenario, folder, watch)
     planned = _coordinated(scenario, first, watch)
-    if not scenario.planning.improves:
+    if scenario.planning.improves:
+        planned = _better(scenario, first, planned, watch)
+    if first.work is None:
         return planned
-    better = improved_motions(scenario, first, watch)
-    if better is None:
+    bound = load_bound_s(first.cell, first.work, first.task_plan, first.settings)
+    return replace(planned, load_bound_s=bound)
+
+
+def _better(
+    scenario: Scenario, first: PlannedMotions, planned: Planned, watch: StageWatch
+) -> Planned:
+    """Return what a search for better choices leads to; the given plan where that is no better."""
+    found = improved_motions(scenario, first, watch)
+    if found is None:
         return planned
     try:
-        other = _coordinated(scenario, better, watch)
+        other = _coordinated(scenario, found, watch)
     except PlanInvariantError:
         return planned
     return other if nominal_s(other.tpg) < nominal_s(planned.tpg) else planned

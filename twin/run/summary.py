@@ -185,6 +185,12 @@ def _makespan_rows(
         rows.append((label, f"{makespan:.2f} s", f"{below:.1f} % below"))
     bound = float(summary["lower_bound_s"])
     rows.append(("lower bound of these paths", f"{bound:.2f} s", ""))
+    load = summary.get("load_bound_s")
+    if load:
+        above = 100 * (makespan / load - 1)
+        rows.append(
+            ("bound of load, any choice", f"{load:.2f} s", f"gap {above:.1f} %")
+        )
     return rows
 
 

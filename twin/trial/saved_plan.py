@@ -30,12 +30,14 @@ class SavedPlan:
         variant: which it is: a plan of twin.run.policies.
         turns: the plan in turns of the same motions, None where ``tpg`` is that.
         planning_s: nothing: it is not planned again.
+        load_bound_s: not known: it is not planned again.
     """
 
     tpg: TemporalPlanGraph
     variant: str
     turns: TemporalPlanGraph | None
     planning_s: Mapping[str, float] = field(default_factory=dict)
+    load_bound_s: float | None = None
 
 
 def plan_variant(tpg: TemporalPlanGraph) -> str:

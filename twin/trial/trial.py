@@ -58,6 +58,7 @@ class Preparation:
         warnings: what the check before planning found doubtful.
         plan: which plan it is: a plan of twin.run.policies.
         turns_sha256: hash of the plan in turns, where it is another one.
+        load_bound_s: makespan that no choice of who does what can beat, where it is known [s].
     """
 
     recording: bool
@@ -68,6 +69,7 @@ class Preparation:
     plan: str
     turns_sha256: str | None
     warnings: Sequence[str] = ()
+    load_bound_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -163,6 +165,7 @@ def try_plan(
         warnings=(*origin.warnings, *doubts_about_stalls(scenario, tpg)),
         plan=plan_variant(tpg) if planned is None else planned.variant,
         turns_sha256=None if turns is None else plan_sha256(turns),
+        load_bound_s=None if planned is None else planned.load_bound_s,
     )
     set_aside(folder)
     with whole_or_failed(folder):
@@ -243,6 +246,7 @@ def conclude(
         makespan_sequential_s=about.makespan_sequential_s if completed else None,
         warnings=about.warnings,
     )
+    summary["load_bound_s"] = about.load_bound_s
     summary["files"] = hashes_as_written(folder)
     write_json(folder / SUMMARY, summary)
     return Trial(folder, run, summary)

@@ -176,3 +176,16 @@ def test_what_cannot_be_improved_is_refused(scenario: Scenario) -> None:
     tower = load_scenario(folder / "construction" / "tower.yaml")
     with pytest.raises(ScenarioError, match="a construction has none"):
         plan_scenario(_changed(tower, improve_s=1.0), folder / "construction")
+
+
+def test_no_plan_is_below_the_bound_of_load(
+    scenario: Scenario, first: PlannedMotions
+) -> None:
+    planned = plan_scenario(scenario)
+    assert planned.load_bound_s is not None
+    assert 0.0 < planned.load_bound_s <= nominal_s(planned.tpg)
+    rater = _rater(first, shortcuts=True)
+    assert first.work is not None
+    for plan in _walk(first.work.problem, first.task_plan, 4):
+        rated = rater.rate(plan)
+        assert rated is None or planned.load_bound_s <= rated.makespan_s

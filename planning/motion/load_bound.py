@@ -1,0 +1,151 @@
+"""Bound of load: how busy the busiest robot is at least, however the steps are shared out.
+
+Of each way to do a step it counts, for each robot, its skills and the straight joint distances
+from one to the next within the step; nothing for coming and going, for waiting, or for what is in
+the way. Whole turns of a joint are no distance: postures that far apart are the same.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pulp
+
+from planning.cell.workcell import Workcell
+from planning.motion.sequential import MotionSettings
+from planning.motion.speed import path_duration
+from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
+from planning.tasks.task import TRANSIT, StepTasks, Task, cell_with_steps
+from planning.tasks.work import AssemblyWork
+from planning.transforms import Array
+
+_MOST_WAYS = 5000
+"""Of assemblies with more ways to do their steps, no bound is worked out."""
+
+
+@dataclass(frozen=True)
+class WayLoad:
+    """How long robots are busy at least when a step is done one way.
+
+    Attributes:
+        step: counted from 1.
+        object: what is placed.
+        seconds: of each robot that takes part [s].
+    """
+
+    step: int
+    object: str
+    seconds: dict[str, float]
+
+
+def load_bound_s(
+    cell: Workcell, work: AssemblyWork, plan: TaskPlan, settings: MotionSettings
+) -> float | None:
+    """Return a makespan that no choice of robots, objects, grips and supports can beat [s].
+
+    The steps stay as they are. It is the optimum of a linear program, whatever the robots share.
+
+    Args:
+        cell: where it is built.
+        work: what is built.
+        plan: any plan of it.
+        settings: how tasks are turned into motions.
+
+    Returns:
+        The bound, None where there are too many ways to look at.
+    """
+    choices = list(_choices(work.problem))
+    if len(choices) > _MOST_WAYS:
+        return None
+    loads = []
+    for choice in choices:
+        tasks = work.expand(plan.with_choice(choice), choice.step, 0)
+        seconds = busy_seconds(cell, tasks, settings)
+        loads.append(WayLoad(choice.step, choice.object, seconds))
+    return least_load(loads, work.problem.unlimited)
+
+
+def _choices(problem: AssignmentProblem) -> Iterator[StepChoice]:
+    for step in range(1, len(problem.steps) + 1):
+        for p in problem.primaries_of.get(step, []):
+            if not problem.needs_support[step - 1]:
+                yield StepChoice(problem.primaries[p])
+                continue
+            for s in problem.supports_of.get(step, []):
+                if problem.compatible(p, s):
+                    yield StepChoice(problem.primaries[p], problem.supports[s])
+
+
+def busy_seconds(
+    cell: Workcell, step: StepTasks, settings: MotionSettings
+) -> dict[str, float]:
+    """Return how long each robot is busy with a step at least [s].
+
+    Args:
+        cell: without what comes up in the step.
+        step: its tasks.
+        settings: how they are turned into motions.
+    """
+    here = cell_with_steps(cell, [step])
+    own: dict[str, list[Task]] = defaultdict(list)
+    for task in step.tasks:
+        own[task.robot].append(task)
+    found = {}
+    for robot, tasks in own.items():
+        speed = settings.speeds[robot]
+        turning = ~cell.robot(robot).model.chain.prismatic
+        total, ended, at = 0.0, None, None
+        for task in tasks:
+            if task.kind == TRANSIT and not task.goal:
+                at = task.path[-1]
+                continue
+            start = at if at is not None else ended
+            if start is not None and ended is not None:
+                apart = _without_turns(start - ended, turning)
+                total += speed.duration(np.zeros_like(apart), apart)
+            seconds = settings.seconds_of(here, task)
+            path = task.path if start is None else np.vstack([start, task.path])
+            total += path_duration(path, speed) if seconds is None else seconds
+            ended, at = task.path[-1], None
+        found[robot] = total
+    return found
+
+
+def _without_turns(apart: Array, turning: np.ndarray) -> Array:
+    """Return the least differences of joint values that differ from these by whole turns."""
+    least = (apart + np.pi) % (2 * np.pi) - np.pi
+    return np.where(turning, least, apart)
+
+
+def least_load(ways: list[WayLoad], unlimited: frozenset[str]) -> float:
+    """Return the least load of the busiest robot, steps and objects shared out at will [s].
+
+    Args:
+        ways: to do the steps.
+        unlimited: objects that may be used more than once.
+    """
+    model = pulp.LpProblem("load", pulp.LpMinimize)
+    longest = model.add_variable("longest", 0)
+    model += longest
+    of_step: dict[int, list[Any]] = defaultdict(list)
+    of_object: dict[str, list[Any]] = defaultdict(list)
+    of_robot: dict[str, list[tuple[Any, float]]] = defaultdict(list)
+    for number, way in enumerate(ways):
+        share = model.add_variable(f"w{number}", 0, 1)
+        of_step[way.step].append(share)
+        if way.object not in unlimited:
+            of_object[way.object].append(share)
+        for robot, seconds in way.seconds.items():
+            of_robot[robot].append((share, seconds))
+    for shares in of_step.values():
+        model += pulp.lpSum(shares) == 1
+    for shares in of_object.values():
+        model += pulp.lpSum(shares) <= 1
+    for terms in of_robot.values():
+        model += pulp.LpAffineExpression(terms) <= longest
+    model.solve(pulp.HiGHS(msg=False, threads=1, random_seed=0))
+    return float(longest.value())
