@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise, product
+from itertools import pairwise
 
 import numpy as np
 
@@ -238,19 +238,42 @@ class SceneChecker:
         """
         if name not in self._boxes.column:
             return False
-        box = self._boxes.solid(self._boxes.column[name])
-        tool = entity(self.robot.name, "tool")
-        solids = [self._own.solids[k] for k in self._own.of_entity(tool)]
+        column = self._boxes.column[name]
+        box = self._boxes.solid(column)
+        bodies = self._own.of_entity(entity(self.robot.name, "tool"))
         ways = list(pairwise(np.array(path, dtype=np.float64)))
+        alone = self._only(bodies, column, max(limit, 0.0))
+        close = []
+        for q0, q1 in ways:
+            # What hulls in motion are proved to be apart by is no nearer than the limit.
+            _, when, what = find_undecided(alone, q0, q1, _NO_PROBES, 0, False)
+            for (lo, hi), (_, body, _) in zip(
+                when.tolist(), what.tolist(), strict=True
+            ):
+                solid = self._own.solids[body]
+                close.append((solid, q0 + lo * (q1 - q0), q0 + hi * (q1 - q0)))
         # What is too near at an end or half-way need not be sought in between.
-        for (q0, q1), solid in product(ways, solids):
+        for solid, q0, q1 in close:
             if any(
                 distance_at(solid, q, box, q) < limit for q in (q1, 0.5 * (q0 + q1))
             ):
                 return True
         return any(
             come_close(solid, q0, q1, box, q1, q1, limit, tolerance=_FINE)
-            for (q0, q1), solid in product(ways, solids)
+            for solid, q0, q1 in close
+        )
+
+    def _only(self, bodies: Sequence[int], column: int, limit: float) -> Scene:
+        """Return the scene in which some own bodies keep away from one box, and nothing else."""
+        scene = self._scene
+        box_limit = np.full_like(scene.box_limit, SKIP)
+        box_limit[bodies, column] = limit
+        return packed(
+            scene._replace(
+                box_limit=box_limit,
+                solid_limit=np.full_like(scene.solid_limit, SKIP),
+                self_limit=np.full_like(scene.self_limit, SKIP),
+            )
         )
 
     def _pair(self, kind: int, body: int, other: int) -> tuple[Solid, Solid, float]:
