@@ -1,0 +1,55 @@
+"""A brick picked one stud beside another: planned, executed, audited and verified."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from twin.cli import app
+
+SCENARIO = """
+version: 1
+name: beside
+cell:
+  robots:
+    - {{name: left, model: gp4, base: {{xyz_m: [0, 0, 0.9246]}}}}
+    - {{name: right, model: gp4, base: {{xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}}}
+  fixtures:
+    - {{name: table, size_m: [0.6, 1.2, 0.02], pose: {{xyz_m: [0.44, 0, 1.1045]}}}}
+assembly:
+  kind: lego
+  plate: {{pose: {{xyz_m: [0.44, 0, 1.1145]}}}}
+  stock:
+    - {{name: a, brick: 2x4, at: [20, 20, 1]}}
+    - {{name: beside, brick: 2x4, at: [17, {y}, 1], fixed: true}}
+  steps:
+    - {{brick: 2x4, at: [30, 32, 1], press: {{side: 1, offset: {offset}}}}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("y", "offset", "grazing"), [(20, 0, False), (24, 2, True)], ids=["leans", "grazes"]
+)
+def test_it_is_picked_and_the_audit_is_clean(
+    tmp_path: Path, y: int, offset: int, grazing: bool
+) -> None:
+    file, out = tmp_path / "beside.yaml", tmp_path / "run"
+    file.write_text(SCENARIO.format(y=y, offset=offset))
+    done = CliRunner().invoke(app, ["run", str(file), "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    plan = json.loads((out / "plan.json").read_text())
+    touched = [
+        contact.get("grazing", False)
+        for contact in plan["allowed"]
+        if "beside" in (contact["first"], contact["second"])
+    ]
+    assert touched == [grazing]
+    audit = json.loads((out / "summary.json").read_text())["audit"]
+    assert audit["violations"] == []
+    deepest = audit["deepest_graze_m"]
+    assert 0.0 < deepest <= 0.0002 if grazing else deepest == 0.0
+    checked = CliRunner().invoke(app, ["verify", str(out)])
+    assert checked.exit_code == 0, checked.output
