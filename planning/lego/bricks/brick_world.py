@@ -96,19 +96,8 @@ class BrickWorld:
         }
 
     def stock_beside(self, stock: str) -> dict[str, tuple[Cell, BrickType]]:
-        """Return cell and type of the other stock bricks that are near one on its plate."""
-        item = self.stock[stock]
-        near = self._stock_tiles[item.name].near(
-            occupied_span(item.cell, item.brick), before=1
-        )
-        near.pop(stock)
-        return near
-
-    def stock_around(self, stock: str) -> dict[str, tuple[Cell, BrickType]]:
-        """Return cell and type of the other stock bricks within a stud and more around one."""
-        item = self.stock[stock]
-        span = occupied_span(item.cell, item.brick).widened(1)
-        near = self._stock_tiles[item.name].near(span, before=1)
+        """Return cell and type of the other stock bricks within two studs of one on its plate."""
+        near = self.cells_near_stock(stock, number=1)
         near.pop(stock)
         return near
 
@@ -180,9 +169,12 @@ class BrickWorld:
     def cells_near_stock(
         self, stock: str, number: int
     ) -> dict[str, tuple[Cell, BrickType]]:
-        """Return the bricks near a stock brick that may stand on its plate in a step, it included."""
+        """Return the bricks within two studs of a stock brick that may stand on its plate in a step.
+
+        It is among them.
+        """
         item = self.stock[stock]
-        span = occupied_span(item.cell, item.brick)
+        span = occupied_span(item.cell, item.brick).widened(1)
         return self._stock_tiles[stock].near(span, before=number)
 
     def standing(self, number: int) -> StandingBoxes:

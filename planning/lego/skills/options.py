@@ -130,7 +130,7 @@ class SkillOptions:
             ToolContact(
                 world.cell.clearances.contact_tolerance,
                 PRESSED,
-                leaned_on(item.cell, item.brick, world.stock_around(stock)),
+                leaned_on(item.cell, item.brick, world.stock_beside(stock)),
             ),
         )
         loose = self._loose_in_picks - above - {stock}
