@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from planning.tasks.task import TRANSIT, StepTasks, Task, cell_with_steps
 from planning.tasks.work import AssemblyWork
 from planning.transforms import Array
 
-_MOST_WAYS = 5000
+_MOST_WAYS = 2000
 """Of assemblies with more ways to do their steps, no bound is worked out."""
 
 
@@ -107,12 +107,21 @@ def busy_seconds(
             if start is not None and ended is not None:
                 apart = _without_turns(start - ended, turning)
                 total += speed.duration(np.zeros_like(apart), apart)
-            seconds = settings.seconds_of(here, task)
+            seconds = settings.seconds_of(here, _of_known(here, task))
             path = task.path if start is None else np.vstack([start, task.path])
             total += path_duration(path, speed) if seconds is None else seconds
             ended, at = task.path[-1], None
         found[robot] = total
     return found
+
+
+def _of_known(cell: Workcell, task: Task) -> Task:
+    """Return a task with an object of the same type that is there now: a station's brick is a copy."""
+    names = {item.name for item in cell.objects}
+    name = task.object
+    while name and name not in names:
+        name = name.rpartition(".")[0]
+    return task if name == task.object else replace(task, object=name or None)
 
 
 def _without_turns(apart: Array, turning: np.ndarray) -> Array:

@@ -167,8 +167,8 @@ def refuse_improvement(scenario: Scenario) -> None:
     kind = scenario.assembly.kind
     if kind not in ("lego", "pick-and-place"):
         raise ScenarioError(
-            f"planning.improve_s and improve_tries search for other robots, objects, grips and"
-            f" supports of steps; a {kind} has none to choose from: leave them out",
+            "planning.improve_s and improve_tries search for other robots, objects, grips and"
+            f" supports of steps; the kind {kind!r} has none to choose from: leave them out",
             choices=("lego", "pick-and-place"),
         )
     if section.coordination != "sequential":

@@ -174,7 +174,7 @@ def test_what_cannot_be_improved_is_refused(scenario: Scenario) -> None:
         plan_scenario(slots)
     folder = Path(__file__).parents[3] / "scenarios"
     tower = load_scenario(folder / "construction" / "tower.yaml")
-    with pytest.raises(ScenarioError, match="a construction has none"):
+    with pytest.raises(ScenarioError, match="the kind 'construction' has none"):
         plan_scenario(_changed(tower, improve_s=1.0), folder / "construction")
 
 
