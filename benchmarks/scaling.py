@@ -266,7 +266,7 @@ def report(sets: Mapping[str, Mapping[str, Any]]) -> str:
             "",
             f"## {label.capitalize()}",
             "",
-            f"{found['date']}, {found['machine']}; {loads}.",
+            f"{found['date']}, {found['machine']}; {loads}. {found.get('note', '')}".strip(),
             "",
             f"| stage | {head} | exponent |",
             "|---|" + "---:|" * (len(rows) + 1),
@@ -284,6 +284,8 @@ def report(sets: Mapping[str, Mapping[str, Any]]) -> str:
             ("makespan_s", "makespan [s]", "{:.0f}"),
             ("violations", "violations", "{:.0f}"),
         ):
+            if not all(key in row for row in rows):
+                continue
             cells = " | ".join(form.format(row[key]) for row in rows)
             lines.append(f"| {name} | {cells} | |")
     return "\n".join(lines) + "\n"
@@ -306,22 +308,27 @@ def main() -> int:
     if options.one:
         sys.stdout.write(json.dumps(asdict(measure(options.one))) + "\n")
         return 0
-    rows = []
+    rows: list[dict[str, Any]] = []
+    found = {"date": date_line(), "machine": machine_line(), "structures": rows}
     for bricks in options.bricks or SIZES:
         rows.append(_in_process_of_its_own(bricks))
         spent = {k: round(v, 2) for k, v in rows[-1]["cpu_s"].items()}
         sys.stderr.write(f"{bricks}: {spent}, {rows[-1]['memory_mib']} MiB\n")
-    found = {"date": date_line(), "machine": machine_line(), "structures": rows}
+        if not options.bricks:
+            _write(options.label, found)
     if options.bricks:
         sys.stdout.write(report({options.label: found}))
-        return 0
+    return 0
+
+
+def _write(label: str, found: dict[str, Any]) -> None:
+    """Write the result files with one label anew, as far as it has come."""
     RESULTS.mkdir(exist_ok=True)
     file = RESULTS / "scaling.json"
     sets = json.loads(file.read_text()) if file.exists() else {}
-    sets[options.label] = found
+    sets[label] = found
     file.write_text(json.dumps(sets, indent=1) + "\n")
     (RESULTS / "scaling.md").write_text(report(sets))
-    return 0
 
 
 if __name__ == "__main__":
