@@ -32,6 +32,10 @@ class InfeasibleStepError(TwinError):
     """No robot, object and pose can do an assembly step."""
 
 
+class UndecidedError(TwinError):
+    """A search ended at its limit with neither an answer nor a proof that there is none."""
+
+
 class ConstructionError(TwinError):
     """A construction cannot be built as it is, or by this team."""
 

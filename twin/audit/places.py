@@ -82,7 +82,7 @@ def place_violations(
     for name in rows.keys() - set(filled):
         box, row = boxes[name], rows[name]
         away = distance_of(box, row.pose, box.start)
-        if row.holder is not None or away > PLACED:
+        if row.holder is not None or (away > PLACED and not wanted.helpers):
             where = f"in the hand of {row.holder}" if row.holder else "elsewhere"
             end, text = recording.end, "belongs where it was, or to a place of its kind"
             yield Violation(

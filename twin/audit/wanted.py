@@ -48,9 +48,11 @@ class Wanted:
             fixtures; ``TOUCH`` for others, and at least [m].
         opening_m: how far fingers stand open in the geometry of tools: they close on what they
             hold from there; 0 for tools that do not close [m].
+        helpers: whether further objects may stay where they only help, such as temporary bricks.
     """
 
     places: tuple[Place, ...] = ()
     hold: Hold = "joints"
     touch_m: float = TOUCH
     opening_m: float = 0.0
+    helpers: bool = False

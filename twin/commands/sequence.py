@@ -67,7 +67,7 @@ def _row(number: int, item: SequencedStep) -> dict[str, Any]:
         "name": item.name,
         **step_section(item),
         "kind": _kind(item),
-        "score": round(item.score, 4),
+        "press_n": round(item.needed, 2),
         "reason": item.reason,
     }
 
@@ -83,6 +83,8 @@ def step_section(item: SequencedStep) -> dict[str, Any]:
         out["raised"] = step.cell.raised
     if step.cell.turned:
         out["turned"] = True
+    if step.temporary:
+        out["temporary"] = True
     if step.up:
         out["place"] = "up"
     out["press"] = asdict(step.presses[0])
@@ -100,7 +102,8 @@ def step_section(item: SequencedStep) -> dict[str, Any]:
 def _support(support: Support) -> dict[str, Any]:
     at = [support.x, support.y, support.z]
     raised = {"raised": support.raised} if support.raised else {}
-    return {"at": at, **raised, "orientation": support.orientation}
+    top = {"from_above": True} if support.from_above else {}
+    return {"at": at, **raised, "orientation": support.orientation, **top}
 
 
 def _kind(item: SequencedStep) -> str:

@@ -37,7 +37,8 @@ from twin.scenario.sections.lego import (
 from twin.scenario.sections.poses import build_transform
 
 if TYPE_CHECKING:
-    from planning.lego.sequencing.sequencing import SequencedStructure, SequencingRules
+    from planning.lego.sequencing.rules import SequencingRules
+    from planning.lego.sequencing.sequencing import SequencedStructure
     from planning.motion.sequential import MotionSettings
 
 SEQUENCE = "which brick when"
@@ -110,7 +111,9 @@ class LegoKind(AssemblyKind):
     def wanted(self) -> Wanted:
         """Return the places of all bricks, of any brick of the type, and which steps are held."""
         from planning.lego.bricks.grid import box_pose
+        from planning.lego.sequencing.remedies import on_plinth
 
+        rules = self.section.rules
         plate, types = _plate(self.section.plate), brick_types(self.section)
         places = [
             Place(
@@ -121,12 +124,13 @@ class LegoKind(AssemblyKind):
             )
             for k, step in enumerate(self.section.steps, start=1)
         ]
-        for item in build_structure(self.section) or ():
+        raised, plinth = on_plinth(build_structure(self.section) or (), rules.plinth)
+        for item in (*raised, *plinth):
             pose = box_pose(plate, item.cell, item.brick)
             places.append(
                 Place(f"{item.name} at {item.cell.words}", pose, item.brick.name)
             )
-        return Wanted(tuple(places), hold="studs")
+        return Wanted(tuple(places), hold="studs", helpers=rules.scaffold)
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
@@ -189,12 +193,19 @@ def sequencing_rules(lego: LegoSection, *, robots: int) -> SequencingRules:
         lego: the section.
         robots: how many there are; supports and handovers take two.
     """
-    from planning.lego.sequencing.sequencing import SequencingRules
+    from planning.lego.sequencing.rules import SequencingRules
 
+    allowed, stock = lego.rules, build_lego(lego).stock
     return SequencingRules(
-        support=lego.rules.support and robots > 1,
-        place_up=lego.rules.place_up and robots > 1,
-        force=lego.rules.press_force_n,
+        support=allowed.support and robots > 1,
+        place_up=allowed.place_up and robots > 1,
+        hold_down=allowed.hold_down and robots > 1,
+        scaffold=allowed.scaffold,
+        plinth=allowed.plinth,
+        force=allowed.press_force_n,
+        margin=allowed.press_margin,
+        search_limit=allowed.search_limit,
+        types=tuple(dict.fromkeys(s.brick for s in stock if not s.fixed)),
     )
 
 
@@ -250,4 +261,5 @@ def _step(section: StepSection, types: Mapping[str, BrickType]) -> LegoStep:
         stock=section.stock,
         presses=tuple(Press(item.side, item.offset) for item in presses),
         supports=tuple(support_of(item) for item in supports),
+        temporary=section.temporary,
     )

@@ -125,6 +125,8 @@ class Support:
         orientation: 0 = the tool comes from -x, 1 = from +y with J1 at -90 deg,
             2 = with J1 at +90 deg, 3 = from +x.
         raised: levels between the bottom of the layer and the cell's, 0 to 2.
+        from_above: True where the tool stands on the bricks of layer z - 1 instead of holding
+            those of layer z + 1 from below.
     """
 
     x: int
@@ -132,6 +134,7 @@ class Support:
     z: int
     orientation: int
     raised: int = 0
+    from_above: bool = False
 
     @property
     def cell(self) -> Cell:
@@ -173,6 +176,7 @@ class LegoStep:
             needed. Each goes with ``press``.
         attack: +1 or -1, sign of the sideways offset of the place approach.
         stock: name of the prescribed stock brick, None when the planner may choose.
+        temporary: True for a brick that only helps: it is not part of the structure.
     """
 
     brick: BrickType
@@ -182,6 +186,7 @@ class LegoStep:
     supports: tuple[Support, ...] = ()
     attack: int = 1
     stock: str | None = None
+    temporary: bool = False
 
     @property
     def press(self) -> Press | None:

@@ -50,6 +50,7 @@ def find_assembly_sequence(
     removals: Callable[[frozenset[Part]], Iterable[Removal[Part, How]]],
     *,
     limit: int = 100_000,
+    failed: set[frozenset[Part]] | None = None,
 ) -> DisassemblySearch[Part, How]:
     """Search for an order in which parts can be put together.
 
@@ -57,15 +58,17 @@ def find_assembly_sequence(
         parts: the parts of the finished product.
         removals: gives the parts that may be removed from a set of parts, and how, the
             preferred ones first; it is only asked for as many as are needed. It must depend on
-            nothing but its argument.
+            nothing but its argument, but for the order.
         limit: largest number of sets of parts to look at.
+        failed: sets of parts that are known to lead nowhere, from which no search starts again;
+            those of this search are added.
 
     Returns:
         The first sequence in the order of preference: removals are tried depth first, and a set
         of parts that once led nowhere is never tried again.
     """
     whole = frozenset(parts)
-    failed: set[frozenset[Part]] = set()
+    failed = set() if failed is None else failed
     dead_end: frozenset[Part] | None = None
     visited = 1
     # Sets of parts, each with the removal that led there and those to try from there.

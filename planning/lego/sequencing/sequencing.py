@@ -1,49 +1,31 @@
 """From a finished LEGO structure to the steps that build it (APEX-MR Sec. III and App. A).
 
 Assembly by disassembly: from the finished structure, bricks are removed one at a time such that
-what remains stands, and such that the removed brick could be put back: pressed on from above,
-from above with a supporting tool below, or from below after a handover. Reversed, the removals
-are the assembly sequence.
+what remains stands, and such that the removed brick could be put back. Reversed, the removals are
+the assembly sequence. Before the search, bricks that block each other are looked for: where there
+are any, no order exists, and they are the proof.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, compress, groupby, product
 
-from planning.errors import InfeasibleStepError
+from planning.errors import InfeasibleStepError, UndecidedError
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, PlacedBrick
-from planning.lego.sequencing.disassembly import Removal, find_assembly_sequence
-from planning.lego.sequencing.insertion import (
-    INSERTION_FORCE,
-    Insertion,
-    InsertionRules,
-)
-from planning.lego.stability.partial_structures import Names, PartialStructures
+from planning.lego.sequencing.insertion import Insertion, Way
+from planning.lego.sequencing.refusal import Refusal
+from planning.lego.sequencing.remedies import Design, on_plinth, scaffolded
+from planning.lego.sequencing.removals import Removals
+from planning.lego.sequencing.rules import SequencingRules
+from planning.lego.sequencing.search import SequenceSearch, search_sequence
+from planning.lego.stability.partial_structures import Names
 
-_MOST_REASONS = 6
-"""How many bricks of a dead end are named."""
+Progress = Callable[[int, int], None]
 
-
-@dataclass(frozen=True)
-class SequencingRules:
-    """Rules of an assembly sequence: allowed insertions, and loads the structure must bear.
-
-    Attributes:
-        support: a second robot may hold the structure from below.
-        place_up: a brick may be handed over and pressed on from below, a second robot pressing
-            against it from above.
-        force: force with which a brick is pressed into place [N].
-        search_limit: how many partial structures to look at, in each order of preference, beyond
-            those on the straight way to a sequence.
-    """
-
-    support: bool = True
-    place_up: bool = True
-    force: float = INSERTION_FORCE
-    search_limit: int = 150
+_TRIES = 100
+"""Partial structures looked at, beyond one for each brick, before more scaffolding is added."""
 
 
 @dataclass(frozen=True)
@@ -56,13 +38,15 @@ class SequencedStep:
             the chosen support, where there is one), its supports all that would do with the
             chosen press.
         reason: in words.
-        score: bound of the stability score while the brick is pressed.
+        needed: force that presses the brick on [N].
+        temporary: True for a brick that only helps and is not part of the structure.
     """
 
     name: str
     step: LegoStep
     reason: str
-    score: float
+    needed: float
+    temporary: bool = False
 
 
 @dataclass(frozen=True)
@@ -90,6 +74,7 @@ def sequence_structure(
     *,
     scaffold: Iterable[PlacedBrick] = (),
     rules: SequencingRules | None = None,
+    progress: Progress = lambda done, of: None,
 ) -> SequencedStructure:
     """Return an order in which a structure can be assembled, and how each brick goes in.
 
@@ -97,46 +82,68 @@ def sequence_structure(
         structure: the bricks of the finished structure, on the plate or on the scaffold.
         scaffold: bricks that stand from the start and stay.
         rules: what is allowed.
+        progress: told how many partial structures were looked at, and of how many at most.
 
     Returns:
-        The first sequence found depth first. Bricks of the top layer are removed first; within
-        a layer place-downs without support are preferred, then those with support, then
-        place-ups. Where that leads nowhere, bricks that hang are removed before all others: they
-        take the room of supporting tools.
+        The first sequence found. Bricks of the top layer are removed first; within a layer the
+        ways are preferred in their order. Temporary bricks are steps like others.
 
     Raises:
         InfeasibleStepError: the finished structure does not stand, or no order leads to it;
-            names the bricks that cannot be removed and why.
+            names the bricks that block each other and why, and what would help.
+        UndecidedError: the search ended at its limit without a sequence or a proof.
         ScenarioError: bricks overlap or two have the same name.
     """
     rules = rules or SequencingRules()
     fixed = tuple(scaffold)
-    structures = PartialStructures([*structure, *fixed])
-    sequencer = _Sequencer(structures, frozenset(b.name for b in fixed), rules)
-    sequencer.check_finished(frozenset(structures.bricks))
-    sequencer.check_hanging(frozenset(structures.bricks))
-    limit = len(structure) + 1 + rules.search_limit
-    names_of = [item.name for item in structure]
-    found = find_assembly_sequence(names_of, sequencer.removals, limit=limit)
-    if found.steps is None and not found.complete:
-        # Where the search was complete no other order would do either.
-        found = find_assembly_sequence(names_of, sequencer.hanging_first, limit=limit)
+    plain = Design(structure, fixed, (), rules)
+    _check_finished(plain, rules)
+    raised, plinth = on_plinth(structure, rules.plinth)
+    design = plain
+    if rules.scaffold:
+        design = scaffolded(raised, fixed, plinth, rules)
+    elif plinth:
+        design = Design(raised, fixed, plinth, rules)
+    core = design.blocking_set()
+    refusal = Refusal(design.insertion, rules, design.prospects, design.fixed)
+    if core:
+        hint = _remedies(raised, fixed, plinth, rules)
+        raise InfeasibleStepError(refusal.blocked(core) + hint)
+    found = _search(design, rules, progress)
+    while found.steps is None and rules.scaffold:
+        column = _column_at(design, found)
+        if not column:
+            break
+        design = scaffolded(raised, fixed, (*design.temporary, *column), rules)
+        found = _search(design, rules, progress)
     if found.steps is None:
-        raise InfeasibleStepError(
-            sequencer.explain(found.dead_end or frozenset(), complete=found.complete)
+        refusal = Refusal(design.insertion, rules, design.prospects, design.fixed)
+        end = found.dead_end or frozenset()
+        words = (
+            f"no brick can be placed in step {len(end)} of {len(design.parts)}, as the last of "
+            f"these\n{refusal.dead_end(end)}"
         )
-    names = sequencer.fixed
-    out = []
-    for removal in found.steps:
-        names |= {removal.part}
-        out.append(sequencer.describe(names, removal.part, removal.how))
-    return SequencedStructure(tuple(out), found.visited, structures.programs)
+        if found.complete:
+            raise InfeasibleStepError(
+                f"no order of assembly exists: all {found.visited} partial structures that can be "
+                f"reached lead nowhere. In the smallest of them {words}"
+                + _remedies(raised, fixed, plinth, rules)
+            )
+        raise UndecidedError(
+            f"not decided: no order of assembly was found among {found.visited} partial "
+            "structures, and no proof that there is none ('search_limit' of the rules allows "
+            f"more). At the dead end that came nearest {words}"
+        )
+    return SequencedStructure(
+        tuple(_described(design, found)), found.visited, design.structures.programs
+    )
 
 
 def sequenced(
     assembly: LegoAssembly,
     structure: Sequence[PlacedBrick] | None = None,
     rules: SequencingRules | None = None,
+    progress: Progress = lambda done, of: None,
 ) -> tuple[LegoAssembly, SequencedStructure]:
     """Return an assembly with the steps that build a structure on its scaffold.
 
@@ -144,159 +151,100 @@ def sequenced(
         assembly: plate and stock; of its steps, if any, only what they build counts.
         structure: the finished structure, by default that which the steps build.
         rules: what a sequence may do.
+        progress: see ``sequence_structure``.
 
     Raises:
-        InfeasibleStepError: see ``sequence_structure``.
+        InfeasibleStepError, UndecidedError: see ``sequence_structure``.
     """
     structure = assembly.structure if structure is None else structure
-    found = sequence_structure(structure, scaffold=assembly.scaffold, rules=rules)
+    scaffold = assembly.scaffold
+    found = sequence_structure(
+        structure, scaffold=scaffold, rules=rules, progress=progress
+    )
     return replace(assembly, steps=found.steps), found
 
 
-class _Sequencer:
-    """Removal candidates of a partial structure, and the reasons where there are none."""
+def _search(
+    design: Design, rules: SequencingRules, progress: Progress
+) -> SequenceSearch:
+    removals = Removals(design.insertion, rules.ways, design.fixed)
+    # Where scaffolding may be added, that helps more than many tries without it.
+    limit = min(rules.search_limit, _TRIES) if rules.scaffold else rules.search_limit
+    return search_sequence(
+        design.parts, removals, design.prospects, limit=limit, progress=progress
+    )
 
-    def __init__(
-        self, structures: PartialStructures, fixed: Names, rules: SequencingRules
-    ) -> None:
-        self.fixed = fixed
-        self._structures = structures
-        self._rules = rules
-        self._insertion = InsertionRules(structures, force=rules.force)
-        # Up or down, and held by another robot or not; the preferred ones first.
-        ways = ((False, False), (False, True), (True, True))
-        self._ways = tuple(compress(ways, (True, rules.support, rules.place_up)))
 
-    def check_finished(self, names: Names) -> None:
-        """Raise an error when the finished structure does not stand."""
-        report = self._structures.standing(names)
-        if report.stable:
-            return
-        what = self._place(report.brick or "")
+def _column_at(design: Design, found: SequenceSearch) -> list[PlacedBrick]:
+    """Return a column under the highest brick that could go in at a dead end but for the press."""
+    end = found.dead_end or frozenset()
+    stuck = (n for n in design.order() if n in end and design.prospects.perhaps(end, n))
+    return design.columns(stuck, most=1)
+
+
+def _described(design: Design, found: SequenceSearch) -> Iterable[SequencedStep]:
+    """Yield the steps of a sequence with all their alternatives."""
+    names, temporary = design.fixed, {item.name for item in design.temporary}
+    for removal in found.steps or ():
+        name, chosen = removal.part, removal.how
+        names |= {name}
+        site = design.insertion.at(names, name, up=chosen.way.up)
+        step = replace(site.step(chosen), temporary=name in temporary)
+        reason = _reason(design, names, name, chosen)
+        yield SequencedStep(name, step, reason, chosen.bearing.needed, step.temporary)
+
+
+def _reason(design: Design, names: Names, name: str, chosen: Insertion) -> str:
+    force = f"{chosen.bearing.needed:.1f} N"
+    if chosen.way is Way.UP:
+        above = design.structures.above(names, name)[0]
+        item = design.structures.bricks[above]
+        place = f"{above!r} ({item.brick.name} at {item.cell.words})"
+        return f"it hangs below {place}, with nothing under it"
+    if chosen.way.held:
+        return f"pressed with {force} from above alone, the structure would give way"
+    return f"the structure bears the press of {force} from above"
+
+
+def _check_finished(design: Design, rules: SequencingRules) -> None:
+    """Raise an error when the finished structure does not stand, or bricks hang in vain."""
+    structures = design.structures
+    names = frozenset(structures.bricks)
+    refusal = Refusal(design.insertion, rules, design.prospects, design.fixed)
+    if not structures.stands(names):
+        report = structures.weakness(names)
+        what = refusal.place(report.brick or "")
         why = f"{what} needs {report.score:.2f} times the friction its knobs have"
         if math.isinf(report.score):
             why = f"nothing holds {what}"
         raise InfeasibleStepError(f"the finished structure does not stand: {why}")
 
-    def check_hanging(self, names: Names) -> None:
-        """Raise an error when bricks hang although nothing may be placed from below."""
-        if self._rules.place_up:
-            return
-        hanging = [
-            self._place(name)
-            for name in self._candidates(names - self.fixed)
-            if not self._structures.below(names, name)
-        ]
-        if hanging:
-            raise InfeasibleStepError(
-                f"no step can place {' or '.join(hanging)}: there is nothing below it to press it "
-                f"onto, and placing from below is not allowed"
-            )
 
-    def removals(self, parts: Names) -> Iterator[Removal[str, Insertion]]:
-        """Yield the bricks that may be removed, and how they would be put back."""
-        layers = groupby(
-            self._candidates(parts), key=lambda n: self._structures.bricks[n].cell.level
-        )
-        yield from self._removals(parts, (tuple(bricks) for _, bricks in layers))
-
-    def hanging_first(self, parts: Names) -> Iterator[Removal[str, Insertion]]:
-        """Yield the same as ``removals``, those with nothing below them first, from the lowest."""
-        names = parts | self.fixed
-        hanging = tuple(
-            name
-            for name in reversed(self._candidates(parts))
-            if not self._structures.below(names, name)
-        )
-        yield from self._removals(parts, (hanging,))
-        for removal in self.removals(parts):
-            if removal.part not in hanging:
-                yield removal
-
-    def _removals(
-        self, parts: Names, groups: Iterable[tuple[str, ...]]
-    ) -> Iterator[Removal[str, Insertion]]:
-        names = parts | self.fixed
-        for bricks in groups:
-            for (up, held), brick in product(self._ways, bricks):
-                site = self._insertion.at(names, brick, up=up)
-                if site.obstacle() is not None:
-                    continue
-                if not self._structures.standing(names - {brick}).stable:
-                    continue
-                ways = (site.insertions(p, held=held) for p in site.roomy_presses)
-                insertion = next(chain.from_iterable(ways), None)
-                if insertion is not None:
-                    yield Removal(brick, insertion)
-
-    def describe(self, names: Names, brick: str, chosen: Insertion) -> SequencedStep:
-        """Return a step of the sequence with all its alternatives."""
-        step = self._insertion.at(names, brick, up=chosen.up).step(chosen)
-        reason = "the structure bears the press from above"
-        if chosen.up:
-            above = self._place(self._structures.above(names, brick)[0])
-            reason = f"it hangs below {above}, with nothing under it"
-        elif chosen.support is not None:
-            reason = "pressed from above alone, the structure would give way"
-        return SequencedStep(brick, step, reason, chosen.score)
-
-    def explain(self, parts: Names, *, complete: bool) -> str:
-        """Return the reasons why no brick of a dead end can be removed."""
-        names = parts | self.fixed
-        whys = [
-            (*self._why_not(names, k), self._place(k)) for k in self._candidates(parts)
-        ]
-        # What stands in the way of all else comes first.
-        whys.sort(key=lambda why: why[0])
-        end = "" if complete else " (the search was cut short by its limit)"
-        shown = [f"  {place}: {reason}" for _, reason, place in whys[:_MOST_REASONS]]
-        if len(whys) > len(shown):
-            shown.append(f"  and {len(whys) - len(shown)} more")
-        total = len(self._structures.bricks) - len(self.fixed)
-        return (
-            f"no order of assembly was found{end}: no brick can be placed in step {len(parts)} of "
-            f"{total}, as the last of these\n" + "\n".join(shown)
-        )
-
-    def _candidates(self, parts: Names) -> list[str]:
-        bricks = self._structures.bricks
-
-        def top_first(name: str) -> tuple[int, int, int, str]:
-            cell = bricks[name].cell
-            return -cell.level, -cell.x, -cell.y, name
-
-        return sorted(parts, key=top_first)
-
-    def _why_not(self, names: Names, brick: str) -> tuple[bool, str]:
-        """Return why a brick cannot be the last one in, and whether others depend on it."""
-        rest = self._structures.standing(names - {brick})
-        if not rest.stable:
-            what = self._place(rest.brick or "")
-            held = "nothing holds {}" if math.isinf(rest.score) else "{} gives way"
-            return True, f"without it {held.format(what)}"
-        return False, self._why_not_inserted(names, brick)
-
-    def _why_not_inserted(self, names: Names, brick: str) -> str:
-        from_above, from_below = (
-            self._insertion.at(names, brick, up=up).obstacle() for up in (False, True)
-        )
-        if from_above and from_below:
-            return f"{from_above} and {from_below}"
-        up = from_above is not None
-        if up and not self._rules.place_up:
-            return f"{from_above}, and placing from below is not allowed"
-        site = self._insertion.at(names, brick, up=up)
-        if not site.roomy_presses:
-            return f"the tool has no room: {site.blocker()!r} is in its way"
-        if up:
-            return "no supporting tool above has room and keeps the structure standing"
-        if not self._rules.support:
-            return "the structure gives way under the press, and support is not allowed"
-        return (
-            "the structure gives way under the press, and no supporting tool below has room "
-            "and helps"
-        )
-
-    def _place(self, name: str) -> str:
-        item = self._structures.bricks[name]
-        return f"{name!r} ({item.brick.name} at {item.cell.words})"
+def _remedies(
+    structure: Sequence[PlacedBrick],
+    fixed: Sequence[PlacedBrick],
+    plinth: Sequence[PlacedBrick],
+    rules: SequencingRules,
+) -> str:
+    """Return which remedies that are off would help, as a further line of a refusal."""
+    remedies = {
+        "support": replace(rules, support=True),
+        "place_up": replace(rules, place_up=True),
+        "hold_down": replace(rules, hold_down=True),
+        "scaffold": replace(rules, scaffold=True),
+    }
+    helps = []
+    for name, changed in remedies.items():
+        if changed == rules:
+            continue
+        if name == "scaffold":
+            design = scaffolded(structure, fixed, plinth, changed)
+            count = len(design.temporary) - len(plinth)
+            words = f"'scaffold' ({count} temporary bricks)"
+        else:
+            design, words = Design(structure, fixed, plinth, changed), f"'{name}'"
+        if not design.blocked():
+            helps.append(words)
+    if not helps:
+        return ""
+    return f"\n  what would help, switched on in the rules: {' or '.join(helps)}"

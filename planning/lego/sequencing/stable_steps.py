@@ -13,8 +13,8 @@ from itertools import islice, product
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, Press, Support
 from planning.lego.bricks.grips import presses
-from planning.lego.sequencing.insertion import InsertionRules, InsertionSite
-from planning.lego.sequencing.sequencing import SequencingRules
+from planning.lego.sequencing.insertion import InsertionRules, InsertionSite, Way
+from planning.lego.sequencing.rules import SequencingRules
 from planning.lego.stability.equilibrium import StabilityReport
 from planning.lego.stability.partial_structures import PartialStructures
 
@@ -46,7 +46,7 @@ def stable_steps(
     rules = rules or SequencingRules()
     bricks, fixed = assembly.structure, assembly.scaffold
     structures = PartialStructures([*bricks, *fixed])
-    insertion = InsertionRules(structures, force=rules.force)
+    insertion = InsertionRules(structures, rules.force, rules.margin, rules.robot)
     names = frozenset(item.name for item in fixed)
     steps, faults = [], []
     for number, (step, brick) in enumerate(
@@ -54,9 +54,8 @@ def stable_steps(
     ):
         at = f"step {number} ({step.words})"
         names |= {brick.name}
-        standing = structures.standing(names)
-        if not standing.stable:
-            why = _weakness(standing, structures)
+        if not structures.stands(names):
+            why = _weakness(structures.weakness(names), structures)
             faults.append(f"{at}: the structure does not stand after it: {why}")
             continue
         site = insertion.at(names, brick.name, up=step.up)
@@ -115,12 +114,14 @@ class _StepChoices:
 
     def why_not(self) -> str:
         """Return the reason why no grip and support suffices, and some that would."""
-        report = self.site.bears(self.grips[0], self.supports[0])
+        bearing = self.site.bears(self.grips[0], self.supports[0])
+        report = self.site.weakness(self.grips[0], self.supports[0])
         held = "" if self.supports[0] is None else " in spite of its support"
         side = "below" if self.step.up else "above"
         text = (
-            f"the structure gives way under the press of {self.rules.force:g} N from {side}"
-            f"{held}: {_weakness(report, self.site.rules.structures)}"
+            f"the structure gives way under the press of {bearing.needed:.1f} N from {side}"
+            f"{held} (it bears {max(bearing.bears, 0.0):.1f} N): "
+            f"{_weakness(report, self.site.rules.structures)}"
         )
         other = self._better_grips()
         if other:
@@ -146,10 +147,11 @@ class _StepChoices:
     def _better_supports(self) -> list[str]:
         if not self.step.up and not self.rules.support:
             return []
+        way = Way.UP if self.step.up else Way.DOWN_HELD_BELOW
         found = (
             f"{{at: [{s.x}, {s.y}, {s.z}], {_raised(s)}orientation: {s.orientation}}}"
             for press in self.grips
-            for insertion in self.site.insertions(press, held=True)
+            for insertion in self.site.insertions(press, way)
             if (s := insertion.support) is not None
         )
         return list(islice(dict.fromkeys(found), _HINTS))

@@ -46,6 +46,9 @@ TOUCH = 0.0005
 KEPT = 0.0006
 """Clearance that planning keeps around a robot, and a little more [m]."""
 
+Approach = tuple[int, float]
+"""Side that a brick comes from (+1 or -1), and height of its approach [m]."""
+
 
 @dataclass(frozen=True)
 class BrickBoxes:
@@ -75,8 +78,8 @@ def brick_box(item: PlacedBrick) -> Array:
     return np.stack([top - half - [0.0, 0.0, height], top + half])
 
 
-def blocking(boxes: Array, bricks: BrickBoxes, *, clearance: float = 0.0) -> str | None:
-    """Return the first brick that any of the boxes meets, ``PLATE`` for the plate.
+def blocking(boxes: Array, bricks: BrickBoxes, *, clearance: float = 0.0) -> list[str]:
+    """Return the bricks that any of the boxes meets, and ``PLATE`` for the plate.
 
     Args:
         boxes: shape (k, 2, 3) in the plate's frame [m].
@@ -84,49 +87,76 @@ def blocking(boxes: Array, bricks: BrickBoxes, *, clearance: float = 0.0) -> str
         clearance: distance that must be left [m]; by default touching is not meeting.
 
     Returns:
-        A name, or None when there is room.
+        Names; none when there is room.
     """
     shrink = -clearance if clearance > 0.0 else TOUCH
     low, high = boxes[:, 0] + shrink, boxes[:, 1] - shrink
-    if float(low[:, 2].min()) < 0.0:
-        return PLATE
+    plate = [PLATE] if float(low[:, 2].min()) < 0.0 else []
     them = bricks.corners
     apart = (low[:, None] >= them[None, :, 1]) | (high[:, None] <= them[None, :, 0])
     hit = np.flatnonzero(~apart.any(axis=2).all(axis=0))
-    return bricks.names[int(hit[0])] if hit.size else None
+    return plate + [bricks.names[int(k)] for k in hit]
 
 
 def place_down_blocked(
     item: PlacedBrick, press: Press, others: BrickBoxes, robot: str = "gp4"
-) -> str | None:
-    """Return the obstacle to putting a brick down, None when there is room.
+) -> list[str]:
+    """Return the obstacles to pressing a brick on from above, however it comes there.
 
     Args:
         item: the brick and its goal.
         press: the grip.
-        others: boxes of the bricks that are there already.
+        others: boxes of other bricks.
         robot: the registered robot that carries the tool.
     """
     tool = tool_shape(robot)
     targets = place_down_targets(tool.frames, item.brick, _top(item), press)
-    first = blocking(_tool_boxes(tool, targets.subgoals), others)
-    if first is None and lever_reaches_below(item.brick):
-        first = blocking(_below_lever(tool, item, press), others)
-    return first or blocking(_above(item), others)
+    found = blocking(_tool_boxes(tool, targets.subgoals[1:]), others)
+    if lever_reaches_below(item.brick):
+        found += blocking(_below_lever(tool, item, press), others)
+    return found + blocking(_above(item), others)
+
+
+def approach_blocked(
+    item: PlacedBrick,
+    press: Press,
+    others: BrickBoxes,
+    way: Approach,
+    robot: str = "gp4",
+) -> list[str]:
+    """Return the obstacles to bringing a brick to where it is pressed on from above.
+
+    Planning keeps off all bricks there, those beside its place included.
+
+    Args:
+        item: the brick and its goal.
+        press: the grip.
+        others: boxes of other bricks.
+        way: that it comes.
+        robot: the registered robot that carries the tool.
+    """
+    tool, (attack, height) = tool_shape(robot), way
+    targets = place_down_targets(
+        tool.frames, item.brick, _top(item), press, attack=attack, height=height
+    )
+    start = targets.subgoals[:1]
+    moved = _moved(item, targets.subgoals[2].pose, start)
+    found = blocking(_tool_boxes(tool, start), others, clearance=KEPT)
+    return found + blocking(moved, others, clearance=KEPT)
 
 
 def place_up_blocked(
     item: PlacedBrick, press: Press, others: BrickBoxes, robot: str = "gp4"
-) -> str | None:
-    """Return the obstacle to bringing a brick in from below, None when there is room."""
+) -> list[str]:
+    """Return the obstacles to bringing a brick in from below; none when there is room."""
     tool = tool_shape(robot)
     contact = side_contact_pose(_top(item), item.brick, press)
     targets = place_up_targets(tool.frames, contact)
     boxes = _tool_boxes(tool, targets.subgoals)
     # Only what stands beside the brick may be touched; from the others planning keeps off.
     aloof = others.without(_beside(item, others))
-    first = blocking(boxes, others) or blocking(boxes, aloof, clearance=KEPT)
-    return first or blocking(_moved(item, contact, targets.subgoals[:2]), others)
+    found = blocking(boxes, others) + blocking(boxes, aloof, clearance=KEPT)
+    return found + blocking(_moved(item, contact, targets.subgoals[:2]), others)
 
 
 @lru_cache(maxsize=20_000)
@@ -178,7 +208,7 @@ def attack_side(
         else:
             targets = place_down_targets(frames, item.brick, top, press, attack=attack)
             way, goal = targets.subgoals[:2], targets.subgoals[2].pose
-        if blocking(_moved(item, goal, way), others) is None:
+        if not blocking(_moved(item, goal, way), others):
             return attack
     return 1
 

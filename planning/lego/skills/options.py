@@ -278,8 +278,10 @@ class SkillOptions:
     def support_targets(self, step: int, choice: int) -> tuple[SkillTargets, ...]:
         """Return the support of a step as subgoals, from each of its pre-poses."""
         work = self.world.step(step)
-        find = support_top_targets if work.up else support_bottom_targets
-        return find(self.world.assembly.plate, work.supports[choice])
+        support = work.supports[choice]
+        top = work.up or support.from_above
+        find = support_top_targets if top else support_bottom_targets
+        return find(self.world.assembly.plate, support)
 
     def _support(self, robot: str, step: int, choice: int) -> Found:
         """Return a support from the first pre-pose that works.

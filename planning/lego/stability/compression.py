@@ -8,7 +8,6 @@ where it goes through nor a further brick that rests like this can raise the sco
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 
 from planning.lego.bricks.assembly import PlacedBrick
@@ -21,32 +20,27 @@ Region = tuple[Point, ...]
 _EPS = 1e-9
 
 
-def resting_regions(
-    bricks: Mapping[str, PlacedBrick], joints: Iterable[Joint]
-) -> dict[str, Region]:
-    """Return for each brick where a push on it goes through to the plate.
+def resting_region(
+    item: PlacedBrick, joints: Iterable[Joint], regions: Mapping[str, Region]
+) -> Region:
+    """Return where a push on a brick goes through to the plate.
 
     Args:
-        bricks: the structure.
-        joints: its joints.
+        item: the brick.
+        joints: those with what it stands on.
+        regions: of the bricks that it stands on.
 
     Returns:
-        Convex regions in the plate's plane [studs], empty for a brick that rests on nothing.
+        A convex region in the plate's plane [studs], empty for a brick that rests on nothing.
     """
-    below: dict[str, list[Joint]] = defaultdict(list)
-    for joint in joints:
-        below[joint.upper].append(joint)
-    regions: dict[str, Region] = {}
-    for name in sorted(bricks, key=lambda n: bricks[n].cell.level):
-        points = [
-            (float(x), float(y))
-            for joint in below[name]
-            for stud in joint.studs
-            for x, y in knob_points(bricks[name], stud)
-            if joint.lower is None or contains(regions[joint.lower], (x, y))
-        ]
-        regions[name] = convex_hull(points)
-    return regions
+    points = [
+        (float(x), float(y))
+        for joint in joints
+        for stud in joint.studs
+        for x, y in knob_points(item, stud)
+        if joint.lower is None or contains(regions[joint.lower], (x, y))
+    ]
+    return convex_hull(points)
 
 
 def contains(region: Region, point: Point) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import OptimizeResult, linprog
-from scipy.sparse import coo_matrix, csc_matrix, hstack, identity
+from scipy.sparse import coo_matrix, csc_matrix, eye, hstack, vstack
 
 from planning.transforms import Array
 
@@ -67,6 +67,7 @@ class Equilibrium:
         self._on: list[tuple[int, int]] = []
         self._bounds: list[tuple[float, float]] = []
         self._pulls: list[float] = []
+        self._shared: list[tuple[range, float]] = []
 
     def add_contact(
         self,
@@ -94,11 +95,24 @@ class Equilibrium:
         self._bounds.append((0.0, np.inf) if within is None else (-within, within))
         self._pulls.append(pull)
 
-    def add_load(self, body: str, force: Array, point: Array) -> None:
-        """Add a known force on a body, shape (3,) [N], at a point, shape (3,)."""
+    def add_load(self, body: str, force: Array, points: Array) -> None:
+        """Add a known force on a body that acts at points in shares that balance is free to choose.
+
+        Args:
+            body: the body.
+            force: shape (3,) [N]; the shares have its direction and add up to it.
+            points: where it may act, shape (k, 3).
+        """
         k = self._index[body]
-        self._wrench[k, :3] += force
-        self._wrench[k, 3:] += np.cross(point - self._centres[k], force)
+        if len(points) == 1:
+            self._wrench[k, :3] += force
+            self._wrench[k, 3:] += np.cross(points[0] - self._centres[k], force)
+            return
+        total = float(np.linalg.norm(force))
+        first = len(self._points)
+        for point in points:
+            self.add_contact(None, body, point, force / total)
+        self._shared.append((range(first, len(self._points)), total))
 
     def solve(self, *, blame: bool = True) -> StabilityReport:
         """Solve the program.
@@ -112,7 +126,7 @@ class Equilibrium:
         """
         if not self._points:
             return StabilityReport(math.inf, self._names[0])
-        contacts = self._matrix()
+        contacts = vstack([self._matrix(), self._sums()], format="csc")
         pulls = np.array(self._pulls)
         column = csc_matrix((contacts @ -pulls)[:, None])
         matrix = hstack([contacts, column], format="csc")
@@ -152,12 +166,22 @@ class Equilibrium:
             (entries[there], place), shape=(self._wrench.size, len(points))
         ).tocsc()
 
+    def _sums(self) -> csc_matrix:
+        """Return the rows that add up the shares of each shared load."""
+        rows = np.repeat(
+            np.arange(len(self._shared)), [len(k) for k, _ in self._shared]
+        )
+        columns = np.array([c for k, _ in self._shared for c in k], dtype=np.intp)
+        shape = (len(self._shared), len(self._points))
+        return coo_matrix((np.ones(len(columns)), (rows, columns)), shape=shape).tocsc()
+
     def _minimise(
         self, cost: Array, matrix: csc_matrix, bounds: list[tuple[float, float]]
     ) -> OptimizeResult:
         # Sparse matrices are accepted; scipy's type stubs do not know it.
         solve: Callable[..., OptimizeResult] = linprog
-        target = -self._wrench.ravel()
+        totals = [total for _, total in self._shared]
+        target = np.concatenate([-self._wrench.ravel(), totals])
         return solve(cost, A_eq=matrix, b_eq=target, bounds=bounds, method="highs")
 
     def _priciest(self, price: Array) -> str:
@@ -169,8 +193,9 @@ class Equilibrium:
 
     def _farthest(self, matrix: csc_matrix) -> str:
         """Return the body that needs most help from outside for all to be in balance."""
-        size = matrix.shape[0]
-        helped = hstack([matrix, identity(size), -identity(size)], format="csc")
+        size = self._wrench.size
+        help_ = eye(matrix.shape[0], size)
+        helped = hstack([matrix, help_, -help_], format="csc")
         cost = np.concatenate([np.zeros(matrix.shape[1]), np.ones(2 * size)])
         free = [(0.0, np.inf)] * (2 * size)
         result = self._minimise(cost, helped, [*self._bounds, (0.0, np.inf), *free])

@@ -28,12 +28,13 @@ from planning.lego.bricks.contacts import (
     stud_height,
 )
 from planning.lego.stability.equilibrium import Equilibrium
+from planning.transforms import Array
 
 STANDARD_GRAVITY = 9.80665
 """[m/s^2]."""
 
-_UP = np.array([0.0, 0.0, 1.0])
-_LEVEL = (np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+UP = np.array([0.0, 0.0, 1.0])
+LEVEL = (np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
 
 
 @dataclass(frozen=True)
@@ -62,17 +63,20 @@ class JointStrength:
 
 @dataclass(frozen=True)
 class Load:
-    """A force on a brick.
+    """A force on a brick, at a point or spread over several.
+
+    A tool that holds a brick keeps it from turning, so the force that it presses with acts where
+    the brick resists: anywhere between the points that the tool touches.
 
     Attributes:
         brick: name of the brick.
         force: (x, y, z) in the plate's frame [N].
-        point: where it acts, in the plate's frame with the plate's corner as origin [m].
+        points: where it may act, in the plate's frame with the plate's corner as origin [m].
     """
 
     brick: str
     force: tuple[float, float, float]
-    point: tuple[float, float, float]
+    points: tuple[tuple[float, float, float], ...]
 
 
 @dataclass(frozen=True)
@@ -125,9 +129,9 @@ def add_joint(
     for stud in joint.studs:
         for x, y in knob_points(upper, stud):
             point = np.array([x, y, height])
-            program.add_contact(first, second, point, _UP, pull=pull)
+            program.add_contact(first, second, point, UP, pull=pull)
         axis = np.array([stud[0] + 0.5, stud[1] + 0.5, height])
-        for direction in _LEVEL:
+        for direction in LEVEL:
             program.add_contact(first, second, axis, direction, within=sideways)
 
 
@@ -136,11 +140,18 @@ def add_side(
 ) -> None:
     """Add the contacts of two bricks side by side, the corners of their common face."""
     first, second = (None if n in fixed else n for n in (side.first, side.second))
-    for along in side.span:
-        flat = (side.at, along) if side.axis == 0 else (along, side.at)
-        for height in map(stud_height, side.levels):
-            point = np.array([*flat, height], dtype=np.float64)
-            program.add_contact(first, second, point, _LEVEL[side.axis])
+    for point in side_points(side):
+        program.add_contact(first, second, point, LEVEL[side.axis])
+
+
+def side_points(side: SideContact) -> tuple[Array, ...]:
+    """Return the corners of the common face of two bricks side by side, (3,) each [studs]."""
+    return tuple(
+        np.array([*flat, height], dtype=np.float64)
+        for along in side.span
+        for flat in [(side.at, along) if side.axis == 0 else (along, side.at)]
+        for height in map(stud_height, side.levels)
+    )
 
 
 def add_loads(
@@ -151,5 +162,5 @@ def add_loads(
         up = np.array([0.0, 0.0, float(hold.direction)])
         program.add_contact(None, hold.brick, np.array(hold.point) / STUD_PITCH, up)
     for load in loads:
-        point = np.array(load.point) / STUD_PITCH
-        program.add_load(load.brick, np.array(load.force), point)
+        points = np.array(load.points) / STUD_PITCH
+        program.add_load(load.brick, np.array(load.force), points)

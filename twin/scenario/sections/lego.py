@@ -105,11 +105,14 @@ class SupportSection(Section):
         at: the 1 x 2 cell, as stud and layer.
         raised: thirds of a brick from the bottom of the layer to the cell's.
         orientation: 0 = the tool comes from -x, 1 = from +y, 2 = from -y, 3 = from +x.
+        from_above: the tool stands on bricks (as it does for a place from below) instead of
+            holding them from below.
     """
 
     at: GridCell
     raised: Raised = 0
     orientation: Annotated[int, Field(ge=0, le=3)]
+    from_above: bool = False
 
 
 class StepSection(Section):
@@ -127,6 +130,7 @@ class StepSection(Section):
         attack: sign of the sideways offset of the approach.
         stock: name of the stock brick to use; the planner chooses where it is not given.
         colour: red, green and blue of the brick for pictures; by default that of its type.
+        temporary: the brick only helps; it is not part of the structure.
     """
 
     brick: str
@@ -142,6 +146,7 @@ class StepSection(Section):
     attack: Literal[1, -1] = 1
     stock: Name | None = None
     colour: Colour | None = None
+    temporary: bool = False
 
     @model_validator(mode="after")
     def _first_choice(self) -> StepSection:
@@ -172,13 +177,26 @@ class RulesSection(Section):
     Attributes:
         support: a second robot may hold the structure from below while a brick is pressed on.
         place_up: a brick may be handed over and pressed on from below.
-        press_force_n: force with which bricks are pressed on [N].
+        hold_down: a second robot may hold the structure down from above, beside the press.
+        scaffold: temporary bricks of the stock may carry what cannot go in otherwise; they stay
+            until the model is lifted off the plate.
+        plinth: layers by which the structure is raised on temporary bricks.
+        press_force_n: force at which pressing stops [N].
+        press_margin: a brick is pressed on with the friction of the knobs that engage times this,
+            up to the force at which pressing stops.
+        search_limit: how many partial structures the search for a sequence may look at beyond
+            one for each brick.
         check_steps: whether given steps must bear that force too.
     """
 
     support: bool = True
     place_up: bool = True
+    hold_down: bool = False
+    scaffold: bool = False
+    plinth: Annotated[int, Field(ge=0, le=30)] = 0
     press_force_n: Annotated[float, Field(gt=0, le=1000)] = 15.0
+    press_margin: Annotated[float, Field(gt=0, le=1000)] = 1.5
+    search_limit: Annotated[int, Field(ge=0, le=1_000_000)] = 2000
     check_steps: bool = True
 
 
@@ -258,4 +276,4 @@ def places_of(
 def support_of(item: SupportSection) -> Support:
     """Return the place of a supporting tool."""
     x, y, z = item.at
-    return Support(x, y, z, item.orientation, item.raised)
+    return Support(x, y, z, item.orientation, item.raised, item.from_above)

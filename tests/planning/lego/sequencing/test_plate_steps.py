@@ -33,7 +33,7 @@ def test_a_plate_goes_on_a_brick_by_the_edges_that_are_flush() -> None:
 
 
 def test_a_plate_on_the_base_plate_has_no_room_for_the_tool() -> None:
-    with pytest.raises(InfeasibleStepError, match="'the plate' is in its way"):
+    with pytest.raises(InfeasibleStepError, match="the plate is in its way"):
         sequence_structure([plate(20, 20, 1)])
 
 

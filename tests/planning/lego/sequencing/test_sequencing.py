@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.errors import InfeasibleStepError
+from planning.errors import InfeasibleStepError, UndecidedError
 from planning.importers.apex_mr.importer import import_apex_mr
 from planning.lego.bricks.assembly import (
     BRICKS,
@@ -27,9 +28,9 @@ from planning.lego.bricks.assembly import (
 from planning.lego.bricks.grid import covered_studs, occupied_places
 from planning.lego.bricks.grips import press_cell, presses
 from planning.lego.sequencing.insertion import InsertionRules
+from planning.lego.sequencing.rules import SequencingRules
 from planning.lego.sequencing.sequencing import (
     SequencedStructure,
-    SequencingRules,
     sequence_structure,
     sequenced,
 )
@@ -56,7 +57,7 @@ def _tower(height: int, x: int = 20, y: int = 20) -> list[PlacedBrick]:
     return [_brick(f"tower{z}", "2x4", x, y, z) for z in range(1, height + 1)]
 
 
-def _replay(structure, found: SequencedStructure, scaffold=(), force=15.0) -> None:
+def _replay(structure, found: SequencedStructure, scaffold=()) -> None:
     """Check every step of a sequence from scratch."""
     goal = {i.name: i for i in structure}
     assert sorted(q.name for q in found.sequence) == sorted(goal)
@@ -80,6 +81,7 @@ def _replay(structure, found: SequencedStructure, scaffold=(), force=15.0) -> No
         assert item.step.presses[0] == step.press
         assert set(item.step.presses) <= set(presses(brick.brick))
         for press in item.step.presses:
+            force = _force(brick, there, up=step.up)
             loads = _loads(brick, press, force, up=step.up)
             holds = [] if step.support is None else _holds(there, step)
             assert (step.support is None) == (not holds)
@@ -91,20 +93,46 @@ def _replay(structure, found: SequencedStructure, scaffold=(), force=15.0) -> No
 
 
 def _loads(brick, press, force, *, up):
+    """Return the press as one load whose points are the rims of the pressed studs."""
     contact = press_cell(brick.cell, brick.brick, press, up=up)
     pair = PlacedBrick("tool", BRICKS["1x2"], contact)
     own = covered_studs(brick.cell, brick.brick)
     studs = [s for s in covered_studs(pair.cell, pair.brick) if s in own]
-    height = (brick.cell.level + (0 if up else brick.brick.height)) * LAYER_HEIGHT / 3
-    each = (force if up else -force) / len(studs)
-    return [
-        Load(
-            brick.name,
-            (0.0, 0.0, each),
-            ((x + 0.5) * STUD_PITCH, (y + 0.5) * STUD_PITCH, height),
-        )
+    top = brick.cell.level + brick.brick.height
+    height = (brick.cell.level if up else top) * LAYER_HEIGHT / 3
+    rims = ((0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.0, -0.3))
+    points = tuple(
+        ((x + 0.5 + i) * STUD_PITCH, (y + 0.5 + j) * STUD_PITCH, height)
         for x, y in studs
-    ]
+        for i, j in rims
+    )
+    return [Load(brick.name, (0.0, 0.0, force if up else -force), points)]
+
+
+def _force(brick, there, *, up):
+    """Return 1.5 times the friction of all contacts that engage, at most 15 N."""
+    on = [b for b in there if b.name != brick.name]
+    level = brick.cell.level + (brick.brick.height if up else 0)
+    total = 0.0
+    for x, y in covered_studs(brick.cell, brick.brick):
+        if level == 0:
+            uppers = [brick]
+        elif up:
+            uppers = [
+                b
+                for b in on
+                if b.cell.level == level and (x, y) in covered_studs(b.cell, b.brick)
+            ]
+        else:
+            uppers = [
+                brick
+                for b in on
+                if b.cell.level + b.brick.height == level
+                and (x, y) in covered_studs(b.cell, b.brick)
+            ]
+        for upper in uppers:
+            total += 4 * 0.98 if min(upper.brick.studs) == 1 else 3 * 0.85
+    return min(15.0, 1.5 * total)
 
 
 def _holds(there, step):
@@ -148,7 +176,7 @@ def test_an_overhang_is_supported_from_below():
     assert "give way" in hand.reason
     assert hand.step.supports[0] == hand.step.support
     assert hand.step.support.z == 9  # under the arm, which the hand is pressed onto
-    with pytest.raises(InfeasibleStepError, match=r"'hand'.*support is not allowed"):
+    with pytest.raises(InfeasibleStepError, match=r"(?s)'hand'.*gives way.*'support'"):
         sequence_structure(structure, rules=SequencingRules(support=False))
     gentle = sequence_structure(structure, rules=SequencingRules(force=0.5))
     assert all(s.support is None for s in gentle.steps)
@@ -194,15 +222,18 @@ def test_a_structure_that_collapses_is_refused():
         sequence_structure(structure)
 
 
-def test_a_slab_on_one_stud_tips_when_pressed():
+def test_a_slab_is_pressed_on_where_it_has_a_stud_below():
     structure = [_brick("foot", "1x1", 20, 20, 1), _brick("roof", "2x4", 20, 20, 2)]
-    assert stability(structure).stable
-    with pytest.raises(InfeasibleStepError, match=r"(?s)'roof'.*gives way.*'foot'"):
-        sequence_structure(structure)
-    wider = [_brick("foot", "2x2", 20, 20, 1), structure[1]]
-    found = sequence_structure(wider)
-    assert [q.name for q in found.sequence] == ["foot", "roof"]
-    _replay(wider, found)
+    found = sequence_structure(structure)
+    _replay(structure, found)
+    press = found.sequence[-1].step.presses
+    item = structure[-1]
+    contacts = [press_cell(item.cell, item.brick, p, up=False) for p in press]
+    assert all((20, 20) in covered_studs(c, BRICKS["1x2"]) for c in contacts)
+    two = [structure[0], _brick("roof", "1x8", 20, 20, 2)]
+    heavy = [*two, _brick("end", "2x4", 20, 26, 3)]
+    with pytest.raises(InfeasibleStepError, match=r"(?s)'end'.*gives way"):
+        sequence_structure(heavy, rules=SequencingRules(support=False))
 
 
 def test_a_brick_in_a_pit_has_no_room_for_the_tool():
@@ -221,13 +252,22 @@ def test_a_brick_in_a_pit_has_no_room_for_the_tool():
         sequence_structure([pit], scaffold=walls)
 
 
-def test_limit_of_the_search_is_told():
-    beam = _brick("beam", "1x8", 23, 20, 2)
-    post = _brick("post", "1x1", 23, 20, 1)
-    others = [_brick(f"b{k}", "2x2", 4 * k, 4, 1) for k in range(4)]
-    rules = SequencingRules(support=False, search_limit=3)
-    with pytest.raises(InfeasibleStepError, match="cut short"):
-        sequence_structure([beam, post, *others], rules=rules)
+def test_what_a_dead_end_lacked_is_kept_longer_in_the_next_try():
+    """The cap is borne only while the weight is on the lever, and both are in the top layer."""
+    structure = [
+        _brick("lever", "1x8", 20, 20, 2),
+        _brick("post", "1x1", 20, 22, 1),
+        _brick("side1", "1x2", 21, 26, 1),
+        _brick("side2", "1x2", 21, 26, 2),
+        _brick("weight", "2x2", 20, 26, 3),
+        _brick("cap", "1x1", 20, 20, 3),
+    ]
+    rules = SequencingRules(support=False, place_up=False)
+    found = sequence_structure(structure, rules=rules)
+    _replay(structure, found)
+    assert found.visited > len(structure) + 1
+    with pytest.raises(UndecidedError, match="no proof"):
+        sequence_structure(structure, rules=replace(rules, search_limit=0))
 
 
 @settings(max_examples=8, deadline=None)
@@ -308,7 +348,7 @@ def test_published_structures_get_the_published_ways(task):
 
 @pytest.mark.skipif(not _DATA.exists(), reason="published task files not found")
 @pytest.mark.parametrize("task", ["cliff", "faucet", "bridge"])
-@pytest.mark.parametrize("force", [8.0, 15.0, 18.0])
+@pytest.mark.parametrize("force", [15.0, 18.0])
 def test_published_sequences_have_support_exactly_where_it_is_needed(task, force):
     """In the published order, with the published presses and supports."""
     steps, structure, scaffold = _published(task)

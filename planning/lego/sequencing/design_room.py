@@ -1,0 +1,278 @@
+"""Which bricks of a design stand in the tool's way, for every press and every supporting spot.
+
+Worked out once for the whole design: a press or a support has room in a partial structure when
+none of those bricks is there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+
+from planning.lego.bricks.assembly import (
+    BRICK_LEVELS,
+    STUD_PITCH,
+    Cell,
+    PlacedBrick,
+    Press,
+    Support,
+)
+from planning.lego.bricks.grid import (
+    Place,
+    covered_studs,
+    level_height,
+    occupied_span,
+)
+from planning.lego.sequencing.tool_room import (
+    PLATE,
+    Approach,
+    BrickBoxes,
+    approach_blocked,
+    attack_side,
+    blocking,
+    brick_box,
+    place_down_blocked,
+    place_up_blocked,
+    support_boxes,
+    support_face,
+)
+from planning.lego.skills.support import ORIENTATIONS
+from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH
+from planning.lego.stability.stability import Hold
+from planning.transforms import Array
+
+_LEAST_TOUCH = 0.002
+_CLEARANCE = 0.001
+_NONE: frozenset[str] = frozenset()
+
+Names = frozenset[str]
+
+_APPROACHES = tuple(product((1, -1), (APPROACH_HEIGHT, HIGH_APPROACH)))
+"""Sides and heights that a brick may come from, from above."""
+
+
+TIP_SHIFTS = ((0, 0), (-1, 0), (0, -1))
+"""Shifts of a supporting tool's cell by which its tip still covers a stud."""
+
+
+def support_at(x: int, y: int, level: int, turn: int, *, from_above: bool) -> Support:
+    """Return a supporting tool's place by the level of its cell."""
+    cell = Cell.at_level(x, y, level)
+    return Support(x, y, cell.z, turn, cell.raised, from_above)
+
+
+@dataclass(frozen=True)
+class SupportPlace:
+    """A supporting tool among the bricks of a design.
+
+    Attributes:
+        touches: where it touches each brick that it touches.
+        blockers: bricks that it would run into, the plate included.
+        near: further bricks that it passes within a millimetre.
+    """
+
+    touches: Mapping[str, tuple[Hold, ...]]
+    blockers: frozenset[str]
+    near: frozenset[str]
+
+
+class DesignRoom:
+    """Obstacles of the tool among the bricks of one design; each is worked out at most once.
+
+    Args:
+        bricks: of the design, by name.
+        filled: the brick in each place of the grid.
+        robot: the registered robot that carries the tool.
+    """
+
+    def __init__(
+        self,
+        bricks: Mapping[str, PlacedBrick],
+        filled: Mapping[Place, str],
+        robot: str = "gp4",
+    ) -> None:
+        self._robot = robot
+        self._bricks, self._filled = bricks, filled
+        self._ways: dict[tuple[str, Press, bool, Approach | None], Names] = {}
+        self._without: dict[str, BrickBoxes] = {}
+        self._supports: dict[Support, SupportPlace] = {}
+        self._touching: dict[bool, dict[str, list[SupportPlace]]] = {}
+
+    def in_the_way(self, brick: str, press: Press, names: Names, *, up: bool) -> Names:
+        """Return which of some bricks stand in the way of a press; none where it has room.
+
+        A brick that goes in from above may come from either side, low or high over its
+        neighbours: one way that is free will do.
+
+        Args:
+            brick: that is pressed on.
+            press: the grip.
+            names: the bricks that are there; the plate always is.
+            up: True for a place-up.
+        """
+        there = (names - {brick}) | {PLATE}
+        found = self._blockers(brick, press, up, None) & there
+        if found or up:
+            return found
+        first: Names | None = None
+        for way in _APPROACHES:
+            found = self._blockers(brick, press, up, way) & there
+            if not found:
+                return found
+            first = first or found
+        return first or _NONE
+
+    def _blockers(
+        self, brick: str, press: Press, up: bool, way: Approach | None
+    ) -> Names:
+        """Return the obstacles in the design to a press, or to one way to come to it."""
+        key = (brick, press, up, way)
+        known = self._ways.get(key)
+        if known is None:
+            item, others = self._bricks[brick], self._others(brick)
+            if way is not None:
+                found = approach_blocked(item, press, others, way, self._robot)
+            else:
+                blocked = place_up_blocked if up else place_down_blocked
+                found = blocked(item, press, others, self._robot)
+            known = self._ways[key] = frozenset(found)
+        return known
+
+    def _others(self, brick: str) -> BrickBoxes:
+        if brick not in self._without:
+            self._without[brick] = self._boxes.without({brick})
+        return self._without[brick]
+
+    def support(self, support: Support) -> SupportPlace:
+        """Return what a supporting tool touches, and what stands in its way."""
+        known = self._supports.get(support)
+        if known is None:
+            touches = self._touches(support)
+            if not touches:
+                known = self._supports[support] = SupportPlace({}, _NONE, _NONE)
+                return known
+            room = support_boxes(support, top=support.from_above, robot=self._robot)
+            blockers = frozenset(blocking(room, self._boxes))
+            others = self._boxes.without(touches.keys())
+            near = frozenset(blocking(room, others, clearance=_CLEARANCE)) - blockers
+            known = self._supports[support] = SupportPlace(touches, blockers, near)
+        return known
+
+    def touching(self, brick: str, *, from_above: bool) -> tuple[SupportPlace, ...]:
+        """Return the supporting tools that touch a brick and are not in the plate's way."""
+        if from_above not in self._touching:
+            found: dict[str, list[SupportPlace]] = {name: [] for name in self._bricks}
+            for support in self._all_supports(from_above):
+                place = self.support(support)
+                if PLATE not in place.blockers:
+                    for name in place.touches:
+                        found[name].append(place)
+            self._touching[from_above] = found
+        return tuple(self._touching[from_above][brick])
+
+    def holds_anywhere(
+        self,
+        brick: str,
+        touchable: Iterable[str],
+        obstacles: Names,
+        *,
+        from_above: bool,
+        apart: float = 0.0,
+    ) -> tuple[Hold, ...]:
+        """Return pushes that are worth any supporting tool that has room, and all of them at once.
+
+        Wherever a tool touches a brick, it does no more than pushes on the corners of its face.
+
+        Args:
+            brick: that is pressed on, which no supporting tool may touch.
+            touchable: bricks that may be held.
+            obstacles: bricks that a tool may not run into.
+            from_above: whether tools stand on bricks, or hold them from below.
+            apart: distance that a tool keeps from where the brick is pressed [m].
+        """
+        return tuple(
+            hold
+            for other in touchable
+            if other != brick
+            and _extent(self._corners[brick], self._corners[other]) >= apart
+            and any(
+                brick not in place.touches and place.blockers.isdisjoint(obstacles)
+                for place in self.touching(other, from_above=from_above)
+            )
+            for hold in self.face(other, top=from_above)
+        )
+
+    def face(self, brick: str, *, top: bool) -> tuple[Hold, ...]:
+        """Return pushes on the corners of a brick's bottom, or top: what any touch there amounts to."""
+        (x0, y0, z0), (x1, y1, z1) = self._corners[brick].tolist()
+        sign, height = (-1, z1) if top else (1, z0)
+        return tuple(
+            Hold(brick, sign, (x, y, height)) for x, y in product((x0, x1), (y0, y1))
+        )
+
+    def _all_supports(self, from_above: bool) -> Iterator[Support]:
+        """Yield the tool's places at the tops or bottoms of all bricks."""
+        found = set()
+        for item in self._bricks.values():
+            span = occupied_span(item.cell, item.brick)
+            level = span.top if from_above else span.bottom - BRICK_LEVELS
+            if level >= 0:
+                found |= {
+                    (x + dx, y + dy, level)
+                    for x, y in covered_studs(item.cell, item.brick)
+                    for dx, dy in TIP_SHIFTS
+                }
+        for (x, y, level), turn in product(sorted(found), ORIENTATIONS):
+            yield support_at(x, y, level, turn, from_above=from_above)
+
+    def attack(
+        self, brick: str, press: Press, names: frozenset[str], *, up: bool
+    ) -> int:
+        """Return +1 or -1: the side to come from with a brick, past no neighbour if possible."""
+        others = self._boxes.without(self._bricks.keys() - names | {brick})
+        return attack_side(
+            self._bricks[brick], press, others, up=up, robot=self._robot
+        )
+
+    @cached_property
+    def _boxes(self) -> BrickBoxes:
+        corners = [brick_box(item) for item in self._bricks.values()]
+        return BrickBoxes(tuple(self._bricks), np.array(corners).reshape(-1, 2, 3))
+
+    @cached_property
+    def _corners(self) -> dict[str, Array]:
+        return dict(zip(self._boxes.names, self._boxes.corners, strict=True))
+
+    def _touches(self, support: Support) -> dict[str, tuple[Hold, ...]]:
+        """Return where a supporting tool touches bricks: the corners of what they share."""
+        top = support.from_above
+        low, high = support_face(support, top=top, robot=self._robot)
+        face = support.cell.level + (0 if top else BRICK_LEVELS)
+        level, height = face - 1 if top else face, level_height(face)
+        xs = range(int(low[0] // STUD_PITCH), int(high[0] // STUD_PITCH) + 1)
+        ys = range(int(low[1] // STUD_PITCH), int(high[1] // STUD_PITCH) + 1)
+        names = {self._filled.get((x, y, level)) for x, y in product(xs, ys)} - {None}
+        out = {}
+        for name in sorted(str(n) for n in names):
+            item = self._bricks[name]
+            span = occupied_span(item.cell, item.brick)
+            if face != (span.top if top else span.bottom):
+                continue
+            box = self._corners[name]
+            x0, y0 = (max(float(low[k]), float(box[0, k])) for k in (0, 1))
+            x1, y1 = (min(float(high[k]), float(box[1, k])) for k in (0, 1))
+            if x1 - x0 > _LEAST_TOUCH and y1 - y0 > _LEAST_TOUCH:
+                sign = -1 if top else 1
+                corners = product((x0, x1), (y0, y1))
+                out[name] = tuple(Hold(name, sign, (x, y, height)) for x, y in corners)
+        return out
+
+
+def _extent(one: Array, other: Array) -> float:
+    """Return how far two boxes reach together, along x plus along y [m]."""
+    far = np.maximum(one[1], other[1]) - np.minimum(one[0], other[0])
+    return float(far[0] + far[1])

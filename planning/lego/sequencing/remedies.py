@@ -1,0 +1,135 @@
+"""Temporary bricks that make a structure buildable: a plinth, and scaffolding where it is blocked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from planning.lego.bricks.assembly import BRICKS, PlacedBrick
+from planning.lego.bricks.grid import occupied_places
+from planning.lego.sequencing.blocking_set import remaining, smallest_blocking_set
+from planning.lego.sequencing.insertion import InsertionRules
+from planning.lego.sequencing.prospects import Prospects
+from planning.lego.sequencing.rules import SequencingRules
+from planning.lego.sequencing.scaffolding import columns_below
+from planning.lego.stability.partial_structures import Names, PartialStructures
+
+
+def on_plinth(
+    structure: Sequence[PlacedBrick], layers: int
+) -> tuple[tuple[PlacedBrick, ...], tuple[PlacedBrick, ...]]:
+    """Return a structure raised by layers, and the temporary bricks that it then stands on.
+
+    Under each brick that stood on the plate come as many of its own type.
+    """
+    raised = tuple(
+        replace(item, cell=replace(item.cell, z=item.cell.z + layers))
+        for item in structure
+    )
+    plinth = tuple(
+        PlacedBrick(
+            f"plinth under {item.name}: layer {layer}",
+            item.brick,
+            replace(item.cell, z=layer),
+        )
+        for item in structure
+        if item.cell.level == 0
+        for layer in range(1, layers + 1)
+    )
+    return raised, plinth
+
+
+class Design:
+    """A structure with the temporary bricks that it needs, and what is known of its bricks.
+
+    Args:
+        structure: what is built.
+        fixed: bricks that stand from the start.
+        temporary: bricks that only help.
+        rules: what is allowed.
+    """
+
+    def __init__(
+        self,
+        structure: Sequence[PlacedBrick],
+        fixed: Sequence[PlacedBrick],
+        temporary: Sequence[PlacedBrick],
+        rules: SequencingRules,
+    ) -> None:
+        self.temporary = tuple(temporary)
+        self._types = rules.types or tuple(BRICKS.values())
+        self.fixed: Names = frozenset(item.name for item in fixed)
+        self.parts: Names = frozenset(
+            item.name for item in (*structure, *self.temporary)
+        )
+        self.structures = PartialStructures([*structure, *fixed, *self.temporary])
+        self.insertion = InsertionRules(
+            self.structures, rules.force, rules.margin, rules.robot
+        )
+        self.prospects = Prospects(self.insertion, rules.ways, self.fixed)
+
+    def order(self) -> list[str]:
+        """Return the bricks from the top down."""
+        bricks = self.structures.bricks
+        return sorted(self.parts, key=lambda n: (-bricks[n].cell.level, n))
+
+    def columns(self, names: Iterable[str], most: int = 1000) -> list[PlacedBrick]:
+        """Return the bricks of columns under some bricks, at most so many columns."""
+        filled = dict(self.structures.filled)
+        out: list[PlacedBrick] = []
+        for name in names:
+            below = columns_below(self.structures.bricks[name], filled, self._types)
+            column = next(below, ())
+            for part in column:
+                filled |= dict.fromkeys(
+                    occupied_places(part.cell, part.brick), part.name
+                )
+            out += column
+            most -= bool(column)
+            if most == 0:
+                break
+        return out
+
+    def blocked(self) -> Names:
+        """Return the bricks that remain when all that might go in last are set aside."""
+        return remaining(self.order(), self.prospects.perhaps)
+
+    def blocking_set(self) -> Names:
+        """Return a smallest set of bricks of which none can be the last one in."""
+        return smallest_blocking_set(self.order(), self.prospects.perhaps)
+
+
+def scaffolded(
+    structure: Sequence[PlacedBrick],
+    fixed: Sequence[PlacedBrick],
+    temporary: Sequence[PlacedBrick],
+    rules: SequencingRules,
+) -> Design:
+    """Return a structure with scaffolding under bricks that could not go in otherwise.
+
+    Bricks that nothing lets in whatever stands around them get a column first; then one brick
+    of the smallest blocking set at a time, until no set of bricks is blocked or no column helps.
+
+    Args:
+        structure: what is built.
+        fixed: bricks that stand from the start.
+        temporary: bricks that help already.
+        rules: what is allowed, and what scaffolding may be made of.
+    """
+    extra = list(temporary)
+    while True:
+        design = Design(structure, fixed, extra, rules)
+        core = design.blocked()
+        if not core:
+            return design
+        alone = [
+            name
+            for name in sorted(core)
+            if not design.prospects.perhaps(frozenset((name,)), name)
+        ]
+        columns = design.columns(alone) or design.columns(
+            sorted(design.blocking_set()), most=1
+        )
+        if not columns:
+            return design
+        extra += columns
