@@ -28,7 +28,7 @@ from twin.audit.motion.executed import ObjectRow, Recording, read_recording
 from twin.audit.motion.pairs import Asked, gaps
 from twin.audit.motion.reach import travel_of_points
 from twin.audit.motion.sampling import Stretch, stretches
-from twin.audit.places import place_violations, start_violations
+from twin.audit.places import helpers_left, place_violations, start_violations
 from twin.audit.resting import RestWatch
 from twin.audit.supports import support_violations
 from twin.audit.violation import Violation
@@ -65,6 +65,7 @@ class AuditReport:
         engine: what distances were measured with, and its version.
         contact_tolerance_m: how deep a tool may graze a brick in a skill [m].
         deepest_graze_m: how deep one did where it was measured; 0 where none did [m].
+        helpers: objects that stay where they only help, such as temporary bricks.
     """
 
     configurations: int
@@ -74,6 +75,7 @@ class AuditReport:
     engine: str
     contact_tolerance_m: float = 0.0
     deepest_graze_m: float = 0.0
+    helpers: tuple[str, ...] = ()
 
 
 def audit_run(
@@ -109,6 +111,7 @@ def audit_run(
     found = [*report.violations, *start_violations(tpg.cell, recording)]
     if finished and wanted is not None:
         found += place_violations(tpg.cell, recording, wanted)
+        report = replace(report, helpers=helpers_left(tpg.cell, recording, wanted))
     if ordered and (folder / _EVENTS).exists():
         found += edge_violations(tpg, logged_spans(tpg, folder / _EVENTS), _EVENTS)
     return replace(report, violations=_by_time(found))

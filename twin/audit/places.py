@@ -90,6 +90,23 @@ def place_violations(
             )
 
 
+def helpers_left(
+    cell: Workcell, recording: Recording, wanted: Wanted
+) -> tuple[str, ...]:
+    """Return the objects that were put down where they only help, such as temporary bricks."""
+    if not wanted.helpers:
+        return ()
+    rows = rows_at(cell, recording)
+    filled = set(taken(cell, rows, wanted.places))
+    return tuple(
+        box.name
+        for box in cell.objects
+        if box.name in rows.keys() - filled
+        and rows[box.name].holder is None
+        and distance_of(box, rows[box.name].pose, box.start) > PLACED
+    )
+
+
 def taken(
     cell: Workcell, rows: dict[str, ObjectRow], places: Sequence[Place]
 ) -> list[str | None]:

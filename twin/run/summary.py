@@ -204,6 +204,8 @@ def _audit_row(audit: Mapping[str, Any] | None) -> tuple[str, str, str]:
         remark += f", robots at least {1000 * least:.1f} mm apart"
     if engine := audit.get("engine"):
         remark += f", measured with {engine}"
+    if helpers := audit.get("helpers"):
+        remark += f", {len(helpers)} temporary objects stay"
     kinds = Counter(entry["kind"] for entry in audit["violations"])
     by_kind = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
     verdict = "clean" if count == 0 else f"{count} violations ({by_kind})"

@@ -309,5 +309,6 @@ def _audit(
         "min_distance_bound_m": finite(report.min_distance_bound_m),
         "contact_tolerance_m": report.contact_tolerance_m,
         "deepest_graze_m": report.deepest_graze_m,
+        "helpers": list(report.helpers),
         "violations": [asdict(violation) for violation in report.violations],
     }

@@ -234,9 +234,7 @@ class DesignRoom:
     ) -> int:
         """Return +1 or -1: the side to come from with a brick, past no neighbour if possible."""
         others = self._boxes.without(self._bricks.keys() - names | {brick})
-        return attack_side(
-            self._bricks[brick], press, others, up=up, robot=self._robot
-        )
+        return attack_side(self._bricks[brick], press, others, up=up, robot=self._robot)
 
     @cached_property
     def _boxes(self) -> BrickBoxes:

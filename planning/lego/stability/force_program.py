@@ -34,6 +34,8 @@ from planning.lego.stability.stability import (
 )
 from planning.transforms import Array
 
+_STATUS = highspy.HighsModelStatus
+
 ENOUGH = 1e-6
 """A structure bears a force when it bears this much less [N]."""
 
@@ -136,13 +138,23 @@ class ForceProgram:
         self._apply(there, low, high, weighs=not weightless)
         self._solver.changeRowBounds(0, 0.0, total)
         self.solved += 1
-        self._solver.run()
-        status = self._solver.getModelStatus()
-        if status == highspy.HighsModelStatus.kInfeasible:
+        status = self._solve()
+        if status in (_STATUS.kInfeasible, _STATUS.kModelEmpty):
             return -1.0
-        if status != highspy.HighsModelStatus.kOptimal:
+        if status != _STATUS.kOptimal:
             raise RuntimeError(f"equilibrium not solved: {status}")
         return max(0.0, -float(self._solver.getInfo().objective_function_value))
+
+    def _solve(self) -> Any:
+        """Solve the program from where the last one ended, anew where that leads nowhere."""
+        known = (_STATUS.kOptimal, _STATUS.kInfeasible, _STATUS.kModelEmpty)
+        self._solver.run()
+        status = self._solver.getModelStatus()
+        if status not in known:
+            self._solver.clearSolver()
+            self._solver.run()
+            status = self._solver.getModelStatus()
+        return status
 
     def _bounds(
         self, there: Array, load: Load | None, holds: Sequence[Hold]

@@ -71,6 +71,8 @@ def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> No
         typer.echo(f"note: {line}", err=True)
     content = model_cell(model) if cell is None else _in_cell(model, cell, output)
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", file.stem)
+    # Models of others were not drawn for two arms: temporary bricks may carry what hangs.
+    content["assembly"].setdefault("rules", {"scaffold": True})
     content = {"version": 1, "name": name, "seed": 0, **content}
     text = scenario_text(content, f"Imported from {file.name}.")
     scenario, _ = scenario_of(output, text)
