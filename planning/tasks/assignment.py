@@ -124,6 +124,16 @@ class AssignmentProblem:
         """Indices of the support candidates of each step."""
         return _by_step(item.step for item in self.supports)
 
+    @property
+    def impossible(self) -> tuple[int, ...]:
+        """The steps that no robot can do, or that none can support."""
+        return tuple(
+            step
+            for step, held in enumerate(self.needs_support, start=1)
+            if not self.primaries_of.get(step)
+            or (held and not self.supports_of.get(step))
+        )
+
     def compatible(self, primary: int, support: int) -> bool:
         """Tell whether a primary and a support candidate of a step are compatible."""
         first, second = self.primaries[primary], self.supports[support]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
-from planning.errors import InfeasibleStepError
+from planning.errors import InfeasibleStepError, TwinError
 from planning.lego.bricks.assembly import (
     BrickType,
     LegoAssembly,
@@ -39,6 +39,7 @@ from twin.scenario.sections.poses import build_transform
 if TYPE_CHECKING:
     from planning.lego.sequencing.rules import SequencingRules
     from planning.lego.sequencing.sequencing import SequencedStructure
+    from planning.lego.skills.candidates import LegoCandidates
     from planning.motion.sequential import MotionSettings
 
 SEQUENCE = "which brick when"
@@ -149,18 +150,62 @@ class LegoKind(AssemblyKind):
 
         robots = len(cell.robots)
         if self.section.structure is not None:
-            with watch.stage("sequence", SEQUENCE):
-                assembly, _ = find_sequence(self.section, robots=robots)
+            assembly, candidates = self._sequenced(cell, watch)
         else:
             assembly = build_lego(self.section)
-        with watch.stage("assignment", ASSIGNMENT):
-            if self.section.structure is None and self.section.rules.check_steps:
-                rules = sequencing_rules(self.section, robots=robots)
-                assembly = stable_steps(assembly, rules)
-            check_reach(cell, assembly)
-            work = lego_work(find_candidates(cell, assembly))
+            with watch.stage("assignment", ASSIGNMENT):
+                if self.section.rules.check_steps:
+                    rules = sequencing_rules(self.section, robots=robots)
+                    assembly = stable_steps(assembly, rules)
+                check_reach(cell, assembly)
+                candidates = find_candidates(cell, assembly)
+        work = lego_work(candidates)
         motions = plan_in_turns(cell, assembly, work, settings, watch)
         return coloured(motions, assembly, brick_colours(self.section))
+
+    def _sequenced(
+        self, cell: Workcell, watch: StageWatch
+    ) -> tuple[LegoAssembly, LegoCandidates]:
+        """Find a sequence whose steps the arms can do.
+
+        The sequence knows of tools, not of arms: where these do not get to a support, the brick
+        is to go in without, which takes another order, or scaffolding where that is allowed.
+        """
+        from planning.lego.sequencing.reachability import check_reach
+        from planning.lego.skills.candidates import find_candidates
+        from twin.planning.in_turns import ASSIGNMENT
+
+        alone: frozenset[str] = frozenset()
+        first: tuple[LegoAssembly, LegoCandidates] | None = None
+        while True:
+            try:
+                with watch.stage("sequence", SEQUENCE):
+                    assembly, found = find_sequence(
+                        self.section, robots=len(cell.robots), alone=alone
+                    )
+            except TwinError:
+                if first is None:
+                    raise
+                return first  # whose assignment says which step no arm can support
+            with watch.stage("assignment", ASSIGNMENT):
+                check_reach(cell, assembly)
+                candidates = find_candidates(cell, assembly)
+            first = first or (assembly, candidates)
+            more = _out_of_help(found, candidates) - alone
+            if not more:
+                return assembly, candidates
+            alone |= more
+
+
+def _out_of_help(
+    found: SequencedStructure, candidates: LegoCandidates
+) -> frozenset[str]:
+    """Return the bricks of steps with a support that no two robots can do together."""
+    return frozenset(
+        found.sequence[number - 1].name
+        for number in candidates.problem.impossible
+        if found.sequence[number - 1].step.supports
+    )
 
 
 def build_lego(lego: LegoSection) -> LegoAssembly:
@@ -210,7 +255,7 @@ def sequencing_rules(lego: LegoSection, *, robots: int) -> SequencingRules:
 
 
 def find_sequence(
-    lego: LegoSection, *, robots: int
+    lego: LegoSection, *, robots: int, alone: frozenset[str] = frozenset()
 ) -> tuple[LegoAssembly, SequencedStructure]:
     """Return an assembly with the steps that build its finished structure.
 
@@ -219,21 +264,23 @@ def find_sequence(
     Args:
         lego: the section.
         robots: how many there are.
+        alone: names of bricks that must go in without the other arm.
 
     Raises:
         InfeasibleStepError: the structure does not stand, or no order leads to it.
+        UndecidedError: neither a sequence was found, nor a proof that there is none.
     """
     from planning.lego.sequencing.sequencing import sequenced
 
     assembly, structure = build_lego(lego), build_structure(lego)
-    rules = sequencing_rules(lego, robots=robots)
+    rules = replace(sequencing_rules(lego, robots=robots), alone=alone)
     try:
         return sequenced(assembly, structure, rules)
     except InfeasibleStepError as error:
         if robots > 1:
             raise
-        alone = "  (a single robot can neither support nor hand over)"
-        raise InfeasibleStepError(f"{error.message}\n{alone}") from None
+        lone = "  (a single robot can neither support nor hand over)"
+        raise InfeasibleStepError(f"{error.message}\n{lone}") from None
 
 
 def _plate(section: PlateSection) -> Plate:

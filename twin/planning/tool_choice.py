@@ -58,23 +58,11 @@ def choose_tool(scenario: Scenario, assembly: LegoAssembly, folder: Path) -> Too
         )
         cell = scenario.cell.model_copy(update={"listed": robots})
         trial = scenario.model_copy(update={"cell": cell})
-        found[tool] = _impossible(trial, assembly, folder)
+        cell_with_it = build_workcell(trial, folder)
+        found[tool] = find_candidates(cell_with_it, assembly).problem.impossible
         if not found[tool]:
             break
     return ToolChoice(found)
-
-
-def _impossible(
-    scenario: Scenario, assembly: LegoAssembly, folder: Path
-) -> tuple[int, ...]:
-    """Return the steps that no robot can do, or that none can support."""
-    problem = find_candidates(build_workcell(scenario, folder), assembly).problem
-    return tuple(
-        step
-        for step, held in enumerate(problem.needs_support, start=1)
-        if not problem.primaries_of.get(step)
-        or (held and not problem.supports_of.get(step))
-    )
 
 
 def _steps(numbers: tuple[int, ...]) -> str:

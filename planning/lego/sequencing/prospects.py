@@ -7,7 +7,7 @@ the structure does not bear then, it bears with none of them.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 from planning.lego.bricks.assembly import Press
 from planning.lego.bricks.grips import presses
@@ -24,14 +24,17 @@ class Prospects:
 
     Args:
         rules: of the design.
-        ways: that are allowed.
+        ways: gives those that are allowed for a brick.
         fixed: bricks that stand from the start.
     """
 
     def __init__(
-        self, rules: InsertionRules, ways: Collection[Way], fixed: Names
+        self,
+        rules: InsertionRules,
+        ways: Callable[[str], Sequence[Way]],
+        fixed: Names,
     ) -> None:
-        self._rules, self._ways, self._fixed = rules, tuple(ways), fixed
+        self._rules, self._ways, self._fixed = rules, ways, fixed
         self._structures = rules.structures
         self._design = frozenset(rules.structures.bricks)
         self._borne: dict[_Question, Bearing] = {}
@@ -41,7 +44,7 @@ class Prospects:
         names = parts | self._fixed
         return any(
             bearing is not None and bearing.stable
-            for way in self._ways
+            for way in self._ways(brick)
             for bearing in [self.bearing(names, brick, way)]
         )
 

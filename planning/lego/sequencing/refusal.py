@@ -110,7 +110,7 @@ class Refusal:
         if not any(self._prospects.roomy(names, name, up=up)):
             return f"{way} the tool has no room: {_thing(site.blocker())} is in its way"
         bearings: list[Bearing] = []
-        for each in self._rules.ways:
+        for each in self._rules.ways_of(name):
             bearing = self._prospects.bearing(names, name, each)
             if each.up == up and bearing is not None:
                 bearings.append(bearing)
@@ -153,7 +153,7 @@ class Refusal:
             f"the structure gives way under the press of {best.needed:.1f} N (it bears "
             f"{max(best.bears, 0.0):.1f} N)"
         )
-        if Way.DOWN_HELD_BELOW not in self._rules.ways:
+        if Way.DOWN_HELD_BELOW not in self._rules.ways_of(name):
             return 0, f"{gives}, and support is not allowed"
         return 0, f"{gives}, and no supporting tool below has room and helps"
 

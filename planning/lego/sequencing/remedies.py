@@ -66,7 +66,7 @@ class Design:
         self.insertion = InsertionRules(
             self.structures, rules.force, rules.margin, rules.robot
         )
-        self.prospects = Prospects(self.insertion, rules.ways, self.fixed)
+        self.prospects = Prospects(self.insertion, rules.ways_of, self.fixed)
 
     def order(self) -> list[str]:
         """Return the bricks from the top down."""

@@ -7,7 +7,7 @@ stand, and the brick must go in again with room for the tools, the structure bea
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import groupby, product
 
 from planning.lego.sequencing.disassembly import Removal
@@ -20,7 +20,7 @@ class Removals:
 
     Args:
         insertion: rules of the design.
-        ways: that are allowed, the preferred ones first.
+        ways: gives those that are allowed for a brick, the preferred ones first.
         fixed: bricks that stand from the start.
 
     Attributes:
@@ -29,9 +29,12 @@ class Removals:
     """
 
     def __init__(
-        self, insertion: InsertionRules, ways: Sequence[Way], fixed: Names
+        self,
+        insertion: InsertionRules,
+        ways: Callable[[str], Sequence[Way]],
+        fixed: Names,
     ) -> None:
-        self._insertion, self._ways, self._fixed = insertion, tuple(ways), fixed
+        self._insertion, self._ways, self._fixed = insertion, ways, fixed
         self._structures = insertion.structures
         self.urgency: Counter[str] = Counter()
 
@@ -53,7 +56,9 @@ class Removals:
             key=lambda n: (self.urgency[n], bricks[n].cell.level),
         )
         for _, group in groups:
-            for way, brick in product(self._ways, tuple(group)):
+            for way, brick in product(Way, tuple(group)):
+                if way not in self._ways(brick):
+                    continue
                 insertion = self.insertion(names, brick, way)
                 if insertion is not None:
                     yield Removal(brick, insertion)

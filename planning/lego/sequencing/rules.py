@@ -22,6 +22,7 @@ class SequencingRules:
         plinth: layers by which the structure is raised on temporary bricks.
         force: force at which the skill stops pressing [N].
         margin: force that presses a knob in over the friction that then holds it.
+        alone: names of bricks that must go in without the other arm, as it does not get there.
         search_limit: how many partial structures to look at beyond one for each brick.
         robot: the registered robot whose tool it is.
         types: of bricks that scaffolding may be made of; the built-in ones where empty.
@@ -34,6 +35,7 @@ class SequencingRules:
     plinth: int = 0
     force: float = INSERTION_FORCE
     margin: float = PRESS_MARGIN
+    alone: frozenset[str] = frozenset()
     search_limit: int = 2000
     robot: str = "gp4"
     types: tuple[BrickType, ...] = ()
@@ -48,3 +50,9 @@ class SequencingRules:
             Way.DOWN_HELD_ABOVE: self.hold_down,
         }
         return tuple(way for way in Way if allowed[way])
+
+    def ways_of(self, brick: str) -> tuple[Way, ...]:
+        """The ways that are allowed for one brick."""
+        if brick not in self.alone:
+            return self.ways
+        return tuple(way for way in self.ways if not way.held)

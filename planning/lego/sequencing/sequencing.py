@@ -167,7 +167,7 @@ def sequenced(
 def _search(
     design: Design, rules: SequencingRules, progress: Progress
 ) -> SequenceSearch:
-    removals = Removals(design.insertion, rules.ways, design.fixed)
+    removals = Removals(design.insertion, rules.ways_of, design.fixed)
     # Where scaffolding may be added, that helps more than many tries without it.
     limit = min(rules.search_limit, _TRIES) if rules.scaffold else rules.search_limit
     return search_sequence(
