@@ -91,18 +91,18 @@ def step_section(item: SequencedStep) -> dict[str, Any]:
     if len(step.presses) > 1:
         out["presses"] = [asdict(press) for press in step.presses]
     if step.supports:
-        out["support"] = _support(step.supports[0])
+        out["support"] = _support(step.supports[0], up=step.up)
     if len(step.supports) > 1:
-        out["supports"] = [_support(support) for support in step.supports]
+        out["supports"] = [_support(item, up=step.up) for item in step.supports]
     if step.attack != 1:
         out["attack"] = step.attack
     return out
 
 
-def _support(support: Support) -> dict[str, Any]:
+def _support(support: Support, *, up: bool) -> dict[str, Any]:
     at = [support.x, support.y, support.z]
     raised = {"raised": support.raised} if support.raised else {}
-    top = {"from_above": True} if support.from_above else {}
+    top = {"from_above": True} if support.from_above and not up else {}
     return {"at": at, **raised, "orientation": support.orientation, **top}
 
 

@@ -307,6 +307,6 @@ def _step(section: StepSection, types: Mapping[str, BrickType]) -> LegoStep:
         attack=section.attack,
         stock=section.stock,
         presses=tuple(Press(item.side, item.offset) for item in presses),
-        supports=tuple(support_of(item) for item in supports),
+        supports=tuple(support_of(item, up=section.place == "up") for item in supports),
         temporary=section.temporary,
     )

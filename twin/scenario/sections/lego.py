@@ -273,7 +273,7 @@ def places_of(
     return occupied_places(cell_of(item), types[item.brick])
 
 
-def support_of(item: SupportSection) -> Support:
-    """Return the place of a supporting tool."""
-    x, y, z = item.at
-    return Support(x, y, z, item.orientation, item.raised, item.from_above)
+def support_of(item: SupportSection, *, up: bool = False) -> Support:
+    """Return the place of a supporting tool, which is above for a place from below."""
+    (x, y, z), top = item.at, up or item.from_above
+    return Support(x, y, z, item.orientation, item.raised, top)
