@@ -1,4 +1,4 @@
 """Sequences of steps that build a structure: assembly by disassembly (APEX-MR App. A).
 
-Imports bricks, stability and skills.
+Imports bricks, stability, skills and insertion.
 """

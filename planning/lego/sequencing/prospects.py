@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 from planning.lego.bricks.assembly import Press
 from planning.lego.bricks.grips import presses
-from planning.lego.sequencing.insertion import InsertionRules, Way
-from planning.lego.sequencing.press_force import press_force, press_load
+from planning.lego.insertion.insertion import InsertionRules, Way
+from planning.lego.insertion.press_force import press_force, press_load
 from planning.lego.stability.partial_structures import Bearing, Names
 from planning.lego.stability.stability import Hold, Load
 

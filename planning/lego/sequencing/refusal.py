@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from planning.lego.sequencing.insertion import InsertionRules, Way
+from planning.lego.insertion.insertion import InsertionRules, Way
 from planning.lego.sequencing.prospects import Prospects
 from planning.lego.sequencing.rules import SequencingRules
 from planning.lego.stability.partial_structures import Bearing, Names

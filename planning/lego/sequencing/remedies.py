@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from planning.lego.bricks.assembly import BRICKS, PlacedBrick
 from planning.lego.bricks.grid import occupied_places
+from planning.lego.insertion.insertion import InsertionRules
 from planning.lego.sequencing.blocking_set import remaining, smallest_blocking_set
-from planning.lego.sequencing.insertion import InsertionRules
 from planning.lego.sequencing.prospects import Prospects
 from planning.lego.sequencing.rules import SequencingRules
 from planning.lego.sequencing.scaffolding import columns_below

@@ -10,8 +10,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import groupby, product
 
+from planning.lego.insertion.insertion import Insertion, InsertionRules, Way
 from planning.lego.sequencing.disassembly import Removal
-from planning.lego.sequencing.insertion import Insertion, InsertionRules, Way
 from planning.lego.stability.partial_structures import Names
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from planning.lego.bricks.assembly import BrickType
-from planning.lego.sequencing.insertion import Way
-from planning.lego.sequencing.press_force import INSERTION_FORCE, PRESS_MARGIN
+from planning.lego.insertion.insertion import Way
+from planning.lego.insertion.press_force import INSERTION_FORCE, PRESS_MARGIN
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from planning.lego.insertion.insertion import Insertion
 from planning.lego.sequencing.disassembly import Removal, find_assembly_sequence
-from planning.lego.sequencing.insertion import Insertion
 from planning.lego.sequencing.prospects import Prospects
 from planning.lego.sequencing.removals import Removals
 from planning.lego.stability.partial_structures import Names

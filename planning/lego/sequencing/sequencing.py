@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 from planning.errors import InfeasibleStepError, UndecidedError
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, PlacedBrick
-from planning.lego.sequencing.insertion import Insertion, Way
+from planning.lego.insertion.insertion import Insertion, Way
 from planning.lego.sequencing.refusal import Refusal
 from planning.lego.sequencing.remedies import Design, on_plinth, scaffolded
 from planning.lego.sequencing.removals import Removals

@@ -13,7 +13,7 @@ from itertools import islice, product
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, Press, Support
 from planning.lego.bricks.grips import presses
-from planning.lego.sequencing.insertion import InsertionRules, InsertionSite, Way
+from planning.lego.insertion.insertion import InsertionRules, InsertionSite, Way
 from planning.lego.sequencing.rules import SequencingRules
 from planning.lego.stability.equilibrium import StabilityReport
 from planning.lego.stability.partial_structures import PartialStructures

@@ -27,14 +27,14 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.grid import covered_studs, occupied_places
 from planning.lego.bricks.grips import press_cell, presses
-from planning.lego.sequencing.insertion import InsertionRules
+from planning.lego.insertion.insertion import InsertionRules
+from planning.lego.insertion.tool_room import GRID, support_face
 from planning.lego.sequencing.rules import SequencingRules
 from planning.lego.sequencing.sequencing import (
     SequencedStructure,
     sequence_structure,
     sequenced,
 )
-from planning.lego.sequencing.tool_room import GRID, support_face
 from planning.lego.stability.partial_structures import PartialStructures
 from planning.lego.stability.stability import Hold, Load
 from tests.planning.lego.whole_stability import stability

@@ -23,7 +23,7 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.grid import box_size, brick_height, top_pose
 from planning.lego.bricks.grips import grip_pose, side_contact_pose
-from planning.lego.sequencing.tool_shape import ToolShape, tool_shape
+from planning.lego.insertion.tool_shape import ToolShape, tool_shape
 from planning.lego.skills.support import (
     STUD_HEIGHT,
     lever_reaches_below,

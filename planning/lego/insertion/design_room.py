@@ -27,7 +27,7 @@ from planning.lego.bricks.grid import (
     level_height,
     occupied_span,
 )
-from planning.lego.sequencing.tool_room import (
+from planning.lego.insertion.tool_room import (
     PLATE,
     Approach,
     BrickBoxes,

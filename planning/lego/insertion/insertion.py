@@ -22,20 +22,20 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.grid import covered_studs
 from planning.lego.bricks.grips import press_cell, presses
-from planning.lego.sequencing.design_room import DesignRoom
-from planning.lego.sequencing.press_force import (
+from planning.lego.insertion.design_room import DesignRoom
+from planning.lego.insertion.press_force import (
     INSERTION_FORCE,
     PRESS_MARGIN,
     press_force,
     press_load,
 )
-from planning.lego.sequencing.support_spots import (
+from planning.lego.insertion.support_spots import (
     TOOLS_APART,
     Point,
     SupportSpot,
     SupportSpots,
 )
-from planning.lego.sequencing.tool_room import PLATE
+from planning.lego.insertion.tool_room import PLATE
 from planning.lego.stability.equilibrium import StabilityReport
 from planning.lego.stability.partial_structures import (
     Bearing,
