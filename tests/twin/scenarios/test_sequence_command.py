@@ -111,19 +111,21 @@ def test_steps_are_sequenced_anew(tmp_path):
 
 
 def test_an_unstable_structure_ends_with_2_and_a_reason(tmp_path):
-    """A beam of eight studs on one, with nowhere to hold it: too low for a tool."""
+    """A brick on the far end of a beam on one stud, with nowhere to hold it: too low for a tool."""
     head = HEAD + "    - {name: s4, brick: 1x1, at: [2, 22, 1]}\n"
     head += "    - {name: s5, brick: 1x8, at: [2, 26, 1]}\n"
+    head += "    - {name: s6, brick: 1x2, at: [6, 22, 1]}\n"
     structure = """\
   structure:
     origin: [20, 20]
     layers:
       - "........\\n.......A\\n"
       - "........\\nBBBBBBBB\\n"
+      - "........\\nCC......\\n"
 """
     result = run(write(tmp_path, structure, head))
     assert result.exit_code == 2
-    assert "'B2' (1x8 at [20, 20, 2])" in result.output
+    assert "'C3' (1x2 at [20, 20, 3])" in result.output
     assert "gives way" in result.output
 
 
@@ -132,7 +134,7 @@ def test_an_unstable_structure_ends_with_2_and_a_reason(tmp_path):
     [
         ("        AAAA\n        AAAA\n", "        AAAA\n        AAA.\n", "25:9", "no rectangle"),
         ("        AAAA\n        AAAA\n", "        ..AA\n        ..AA\n", "25:11", "floats"),
-        ("        AAAA\n        AAAA\n", "        AAA.\n        AAA.\n", "25:9", "no brick type"),
+        ("        AAAA\n        AAAA\n", "        AAA.\n        AAA.\n", "25:9", "stock has 0"),
         ("        AAAA\n        AAAA\n", "        AAAA\n        AAA\n", "26:9", "3 characters"),
         ("origin: [20, 20]", "origin: [2, 2]", "18:9", "goes where s1 of the stock"),
         ("origin: [20, 20]", "origin: [47, 20]", "18:9", "beyond the plate"),
