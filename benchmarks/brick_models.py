@@ -56,7 +56,9 @@ def _try(file: Path, reader: str, scratch: Path, stalled: int) -> dict[str, Any]
         return {**row, "as it is": text}
     plain = scratch / "plain.yaml"
     plain.write_text(
-        scenario.read_text(encoding="utf-8").replace("scaffold: true", "scaffold: no"),
+        scenario.read_text(encoding="utf-8").replace(
+            "scaffold: true", "scaffold: false"
+        ),
         encoding="utf-8",
     )
     code, text, row["as_it_is_cpu_s"] = _twin("sequence", str(plain))

@@ -13,7 +13,8 @@ from twin.commands.options import AsJson, ScenarioFile
 from twin.host.guard import COMPLETED, guarded, print_json
 
 if TYPE_CHECKING:
-    from planning.lego.bricks.assembly import Support
+    from planning.lego.bricks.assembly import LegoAssembly, Support
+    from planning.lego.sequencing.rules import SequencingRules
     from planning.lego.sequencing.sequencing import SequencedStep, SequencedStructure
 
 Output = Annotated[
@@ -24,9 +25,22 @@ Output = Annotated[
 ]
 
 
+Explain = Annotated[
+    int | None,
+    typer.Option(
+        metavar="STEP",
+        help="Say what the structure bears at a step, and draw which joints give way first: "
+        "explain-STEP.png in this folder.",
+    ),
+]
+
+
 @guarded
 def sequence(
-    scenario: ScenarioFile, output: Output = None, as_json: AsJson = False
+    scenario: ScenarioFile,
+    output: Output = None,
+    explain: Explain = None,
+    as_json: AsJson = False,
 ) -> int:
     """Find the sequence of a LEGO assembly from its finished structure.
 
@@ -35,7 +49,7 @@ def sequence(
     """
     from planning.lego.sequencing.reachability import check_reach
     from twin.planning.build_workcell import build_workcell
-    from twin.planning.lego import find_sequence
+    from twin.planning.lego import find_sequence, sequencing_rules, tool_carrier
     from twin.scenario.file import load_scenario
     from twin.scenario.sections.lego import LegoSection
 
@@ -45,10 +59,18 @@ def sequence(
         raise ScenarioError(f"{scenario}: only a LEGO assembly has a sequence to find")
     cell = build_workcell(loaded, scenario.parent)
     try:
-        assembly, found = find_sequence(lego, robots=len(cell.robots))
+        assembly, found = find_sequence(
+            lego, robots=len(cell.robots), carrier=tool_carrier(cell)
+        )
         check_reach(cell, assembly)
     except InfeasibleStepError as error:
         raise InfeasibleStepError(f"{scenario}: {error}") from None
+    if explain is not None:
+        rules = sequencing_rules(
+            lego, robots=len(cell.robots), carrier=tool_carrier(cell)
+        )
+        _explain(assembly, explain, rules)
+        return COMPLETED
     if output is not None:
         _write(scenario, output, found)
     if as_json:
@@ -59,6 +81,33 @@ def sequence(
         if output is not None:
             typer.echo(f"written: {output}")
     return COMPLETED
+
+
+def _explain(assembly: LegoAssembly, number: int, rules: SequencingRules) -> None:
+    """Print what the structure bears at a step, and draw it."""
+    from planning.lego.sequencing.explanation import MOST, explain_step
+    from twin.planning.step_picture import draw_step
+
+    def up_to(force: float) -> str:
+        return f"{force:.1f} N" + (" and more" if force >= MOST - 0.05 else "")
+
+    found = explain_step(assembly, number, rules)
+    step = assembly.steps[number - 1]
+    typer.echo(f"step {number}, {step.words}: it takes {found.needed:.1f} N")
+    held = ""
+    if step.support is not None:
+        held = f" with its support, {up_to(found.alone)} without"
+    typer.echo(f"the structure bears {up_to(found.bears)}{held}")
+    for first, second, share in found.report.pulled[:5]:
+        names = " and ".join(name or "the plate" for name in (first, second))
+        typer.echo(f"  {names}: {100 * share:.0f} % of the friction of a knob")
+    if not found.report.pulled:
+        typer.echo(
+            "  no joint is pulled: every force goes down to the plate by pushing"
+        )
+    picture = Path(f"explain-{number}.png")
+    picture.write_bytes(draw_step(found))
+    typer.echo(f"written: {picture}")
 
 
 def _row(number: int, item: SequencedStep) -> dict[str, Any]:

@@ -155,7 +155,10 @@ class LegoKind(AssemblyKind):
             assembly = build_lego(self.section)
             with watch.stage("assignment", ASSIGNMENT):
                 if self.section.rules.check_steps:
-                    rules = sequencing_rules(self.section, robots=robots)
+                    carrier = tool_carrier(cell)
+                    rules = sequencing_rules(
+                        self.section, robots=robots, carrier=carrier
+                    )
                     assembly = stable_steps(assembly, rules)
                 check_reach(cell, assembly)
                 candidates = find_candidates(cell, assembly)
@@ -181,7 +184,10 @@ class LegoKind(AssemblyKind):
             try:
                 with watch.stage("sequence", SEQUENCE):
                     assembly, found = find_sequence(
-                        self.section, robots=len(cell.robots), alone=alone
+                        self.section,
+                        robots=len(cell.robots),
+                        carrier=tool_carrier(cell),
+                        alone=alone,
                     )
             except TwinError:
                 if first is None:
@@ -231,12 +237,24 @@ def build_structure(lego: LegoSection) -> tuple[PlacedBrick, ...] | None:
     return read_structure(lego.structure, brick_types(lego)).bricks
 
 
-def sequencing_rules(lego: LegoSection, *, robots: int) -> SequencingRules:
+def tool_carrier(cell: Workcell) -> str:
+    """Return the registered robot whose tool sequencing makes room for: that of all, or a GP4."""
+    from planning.robots.registry import ROBOTS
+
+    models = {robot.model.name: robot.model for robot in cell.robots}
+    names = [n for n, m in models.items() if n in ROBOTS and "alt" in m.frames]
+    return names[0] if len(models) == len(names) == 1 else "gp4"
+
+
+def sequencing_rules(
+    lego: LegoSection, *, robots: int, carrier: str = "gp4"
+) -> SequencingRules:
     """Return the rules of a sequence: what the file allows, and the robots can do.
 
     Args:
         lego: the section.
         robots: how many there are; supports and handovers take two.
+        carrier: the registered robot that carries the tool.
     """
     from planning.lego.sequencing.rules import SequencingRules
 
@@ -250,12 +268,17 @@ def sequencing_rules(lego: LegoSection, *, robots: int) -> SequencingRules:
         force=allowed.press_force_n,
         margin=allowed.press_margin,
         search_limit=allowed.search_limit,
+        robot=carrier,
         types=tuple(dict.fromkeys(s.brick for s in stock if not s.fixed)),
     )
 
 
 def find_sequence(
-    lego: LegoSection, *, robots: int, alone: frozenset[str] = frozenset()
+    lego: LegoSection,
+    *,
+    robots: int,
+    carrier: str = "gp4",
+    alone: frozenset[str] = frozenset(),
 ) -> tuple[LegoAssembly, SequencedStructure]:
     """Return an assembly with the steps that build its finished structure.
 
@@ -264,6 +287,7 @@ def find_sequence(
     Args:
         lego: the section.
         robots: how many there are.
+        carrier: the registered robot that carries the tool.
         alone: names of bricks that must go in without the other arm.
 
     Raises:
@@ -273,7 +297,8 @@ def find_sequence(
     from planning.lego.sequencing.sequencing import sequenced
 
     assembly, structure = build_lego(lego), build_structure(lego)
-    rules = replace(sequencing_rules(lego, robots=robots), alone=alone)
+    rules = sequencing_rules(lego, robots=robots, carrier=carrier)
+    rules = replace(rules, alone=alone)
     try:
         return sequenced(assembly, structure, rules)
     except InfeasibleStepError as error:

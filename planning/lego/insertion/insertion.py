@@ -177,11 +177,11 @@ class InsertionSite:
             press: the grip.
             support: the supporting tool; one that touches no brick is as good as none.
         """
-        return self._pressed(press, self._holds(support))
+        return self._pressed(press, self.holds(support))
 
     def weakness(self, press: Press, support: Support | None = None) -> StabilityReport:
         """Return how much friction a press takes, and where the structure gives way first."""
-        load, holds = self.load(press), self._holds(support)
+        load, holds = self.load(press), self.holds(support)
         return self.rules.structures.weakness(self.names, load, holds)
 
     def obstacle(self) -> str | None:
@@ -287,7 +287,8 @@ class InsertionSite:
     def _pressed(self, press: Press, holds: tuple[Hold, ...]) -> Bearing:
         return self.rules.structures.pressed(self.names, self.load(press), holds)
 
-    def _holds(self, support: Support | None) -> tuple[Hold, ...]:
+    def holds(self, support: Support | None) -> tuple[Hold, ...]:
+        """Return where a supporting tool touches bricks that are there; nowhere for none."""
         if support is None:
             return ()
         if self.up:

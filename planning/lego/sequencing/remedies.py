@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from planning.lego.bricks.assembly import BRICKS, PlacedBrick
-from planning.lego.bricks.grid import occupied_places
+from planning.lego.bricks.grid import Place, occupied_places
 from planning.lego.insertion.insertion import InsertionRules
 from planning.lego.sequencing.blocking_set import remaining, smallest_blocking_set
 from planning.lego.sequencing.prospects import Prospects
@@ -74,12 +74,15 @@ class Design:
         return sorted(self.parts, key=lambda n: (-bricks[n].cell.level, n))
 
     def columns(self, names: Iterable[str], most: int = 1000) -> list[PlacedBrick]:
-        """Return the bricks of columns under some bricks, at most so many columns."""
+        """Return the bricks of columns under some bricks, at most so many columns.
+
+        Where there is nothing free below a brick, the bricks that it stands on are carried, or
+        those below them.
+        """
         filled = dict(self.structures.filled)
         out: list[PlacedBrick] = []
         for name in names:
-            below = columns_below(self.structures.bricks[name], filled, self._types)
-            column = next(below, ())
+            column = self._column(name, filled)
             for part in column:
                 filled |= dict.fromkeys(
                     occupied_places(part.cell, part.brick), part.name
@@ -89,6 +92,22 @@ class Design:
             if most == 0:
                 break
         return out
+
+    def _column(
+        self, name: str, filled: Mapping[Place, str]
+    ) -> tuple[PlacedBrick, ...]:
+        """Return a column under a brick, or under the nearest one below it that has room for one."""
+        bricks, every = self.structures.bricks, frozenset(self.structures.bricks)
+        seen, front = {name}, [name]
+        while front:
+            for carried in front:
+                column = next(columns_below(bricks[carried], filled, self._types), ())
+                if column:
+                    return column
+            below = (n for up in front for n in self.structures.below(every, up))
+            front = sorted({n for n in below if n is not None} - seen)
+            seen.update(front)
+        return ()
 
     def blocked(self) -> Names:
         """Return the bricks that remain when all that might go in last are set aside."""

@@ -31,10 +31,13 @@ class StabilityReport:
         score: largest pull over its capacity; ``inf`` when no forces are in balance.
         brick: the body at whose contacts less pull would not do, or the one farthest from
             balance; None when no pull is needed.
+        pulled: pairs of bodies (None for the ground) whose contacts are pulled, each with the
+            largest share of its capacity that is used, the largest first.
     """
 
     score: float
     brick: str | None
+    pulled: tuple[tuple[str | None, str | None, float], ...] = ()
 
     @property
     def stable(self) -> bool:
@@ -142,7 +145,10 @@ class Equilibrium:
         if score < _NO_PULL:
             return StabilityReport(0.0, None)
         price = np.where(pulls > 0.0, pulls * result.lower.marginals[:-1], 0.0)
-        return StabilityReport(score, self._priciest(price))
+        pushes = result.x[: len(pulls)] - score * pulls
+        return StabilityReport(
+            score, self._priciest(price), self._pulled(pushes, pulls)
+        )
 
     def _body(self, name: str | None) -> int:
         return -1 if name is None else self._index[name]
@@ -183,6 +189,18 @@ class Equilibrium:
         totals = [total for _, total in self._shared]
         target = np.concatenate([-self._wrench.ravel(), totals])
         return solve(cost, A_eq=matrix, b_eq=target, bounds=bounds, method="highs")
+
+    def _pulled(
+        self, pushes: Array, pulls: Array
+    ) -> tuple[tuple[str | None, str | None, float], ...]:
+        """Return the pairs of bodies that pull each other, the most strained first."""
+        worst: dict[tuple[int, int], float] = {}
+        for k in np.flatnonzero((pulls > 0.0) & (pushes < -_NO_PULL)):
+            share = float(-pushes[k] / pulls[k])
+            worst[self._on[k]] = max(worst.get(self._on[k], 0.0), share)
+        names = (*self._names, None)  # the ground has the index -1
+        ordered = sorted(worst.items(), key=lambda item: -item[1])
+        return tuple((names[a], names[b], share) for (a, b), share in ordered)
 
     def _priciest(self, price: Array) -> str:
         """Return the body whose contacts below the score depends on most, first of equals."""

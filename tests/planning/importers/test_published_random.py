@@ -128,7 +128,9 @@ def test_any_task_in_the_published_shape_is_a_valid_scenario(
         given_step = work[str(number)]
         assert step.at == (44, 20, number)
         assert assembly.bricks[step.brick].studs == SIZES[str(given_step["brick_id"])]
-        assert (step.press is None) == ("press_side" not in given_step)
+        assert step.press is not None or "press_side" not in given_step
+        if not {"press_side", "press_x"} & given_step.keys():
+            assert step.press is None
         assert (step.support is None) == (given_step.get("support_x", -1) == -1)
         assert step.attack == given_step.get("attack_dir", 1)
         if prescribed and "brick_seq" in given_step:
@@ -141,4 +143,6 @@ def test_any_task_in_the_published_shape_is_a_valid_scenario(
         assert item.fixed == bool(stock[item.name].get("fixed"))
     moved = files["plate_calibration.json"].get("storage_plate", {}).get("y") == 0.5
     assert (assembly.storage_plate is not None) == moved
-    assert bool(notes) == any("remark" in step for step in work.values())
+    # Drawn grips and their contact cells may contradict each other, which is noted too.
+    others = [line for line in notes if "press_x" not in line]
+    assert bool(others) == any("remark" in step for step in work.values())

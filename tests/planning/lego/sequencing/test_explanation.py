@@ -1,0 +1,68 @@
+"""What a structure bears at a step, against the plain program at forces on either side of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from planning.errors import ScenarioError
+from planning.lego.bricks.assembly import (
+    BRICKS,
+    Cell,
+    LegoAssembly,
+    LegoStep,
+    Press,
+    Support,
+)
+from planning.lego.insertion.tool_room import GRID
+from planning.lego.sequencing.explanation import explain_step, strain_of
+from planning.lego.sequencing.rules import SequencingRules
+from planning.lego.stability.stability import Load
+from tests.planning.lego.whole_stability import stability
+from twin.planning.step_picture import draw_step
+
+
+def _overhang(*supports: Support) -> LegoAssembly:
+    """A tower, an arm that sticks out two studs, and a hand on the arm's end."""
+    tower = [LegoStep(BRICKS["2x4"], Cell(20, 20, z)) for z in range(1, 10)]
+    arm = LegoStep(BRICKS["2x4"], Cell(20, 18, 10), presses=(Press(1, 2),))
+    hand = LegoStep(
+        BRICKS["2x4"], Cell(20, 15, 11), presses=(Press(1, 2),), supports=supports
+    )
+    return LegoAssembly(GRID, (), (*tower, arm, hand), {})
+
+
+def test_the_force_that_is_borne_is_where_the_plain_program_gives_way():
+    found = explain_step(_overhang(), 11, SequencingRules())
+    assert found.needed == pytest.approx(1.5 * 2 * 3 * 0.85)
+    assert found.bears < found.needed
+    assert found.bears == found.alone
+    sign = np.sign(found.load.force[2])
+    for factor, stable in ((0.999, True), (1.001, False)):
+        load = Load(
+            found.load.brick, (0.0, 0.0, sign * factor * found.bears), found.load.points
+        )
+        loose = frozenset((found.load.brick,))
+        assert stability(found.bricks, loads=[load], loose=loose).stable == stable
+    strain = strain_of(found.report, found.bricks)
+    assert max(strain.values()) == pytest.approx(found.report.score)
+    assert found.report.score > 1.0
+
+
+def test_a_support_is_what_makes_the_difference(tmp_path: Path):
+    found = explain_step(_overhang(Support(20, 18, 9, 0)), 11, SequencingRules())
+    assert found.holds
+    assert found.alone < found.needed < found.bears
+    (tmp_path / "step.png").write_bytes(draw_step(found))
+    with Image.open(tmp_path / "step.png") as picture:
+        assert picture.size == (1000, 550)
+
+
+def test_steps_that_are_not_there():
+    with pytest.raises(ScenarioError, match="steps are 1 to 11"):
+        explain_step(_overhang(), 12, SequencingRules())
+    with pytest.raises(ScenarioError, match="does not say its grip"):
+        explain_step(_overhang(), 1, SequencingRules())
