@@ -73,16 +73,21 @@ class Design:
         bricks = self.structures.bricks
         return sorted(self.parts, key=lambda n: (-bricks[n].cell.level, n))
 
-    def columns(self, names: Iterable[str], most: int = 1000) -> list[PlacedBrick]:
-        """Return the bricks of columns under some bricks, at most so many columns.
+    def columns(
+        self, names: Iterable[str], *, most: int = 1000, carriers: bool = False
+    ) -> list[PlacedBrick]:
+        """Return the bricks of columns under some bricks.
 
-        Where there is nothing free below a brick, the bricks that it stands on are carried, or
-        those below them.
+        Args:
+            names: the bricks.
+            most: so many columns at most.
+            carriers: whether, where there is nothing free below a brick, the nearest one below
+                it that has room for a column is carried.
         """
         filled = dict(self.structures.filled)
         out: list[PlacedBrick] = []
         for name in names:
-            column = self._column(name, filled)
+            column = self._column(name, filled, carriers)
             for part in column:
                 filled |= dict.fromkeys(
                     occupied_places(part.cell, part.brick), part.name
@@ -94,15 +99,15 @@ class Design:
         return out
 
     def _column(
-        self, name: str, filled: Mapping[Place, str]
+        self, name: str, filled: Mapping[Place, str], carriers: bool
     ) -> tuple[PlacedBrick, ...]:
-        """Return a column under a brick, or under the nearest one below it that has room for one."""
+        """Return a column under a brick, or under what carries it."""
         bricks, every = self.structures.bricks, frozenset(self.structures.bricks)
         seen, front = {name}, [name]
         while front:
             for carried in front:
                 column = next(columns_below(bricks[carried], filled, self._types), ())
-                if column:
+                if column or not carriers:
                     return column
             below = (n for up in front for n in self.structures.below(every, up))
             front = sorted({n for n in below if n is not None} - seen)
@@ -146,8 +151,11 @@ def scaffolded(
             for name in sorted(core)
             if not design.prospects.perhaps(frozenset((name,)), name)
         ]
-        columns = design.columns(alone) or design.columns(
-            sorted(design.blocking_set()), most=1
+        blocking = sorted(design.blocking_set())
+        columns = (
+            design.columns(alone)
+            or design.columns(blocking, most=1)
+            or design.columns(blocking, most=1, carriers=True)
         )
         if not columns:
             return design
