@@ -178,8 +178,9 @@ def _search(
 def _column_at(design: Design, found: SequenceSearch) -> list[PlacedBrick]:
     """Return a column under the highest brick that could go in at a dead end but for the press."""
     end = found.dead_end or frozenset()
-    stuck = (n for n in design.order() if n in end and design.prospects.perhaps(end, n))
-    return design.columns(stuck, most=1)
+    stuck = [n for n in design.order() if n in end and design.prospects.perhaps(end, n)]
+    below = design.columns(stuck, most=1)
+    return below or design.columns(stuck, most=1, carriers=True)
 
 
 def _described(design: Design, found: SequenceSearch) -> Iterable[SequencedStep]:
