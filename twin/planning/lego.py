@@ -38,7 +38,7 @@ from twin.scenario.sections.poses import build_transform
 
 if TYPE_CHECKING:
     from planning.lego.sequencing.rules import SequencingRules
-    from planning.lego.sequencing.sequencing import SequencedStructure
+    from planning.lego.sequencing.sequencing import Progress, SequencedStructure
     from planning.lego.skills.candidates import LegoCandidates
     from planning.motion.sequential import MotionSettings
 
@@ -188,6 +188,7 @@ class LegoKind(AssemblyKind):
                         robots=len(cell.robots),
                         carrier=tool_carrier(cell),
                         alone=alone,
+                        progress=watch.reporter(SEQUENCE),
                     )
             except TwinError:
                 if first is None:
@@ -279,6 +280,7 @@ def find_sequence(
     robots: int,
     carrier: str = "gp4",
     alone: frozenset[str] = frozenset(),
+    progress: Progress = lambda done, of: None,
 ) -> tuple[LegoAssembly, SequencedStructure]:
     """Return an assembly with the steps that build its finished structure.
 
@@ -289,6 +291,7 @@ def find_sequence(
         robots: how many there are.
         carrier: the registered robot that carries the tool.
         alone: names of bricks that must go in without the other arm.
+        progress: told how many partial structures were looked at, and of how many at most.
 
     Raises:
         InfeasibleStepError: the structure does not stand, or no order leads to it.
@@ -300,7 +303,7 @@ def find_sequence(
     rules = sequencing_rules(lego, robots=robots, carrier=carrier)
     rules = replace(rules, alone=alone)
     try:
-        return sequenced(assembly, structure, rules)
+        return sequenced(assembly, structure, rules, progress)
     except InfeasibleStepError as error:
         if robots > 1:
             raise

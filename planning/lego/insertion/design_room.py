@@ -42,14 +42,13 @@ from planning.lego.insertion.tool_room import (
 )
 from planning.lego.skills.support import ORIENTATIONS
 from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH
+from planning.lego.stability.partial_structures import Names
 from planning.lego.stability.stability import Hold
 from planning.transforms import Array
 
 _LEAST_TOUCH = 0.002
 _CLEARANCE = 0.001
-_NONE: frozenset[str] = frozenset()
-
-Names = frozenset[str]
+_NONE: Names = frozenset()
 
 _APPROACHES = tuple(product((1, -1), (APPROACH_HEIGHT, HIGH_APPROACH)))
 """Sides and heights that a brick may come from, from above."""
@@ -76,8 +75,8 @@ class SupportPlace:
     """
 
     touches: Mapping[str, tuple[Hold, ...]]
-    blockers: frozenset[str]
-    near: frozenset[str]
+    blockers: Names
+    near: Names
 
 
 class DesignRoom:
@@ -229,9 +228,7 @@ class DesignRoom:
         for (x, y, level), turn in product(sorted(found), ORIENTATIONS):
             yield support_at(x, y, level, turn, from_above=from_above)
 
-    def attack(
-        self, brick: str, press: Press, names: frozenset[str], *, up: bool
-    ) -> int:
+    def attack(self, brick: str, press: Press, names: Names, *, up: bool) -> int:
         """Return +1 or -1: the side to come from with a brick, past no neighbour if possible."""
         others = self._boxes.without(self._bricks.keys() - names | {brick})
         return attack_side(self._bricks[brick], press, others, up=up, robot=self._robot)

@@ -44,7 +44,7 @@ from planning.lego.stability.partial_structures import (
 )
 from planning.lego.stability.stability import Hold, Load
 
-_MOST_SPOTS = 40
+MOST_SPOTS = 40
 """So many supporting spots are tried for one press."""
 
 
@@ -212,9 +212,9 @@ class InsertionSite:
         found = map(self._blocker, presses(self.item.brick))
         return next((name for name in found if name is not None), "nothing")
 
-    def load(self, press: Press) -> Load:
-        """Return the insertion force with a press."""
-        return press_load(self.item, press, up=self.up, force=self.force)
+    def load(self, *presses: Press) -> Load:
+        """Return the insertion force with a press, or with any of several."""
+        return press_load(self.item, *presses, up=self.up, force=self.force)
 
     def step(self, chosen: Insertion) -> LegoStep:
         """Return an insertion as a step of an assembly, with all its alternatives."""
@@ -244,7 +244,7 @@ class InsertionSite:
             spots = found.below(contact, at)
         else:
             spots = found.above_aside(at)
-        for _, spot in zip(range(_MOST_SPOTS), spots, strict=False):
+        for _, spot in zip(range(MOST_SPOTS), spots, strict=False):
             yield spot
 
     @property
@@ -268,10 +268,8 @@ class InsertionSite:
 
     def _might(self, way: Way) -> bool:
         """Tell whether the structure bears all presses together, held wherever it can be."""
-        loads = [self.load(press) for press in self.roomy_presses]
-        if not loads:
+        if not self.roomy_presses:
             return False
-        points = tuple(dict.fromkeys(p for load in loads for p in load.points))
         holds = self.rules.room.holds_anywhere(
             self.item.name,
             sorted(self.names),
@@ -279,7 +277,7 @@ class InsertionSite:
             from_above=way.holds_from_above,
             apart=way.apart,
         )
-        load = Load(self.item.name, loads[0].force, points)
+        load = self.load(*self.roomy_presses)
         return bool(holds) and (
             self.rules.structures.pressed(self.names, load, holds).stable
         )

@@ -9,6 +9,8 @@ engage (APEX-MR App. C), so no brick ever gets more.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from planning.lego.bricks.assembly import (
     STUD_PITCH,
     PlacedBrick,
@@ -39,30 +41,34 @@ def press_force(engaged: float, *, most: float, margin: float) -> float:
     return min(most, margin * engaged)
 
 
-def press_load(item: PlacedBrick, press: Press, *, up: bool, force: float) -> Load:
+def press_load(item: PlacedBrick, *presses: Press, up: bool, force: float) -> Load:
     """Return the force of the tool on a brick that it presses on.
 
     The tool has hold of the brick by one or two studs and keeps it from turning, so its force
-    acts where the brick resists: anywhere between the edges of the studs that it holds.
+    acts where the brick resists: anywhere between the edges of the studs that it holds. That of
+    several presses acts wherever that of any of them does: what a structure does not bear then,
+    it bears with none of them.
 
     Args:
         item: the brick in its place.
-        press: the grip.
+        presses: the grip, or several.
         up: True for a place-up, where the tool presses from below.
         force: its amount [N].
     """
+    points = (p for press in presses for p in _pressed_points(item, press, up=up))
+    every = tuple(dict.fromkeys(points))
+    return Load(item.name, (0.0, 0.0, force if up else -force), every)
+
+
+def _pressed_points(
+    item: PlacedBrick, press: Press, *, up: bool
+) -> Iterator[tuple[float, float, float]]:
+    """Yield points on the edges of the studs that a press holds."""
     contact = press_cell(item.cell, item.brick, press, up=up)
     dx, dy = (1, 0) if contact.turned else (0, 1)
     nx, ny = footprint(item.cell, item.brick)
-    held = [
-        (x, y)
-        for x, y in ((contact.x, contact.y), (contact.x + dx, contact.y + dy))
-        if 0 <= x - item.cell.x < nx and 0 <= y - item.cell.y < ny
-    ]
     height = level_height(item.cell.level + (0 if up else item.brick.height))
-    points = tuple(
-        ((x + 0.5 + i) * STUD_PITCH, (y + 0.5 + j) * STUD_PITCH, height)
-        for x, y in held
-        for i, j in _STUD_EDGE
-    )
-    return Load(item.name, (0.0, 0.0, force if up else -force), points)
+    for x, y in ((contact.x, contact.y), (contact.x + dx, contact.y + dy)):
+        if 0 <= x - item.cell.x < nx and 0 <= y - item.cell.y < ny:
+            for i, j in _STUD_EDGE:
+                yield (x + 0.5 + i) * STUD_PITCH, (y + 0.5 + j) * STUD_PITCH, height

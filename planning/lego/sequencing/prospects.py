@@ -104,9 +104,4 @@ class Prospects:
         onto = (structures.above if way.up else structures.below)(self._design, brick)
         engaged = min(structures.engaged(brick, (other,)) for other in onto)
         force = press_force(engaged, most=rules.force, margin=rules.margin)
-        loads = [
-            press_load(structures.bricks[brick], press, up=way.up, force=force)
-            for press in pressed
-        ]
-        points = tuple(dict.fromkeys(p for load in loads for p in load.points))
-        return Load(brick, loads[0].force, points)
+        return press_load(structures.bricks[brick], *pressed, up=way.up, force=force)

@@ -75,27 +75,17 @@ class Refusal:
     def _why_never(self, core: Names, name: str) -> tuple[int, str]:
         """Return why a brick cannot go in beside others, whatever else is there."""
         names = core | self._fixed
-        obstacles = [
-            self._insertion.at(names, name, up=up).obstacle() for up in (False, True)
-        ]
         design = frozenset(self._structures.bricks)
-        onto = (
-            self._structures.below(design, name),
-            self._structures.above(design, name),
-        )
+        below, above = self._structures.below, self._structures.above
         reasons = []
-        for up in (False, True):
+        for up, onto, over in ((False, below, above), (True, above, below)):
             way = "from below" if up else "from above"
-            if not onto[up]:
+            if not onto(design, name):
                 nothing = "above" if up else "below"
                 reasons.append(f"there is nothing {nothing} it to press it onto {way}")
                 continue
-            if obstacles[up] is not None and (
-                self._structures.below(names, name)
-                if up
-                else self._structures.above(names, name)
-            ):
-                reasons.append(str(obstacles[up]))
+            if over(names, name):
+                reasons.append(str(self._insertion.at(names, name, up=up).obstacle()))
                 continue
             if up and not self._rules.place_up:
                 reasons.append("placing from below is not allowed")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 from planning.lego.bricks.assembly import BRICKS, PlacedBrick
 from planning.lego.bricks.grid import Place, occupied_places
@@ -98,6 +99,14 @@ class Design:
                 break
         return out
 
+    def column(self, names: Sequence[str]) -> list[PlacedBrick]:
+        """Return the bricks of one column, under the first brick that has room for one below it.
+
+        Where none has, it is under the nearest one that carries one of them.
+        """
+        below = self.columns(names, most=1)
+        return below or self.columns(names, most=1, carriers=True)
+
     def _column(
         self, name: str, filled: Mapping[Place, str], carriers: bool
     ) -> tuple[PlacedBrick, ...]:
@@ -114,13 +123,15 @@ class Design:
             seen.update(front)
         return ()
 
+    @cached_property
     def blocked(self) -> Names:
         """Return the bricks that remain when all that might go in last are set aside."""
         return remaining(self.order(), self.prospects.perhaps)
 
     def blocking_set(self) -> Names:
         """Return a smallest set of bricks of which none can be the last one in."""
-        return smallest_blocking_set(self.order(), self.prospects.perhaps)
+        some = (name for name in self.order() if name in self.blocked)
+        return smallest_blocking_set(some, self.prospects.perhaps)
 
 
 def scaffolded(
@@ -143,20 +154,12 @@ def scaffolded(
     extra = list(temporary)
     while True:
         design = Design(structure, fixed, extra, rules)
-        core = design.blocked()
-        if not core:
-            return design
         alone = [
             name
-            for name in sorted(core)
+            for name in sorted(design.blocked)
             if not design.prospects.perhaps(frozenset((name,)), name)
         ]
-        blocking = sorted(design.blocking_set())
-        columns = (
-            design.columns(alone)
-            or design.columns(blocking, most=1)
-            or design.columns(blocking, most=1, carriers=True)
-        )
+        columns = design.columns(alone) or design.column(sorted(design.blocking_set()))
         if not columns:
             return design
         extra += columns

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from planning.lego.bricks.assembly import BrickType
 from planning.lego.insertion.insertion import Way
@@ -40,7 +41,7 @@ class SequencingRules:
     robot: str = "gp4"
     types: tuple[BrickType, ...] = ()
 
-    @property
+    @cached_property
     def ways(self) -> tuple[Way, ...]:
         """The ways to press a brick on that are allowed, the preferred ones first."""
         allowed = {

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 from planning.errors import InfeasibleStepError, UndecidedError
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, PlacedBrick
-from planning.lego.insertion.insertion import Insertion, Way
+from planning.lego.insertion.insertion import MOST_SPOTS, Insertion, Way
 from planning.lego.sequencing.refusal import Refusal
 from planning.lego.sequencing.remedies import Design, on_plinth, scaffolded
 from planning.lego.sequencing.removals import Removals
@@ -109,13 +109,17 @@ def sequence_structure(
     if core:
         hint = _remedies(raised, fixed, plinth, rules)
         raise InfeasibleStepError(refusal.blocked(core) + hint)
-    found = _search(design, rules, progress)
+    # Where scaffolding may be added, that helps more than many tries without it.
+    limit = min(rules.search_limit, _TRIES) if rules.scaffold else rules.search_limit
+    found = _search(design, rules, limit, progress)
     while found.steps is None and rules.scaffold:
-        column = _column_at(design, found)
+        column = design.column(_stuck(design, found))
         if not column:
             break
         design = scaffolded(raised, fixed, (*design.temporary, *column), rules)
-        found = _search(design, rules, progress)
+        found = _search(design, rules, limit, progress)
+    if found.steps is None and not found.complete and limit < rules.search_limit:
+        found = _search(design, rules, rules.search_limit, progress)
     if found.steps is None:
         refusal = Refusal(design.insertion, rules, design.prospects, design.fixed)
         end = found.dead_end or frozenset()
@@ -126,7 +130,7 @@ def sequence_structure(
         if found.complete:
             raise InfeasibleStepError(
                 f"no order of assembly exists: all {found.visited} partial structures that can be "
-                f"reached lead nowhere. In the smallest of them {words}"
+                f"reached lead nowhere, held at any of {MOST_SPOTS} spots near a press. In the smallest of them {words}"
                 + _remedies(raised, fixed, plinth, rules)
             )
         raise UndecidedError(
@@ -165,22 +169,18 @@ def sequenced(
 
 
 def _search(
-    design: Design, rules: SequencingRules, progress: Progress
+    design: Design, rules: SequencingRules, limit: int, progress: Progress
 ) -> SequenceSearch:
     removals = Removals(design.insertion, rules.ways_of, design.fixed)
-    # Where scaffolding may be added, that helps more than many tries without it.
-    limit = min(rules.search_limit, _TRIES) if rules.scaffold else rules.search_limit
     return search_sequence(
         design.parts, removals, design.prospects, limit=limit, progress=progress
     )
 
 
-def _column_at(design: Design, found: SequenceSearch) -> list[PlacedBrick]:
-    """Return a column under the highest brick that could go in at a dead end but for the press."""
+def _stuck(design: Design, found: SequenceSearch) -> list[str]:
+    """Return the bricks that could go in at a dead end but for the press, from the top down."""
     end = found.dead_end or frozenset()
-    stuck = [n for n in design.order() if n in end and design.prospects.perhaps(end, n)]
-    below = design.columns(stuck, most=1)
-    return below or design.columns(stuck, most=1, carriers=True)
+    return [n for n in design.order() if n in end and design.prospects.perhaps(end, n)]
 
 
 def _described(design: Design, found: SequenceSearch) -> Iterable[SequencedStep]:
@@ -208,11 +208,11 @@ def _reason(design: Design, names: Names, name: str, chosen: Insertion) -> str:
 
 
 def _check_finished(design: Design, rules: SequencingRules) -> None:
-    """Raise an error when the finished structure does not stand, or bricks hang in vain."""
+    """Raise an error when the finished structure does not stand."""
     structures = design.structures
     names = frozenset(structures.bricks)
-    refusal = Refusal(design.insertion, rules, design.prospects, design.fixed)
     if not structures.stands(names):
+        refusal = Refusal(design.insertion, rules, design.prospects, design.fixed)
         report = structures.weakness(names)
         what = refusal.place(report.brick or "")
         why = f"{what} needs {report.score:.2f} times the friction its knobs have"
@@ -244,7 +244,7 @@ def _remedies(
             words = f"'scaffold' ({count} temporary bricks)"
         else:
             design, words = Design(structure, fixed, plinth, changed), f"'{name}'"
-        if not design.blocked():
+        if not design.blocked:
             helps.append(words)
     if not helps:
         return ""

@@ -117,12 +117,8 @@ class Equilibrium:
             self.add_contact(None, body, point, force / total)
         self._shared.append((range(first, len(self._points)), total))
 
-    def solve(self, *, blame: bool = True) -> StabilityReport:
+    def solve(self) -> StabilityReport:
         """Solve the program.
-
-        Args:
-            blame: find the body farthest from balance when there is none; it takes a second
-                linear program.
 
         Raises:
             RuntimeError: the solver failed, as it should never do.
@@ -137,8 +133,7 @@ class Equilibrium:
         cost[-1] = 1.0
         result = self._minimise(cost, matrix, [*self._bounds, (0.0, np.inf)])
         if result.status == _INFEASIBLE:
-            worst = self._farthest(matrix) if blame else None
-            return StabilityReport(math.inf, worst)
+            return StabilityReport(math.inf, self._farthest(matrix))
         if result.status != 0:
             raise RuntimeError(f"equilibrium not solved: {result.message}")
         score = max(0.0, float(result.fun))

@@ -9,28 +9,19 @@ starts each time from where it ended the last time. Contacts pull up to their fr
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import highspy
 import numpy as np
 
 from planning.lego.bricks.assembly import STUD_PITCH, PlacedBrick
-from planning.lego.bricks.contacts import (
-    Joint,
-    SideContact,
-    centre,
-    knob_points,
-    stud_height,
-)
+from planning.lego.bricks.contacts import centre
 from planning.lego.stability.stability import (
-    LEVEL,
     STANDARD_GRAVITY,
     UP,
+    Contact,
     Hold,
-    JointStrength,
     Load,
-    side_points,
 )
 from planning.transforms import Array
 
@@ -42,49 +33,26 @@ ENOUGH = 1e-6
 _Key = tuple[str, float, tuple[float, float, float], bool]
 
 
-@dataclass(frozen=True)
-class _Contact:
-    """A column: a force along a direction on ``second``, and its reaction on ``first``."""
-
-    first: int
-    second: int
-    point: Array
-    direction: Array
-    lower: float
-    upper: float
-
-
 class ForceProgram:
     """Largest force that the partial structures of a design bear.
 
     Args:
         bricks: of the design, by name.
-        joints: between them, and with the plate.
-        sides: contacts side by side.
-        strength: what joints bear.
+        contacts: between them, and with the plate.
     """
 
     def __init__(
-        self,
-        bricks: Mapping[str, PlacedBrick],
-        joints: Iterable[Joint],
-        sides: Iterable[SideContact],
-        strength: JointStrength,
+        self, bricks: Mapping[str, PlacedBrick], contacts: Sequence[Contact]
     ) -> None:
         self._index = {name: k for k, name in enumerate(bricks)}
         self._centres = np.array([centre(item) for item in bricks.values()])
         self._weights = np.array(
             [item.brick.mass * STANDARD_GRAVITY for item in bricks.values()]
         )
-        contacts: list[_Contact] = []
-        for joint in joints:
-            contacts += self._joint(joint, bricks[joint.upper], strength)
-        for side in sides:
-            contacts += self._side(side)
-        self._first = np.array([c.first for c in contacts], dtype=np.intp)
-        self._second = np.array([c.second for c in contacts], dtype=np.intp)
-        self._lower = np.array([c.lower for c in contacts])
-        self._upper = np.array([c.upper for c in contacts])
+        self._first = np.array([self._body(c.first) for c in contacts], np.intp)
+        self._second = np.array([self._body(c.second) for c in contacts], np.intp)
+        self._lower = np.array([-(c.within or c.pull) for c in contacts])
+        self._upper = np.array([c.within or highspy.kHighsInf for c in contacts])
         new_solver: Callable[[], Any] = highspy.Highs
         self._solver = new_solver()
         for option, value in (
@@ -210,28 +178,24 @@ class ForceProgram:
         known = self._tools.get(key)
         if known is None:
             known = self._tools[key] = len(self._low)
-            contact = _Contact(
-                -1,
-                self._index[brick],
-                np.array(point) / STUD_PITCH,
-                UP * direction,
-                0.0,
-                0.0,
+            at = np.array(point) / STUD_PITCH
+            self._add_column(
+                Contact(None, brick, at, UP * direction), pressing=pressing
             )
-            self._add_column(contact, pressing=pressing)
             self._low = np.append(self._low, 0.0)
             self._high = np.append(self._high, 0.0)
         return known
 
-    def _add_column(self, contact: _Contact, *, pressing: bool) -> None:
+    def _add_column(self, contact: Contact, *, pressing: bool) -> None:
         """Add a contact to the program, switched off."""
         rows: list[int] = []
         values: list[float] = []
         if pressing:
             rows.append(0)
             values.append(1.0)
-        for body, sign in ((contact.first, -1.0), (contact.second, 1.0)):
-            if body >= 0:
+        for name, sign in ((contact.first, -1.0), (contact.second, 1.0)):
+            if name is not None:
+                body = self._index[name]
                 force = sign * contact.direction
                 arm = contact.point - self._centres[body]
                 for k, value in enumerate((*force, *np.cross(arm, force))):
@@ -247,26 +211,6 @@ class ForceProgram:
             np.array(rows, dtype=np.int32)[order],
             np.array(values)[order],
         )
-
-    def _joint(
-        self, joint: Joint, upper: PlacedBrick, strength: JointStrength
-    ) -> Iterable[_Contact]:
-        first, second = self._body(joint.lower), self._body(joint.upper)
-        height, pull = stud_height(joint.level), strength.pull(upper)
-        for stud in joint.studs:
-            for x, y in knob_points(upper, stud):
-                point = np.array([x, y, height])
-                yield _Contact(first, second, point, UP, -pull, highspy.kHighsInf)
-            axis = np.array([stud[0] + 0.5, stud[1] + 0.5, height])
-            for direction in LEVEL:
-                s = strength.sideways
-                yield _Contact(first, second, axis, direction, -s, s)
-
-    def _side(self, side: SideContact) -> Iterable[_Contact]:
-        first, second = self._body(side.first), self._body(side.second)
-        for point in side_points(side):
-            direction = LEVEL[side.axis]
-            yield _Contact(first, second, point, direction, 0.0, highspy.kHighsInf)
 
     def _body(self, name: str | None) -> int:
         return -1 if name is None else self._index[name]

@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
 
 from planning.lego.bricks.assembly import STUD_PITCH, PlacedBrick
 from planning.lego.bricks.contacts import (
@@ -30,10 +32,11 @@ from planning.lego.stability.stability import (
     Hold,
     JointStrength,
     Load,
-    add_joint,
+    add_contacts,
     add_loads,
-    add_side,
     bodies,
+    face_contacts,
+    joint_contacts,
 )
 
 Names = frozenset[str]
@@ -71,11 +74,10 @@ class PartialStructures:
         self.bricks = by_name(design)
         self.filled = filled_places(self.bricks)
         """The brick in each place of the grid."""
-        self._joints = joints(self.bricks, self.filled)
-        self._sides = side_contacts(self.bricks, self.filled)
+        between = joints(self.bricks, self.filled)
         self._under: dict[str, list[Joint]] = defaultdict(list)
         self._over: dict[str, list[Joint]] = defaultdict(list)
-        for joint in self._joints:
+        for joint in between:
             self._under[joint.upper].append(joint)
             if joint.lower is not None:
                 self._over[joint.lower].append(joint)
@@ -84,7 +86,17 @@ class PartialStructures:
             for name, item in self.bricks.items()
             for x, y, _ in [centre(item)]
         }
-        self._program = ForceProgram(self.bricks, self._joints, self._sides, _STRENGTH)
+        sides = side_contacts(self.bricks, self.filled)
+        self._contacts = (
+            *(
+                contact
+                for joint in between
+                for contact in joint_contacts(
+                    joint, self.bricks[joint.upper], _STRENGTH
+                )
+            ),
+            *chain.from_iterable(map(face_contacts, sides)),
+        )
         self._from_low = sorted(self.bricks, key=lambda n: self.bricks[n].cell.level)
         self._shapes: dict[object, tuple[int, Region]] = {}
         self._regions: dict[Names, dict[str, Region]] = {}
@@ -93,7 +105,12 @@ class PartialStructures:
     @property
     def programs(self) -> int:
         """Number of linear programs solved so far."""
-        return self._program.solved
+        return self._program.solved if "_program" in self.__dict__ else 0
+
+    @cached_property
+    def _program(self) -> ForceProgram:
+        """The program, made when it is asked for: many structures rest by pushing alone."""
+        return ForceProgram(self.bricks, self._contacts)
 
     def above(self, names: Names, name: str) -> tuple[str, ...]:
         """Return the bricks of a partial structure that sit on a brick."""
@@ -160,16 +177,12 @@ class PartialStructures:
     ) -> StabilityReport:
         """Return how much friction a partial structure needs, and where it gives way first."""
         program = bodies(item for name, item in self.bricks.items() if name in names)
-        loose = None if load is None else load.brick
-        for joint in self._joints:
-            if joint.upper in names and (joint.lower is None or joint.lower in names):
-                upper = self.bricks[joint.upper]
-                pressed = loose is not None and loose in (joint.lower, joint.upper)
-                pull = 0.0 if pressed else _STRENGTH.pull(upper)
-                add_joint(program, joint, upper, pull, _STRENGTH.sideways)
-        for side in self._sides:
-            if side.first in names and side.second in names:
-                add_side(program, side)
+        there = (
+            c
+            for c in self._contacts
+            if (c.first is None or c.first in names) and c.second in names
+        )
+        add_contacts(program, there, loose=None if load is None else load.brick)
         add_loads(program, () if load is None else (load,), holds)
         return program.solve()
 

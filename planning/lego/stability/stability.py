@@ -13,7 +13,7 @@ A structure whose score is 0 stands without any friction, up to 1 it stands, abo
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,55 +103,71 @@ def bodies(bricks: Iterable[PlacedBrick]) -> Equilibrium:
     )
 
 
-def add_joint(
-    program: Equilibrium,
-    joint: Joint,
-    upper: PlacedBrick,
-    pull: float,
-    sideways: float,
-    *,
-    fixed: Container[str] = (),
+@dataclass(frozen=True)
+class Contact:
+    """A force between two bricks, or a brick and the plate, as ``Equilibrium.add_contact`` takes it.
+
+    Attributes:
+        first, second: names of the bricks, None for the plate.
+        point: where it acts, shape (3,) [studs].
+        direction: of the push on ``second``, shape (3,).
+        pull: friction against being pulled apart [N].
+        within: bound of the force in both senses [N], None for one that pushes without limit.
+    """
+
+    first: str | None
+    second: str | None
+    point: Array
+    direction: Array
+    pull: float = 0.0
+    within: float | None = None
+
+
+def joint_contacts(
+    joint: Joint, upper: PlacedBrick, strength: JointStrength
+) -> Iterator[Contact]:
+    """Yield the contacts of a joint, knob by knob.
+
+    Args:
+        joint: the joint.
+        upper: its upper brick.
+        strength: what joints bear.
+    """
+    ends, height = (joint.lower, joint.upper), stud_height(joint.level)
+    pull, sideways = strength.pull(upper), strength.sideways
+    for stud in joint.studs:
+        for x, y in knob_points(upper, stud):
+            yield Contact(*ends, np.array([x, y, height]), UP, pull)
+        axis = np.array([stud[0] + 0.5, stud[1] + 0.5, height])
+        for direction in LEVEL:
+            yield Contact(*ends, axis, direction, within=sideways)
+
+
+def face_contacts(side: SideContact) -> Iterator[Contact]:
+    """Yield the contacts of two bricks side by side, the corners of their common face."""
+    for along in side.span:
+        flat = (side.at, along) if side.axis == 0 else (along, side.at)
+        for height in map(stud_height, side.levels):
+            point = np.array([*flat, height], dtype=np.float64)
+            yield Contact(side.first, side.second, point, LEVEL[side.axis])
+
+
+def add_contacts(
+    program: Equilibrium, contacts: Iterable[Contact], *, loose: str | None = None
 ) -> None:
-    """Add the contacts of a joint to a linear program.
+    """Add contacts to a linear program.
 
     Args:
         program: the program.
-        joint: the joint.
-        upper: its upper brick.
-        pull: friction of each contact [N].
-        sideways: force that each knob bears along x and y [N].
-        fixed: bricks that do not move, like the plate.
+        contacts: of its bricks.
+        loose: a brick that is just being pressed into place: its joints do not pull yet.
     """
-    first, second = (
-        None if n is None or n in fixed else n for n in (joint.lower, joint.upper)
-    )
-    height = stud_height(joint.level)
-    for stud in joint.studs:
-        for x, y in knob_points(upper, stud):
-            point = np.array([x, y, height])
-            program.add_contact(first, second, point, UP, pull=pull)
-        axis = np.array([stud[0] + 0.5, stud[1] + 0.5, height])
-        for direction in LEVEL:
-            program.add_contact(first, second, axis, direction, within=sideways)
-
-
-def add_side(
-    program: Equilibrium, side: SideContact, *, fixed: Container[str] = ()
-) -> None:
-    """Add the contacts of two bricks side by side, the corners of their common face."""
-    first, second = (None if n in fixed else n for n in (side.first, side.second))
-    for point in side_points(side):
-        program.add_contact(first, second, point, LEVEL[side.axis])
-
-
-def side_points(side: SideContact) -> tuple[Array, ...]:
-    """Return the corners of the common face of two bricks side by side, (3,) each [studs]."""
-    return tuple(
-        np.array([*flat, height], dtype=np.float64)
-        for along in side.span
-        for flat in [(side.at, along) if side.axis == 0 else (along, side.at)]
-        for height in map(stud_height, side.levels)
-    )
+    for c in contacts:
+        free = loose is not None and loose in (c.first, c.second)
+        pull = 0.0 if free else c.pull
+        program.add_contact(
+            c.first, c.second, c.point, c.direction, pull=pull, within=c.within
+        )
 
 
 def add_loads(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import chain
 
 from planning.errors import ScenarioError
@@ -20,10 +21,11 @@ from planning.lego.stability.stability import (
     Hold,
     JointStrength,
     Load,
-    add_joint,
+    add_contacts,
     add_loads,
-    add_side,
     bodies,
+    face_contacts,
+    joint_contacts,
 )
 
 
@@ -63,11 +65,12 @@ def stability(
         return StabilityReport(math.inf, loose_end)
     program = bodies(bricks.values())
     for joint in knobs:
-        free = joint.upper in loose or joint.lower in loose
-        pull = 0.0 if free else strength.pull(bricks[joint.upper])
-        add_joint(program, joint, bricks[joint.upper], pull, strength.sideways)
+        for contact in joint_contacts(joint, bricks[joint.upper], strength):
+            free = joint.upper in loose or joint.lower in loose
+            held = replace(contact, pull=0.0) if free else contact
+            add_contacts(program, (held,))
     for side in side_contacts(bricks, filled):
-        add_side(program, side)
+        add_contacts(program, face_contacts(side))
     add_loads(program, loads, holds)
     return program.solve()
 

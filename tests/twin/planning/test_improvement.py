@@ -14,25 +14,16 @@ from scheduling.improvement.neighbours import draw_neighbour
 from scheduling.improvement.rated_plans import PlanRater, RatedPlan
 from scheduling.improvement.search import improve_plan
 from scheduling.verification.verify import verify_plan
+from tests.twin.planning.facing_arms import FACING_ARMS
 from twin.host.progress import StageWatch
 from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import nominal_s, plan_motions, plan_scenario
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 
-SCENARIO = """\
-version: 1
-name: four
-seed: 3
-cell:
-  robots:
-    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
-    - {name: right, model: gp4, base: {xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}
-  fixtures:
-    - {name: table, size_m: [0.7, 1.2, 0.02], pose: {xyz_m: [0.44, 0, 1.1045]}}
-assembly:
-  kind: lego
-  plate: {pose: {xyz_m: [0.44, 0, 1.1145]}}
+SCENARIO = (
+    FACING_ARMS
+    + """\
   stock:
     - {name: left_a, brick: 2x4, at: [2, 30, 1]}
     - {name: left_b, brick: 2x4, at: [6, 30, 1]}
@@ -46,6 +37,7 @@ assembly:
     - {brick: 2x4, at: [23, 15, 2]}
     - {brick: 2x4, at: [23, 25, 2]}
 """
+)
 
 
 @pytest.fixture(scope="module")

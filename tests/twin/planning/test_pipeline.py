@@ -9,24 +9,15 @@ import pytest
 
 from planning.lego.bricks.grid import box_pose
 from scheduling.verification.verify import verify_plan
+from tests.twin.planning.facing_arms import FACING_ARMS
 from twin.planning.in_turns import MOTION
 from twin.planning.pipeline import Planned, plan_scenario
 from twin.scenario.file import load_scenario
 from twin.trial.trial import Trial, try_plan
 
-SCENARIO = """\
-version: 1
-name: three
-seed: 3
-cell:
-  robots:
-    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
-    - {name: right, model: gp4, base: {xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}
-  fixtures:
-    - {name: table, size_m: [0.7, 1.2, 0.02], pose: {xyz_m: [0.44, 0, 1.1045]}}
-assembly:
-  kind: lego
-  plate: {pose: {xyz_m: [0.44, 0, 1.1145]}}
+SCENARIO = (
+    FACING_ARMS
+    + """\
   stock:
     - {name: left_a, brick: 2x4, at: [2, 30, 1]}
     - {name: left_b, brick: 2x4, at: [6, 30, 1]}
@@ -37,6 +28,7 @@ assembly:
     - {brick: 2x4, at: [23, 15, 2], press: {side: 1, offset: 1}, stock: left_b}
     - {brick: 2x4, at: [23, 15, 3], press: {side: 1, offset: 1}}
 """
+)
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,7 @@ right robot, and one pushed up from below under the edge of the second.
 
 from __future__ import annotations
 
-import numpy as np
-
-from planning.cell.workcell import PlacedRobot, Workcell
+from planning.cell.workcell import Workcell
 from planning.lego.bricks.assembly import (
     BRICKS,
     Cell,
@@ -19,10 +17,9 @@ from planning.lego.bricks.assembly import (
     StockBrick,
     Support,
 )
-from planning.lego.bricks.objects import plate_fixture, stock_objects
 from planning.lego.skills.targets import DEFAULT_TWIST
-from planning.robots.registry import robot_model
-from planning.transforms import from_rpy, translation
+from planning.transforms import translation
+from tests.planning.lego.skills.facing_arms import facing_arms
 
 TOWER = (
     StockBrick("f1", BRICKS["2x6"], Cell(23, 14, 1), fixed=True),
@@ -69,15 +66,4 @@ def overhang(
     """Return the cell and the assembly."""
     plate = Plate(translation(0.44, 0.0, 1.1145))
     assembly = LegoAssembly(plate, TOWER + stock, steps, DEFAULT_TWIST)
-    gp4 = robot_model("gp4")
-    cell = Workcell(
-        (
-            PlacedRobot("left", gp4, translation(0, 0, 0.9246), gp4.home),
-            PlacedRobot(
-                "right", gp4, from_rpy((0.88, 0, 0.9246), (0, 0, np.pi)), gp4.home
-            ),
-        ),
-        (plate_fixture(plate),),
-        stock_objects(assembly),
-    )
-    return cell, assembly
+    return facing_arms(assembly), assembly

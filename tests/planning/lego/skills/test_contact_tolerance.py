@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from planning.cell.workcell import Clearances, PlacedRobot, Workcell
+from planning.cell.workcell import Clearances, Workcell
 from planning.geometry.exact import hull_shape
 from planning.kinematics.kinematics import joint_poses_of
 from planning.lego.bricks.assembly import (
@@ -22,16 +22,15 @@ from planning.lego.bricks.assembly import (
     StockBrick,
 )
 from planning.lego.bricks.brick_world import BrickWorld, grasp_number
-from planning.lego.bricks.objects import plate_fixture, stock_objects
 from planning.lego.skills.allowed_contacts import PRESSED
 from planning.lego.skills.candidates import find_candidates
 from planning.lego.skills.expansion import lego_work
 from planning.lego.skills.options import SkillOption, SkillOptions
 from planning.lego.skills.targets import DEFAULT_TWIST
-from planning.robots.registry import robot_model
 from planning.skills.joint_paths import Obstruction, SkillPath
 from planning.tasks.highs_solver import assign_steps
-from planning.transforms import from_rpy, translation
+from planning.transforms import translation
+from tests.planning.lego.skills.facing_arms import facing_arms
 from twin.audit.accepted_overlaps import CONTACT_DEPTH
 
 KIND = BRICKS["2x4"]
@@ -43,7 +42,7 @@ def world(
     *beside: Cell, tolerance: float = TOLERANCE, **step: object
 ) -> tuple[Workcell, LegoAssembly]:
     """A brick ``a`` to be picked, and bricks beside it that stay."""
-    model, plate = robot_model("gp4"), Plate(translation(0.45, 0.0, 1.1145))
+    plate = Plate(translation(0.45, 0.0, 1.1145))
     stock = (
         StockBrick("a", KIND, Cell(20, 20, 1)),
         *(
@@ -53,17 +52,7 @@ def world(
     )
     goal = LegoStep(KIND, Cell(30, 34, 1), **step)  # type: ignore[arg-type]
     assembly = LegoAssembly(plate, stock, (goal,), DEFAULT_TWIST)
-    cell = Workcell(
-        (
-            PlacedRobot("left", model, translation(0, 0, 0.9246), model.home),
-            PlacedRobot(
-                "right", model, from_rpy((0.88, 0, 0.9246), (0, 0, np.pi)), model.home
-            ),
-        ),
-        (plate_fixture(plate),),
-        stock_objects(assembly),
-        Clearances(0.001, 0.0, tolerance),
-    )
+    cell = facing_arms(assembly, Clearances(0.001, 0.0, tolerance))
     return cell, assembly
 
 
