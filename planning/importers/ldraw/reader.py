@@ -219,7 +219,7 @@ def _quarter(turn: Array) -> int | str:
     angle = math.degrees(math.atan2(turn[0, 2], turn[0, 0]))
     quarter = round(angle / 90.0)
     if abs(angle - 90.0 * quarter) > math.degrees(_ROUND):
-        return f"turned by {angle:.0f} degrees, no quarter turn,"
+        return f"turned by {angle:.0f} degrees, no quarter turn"
     return quarter % 4
 
 
