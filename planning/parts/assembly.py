@@ -1,4 +1,4 @@
-"""Pick-and-place assemblies as data: where every part goes, in which order, and the grips on it."""
+"""Assemblies of parts as data: where every part goes, in which order, and the grips on it."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ class GripRules:
 
 
 @dataclass(frozen=True)
-class PickPlaceAssembly:
-    """A pick-and-place assembly: goal poses of parts, in order.
+class PartAssembly:
+    """An assembly of parts: goal poses of parts, in order.
 
     Attributes:
         goals: pose of the centre of every part that is placed, in the world.

@@ -17,7 +17,7 @@ from planning.errors import InfeasibleStepError
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import frame_in_flange
 from planning.motion.sequential import MARGIN
-from planning.parts.assembly import Grip, PickPlaceAssembly, box_grips
+from planning.parts.assembly import Grip, PartAssembly, box_grips
 from planning.parts.contact_graph import near_to, standing
 from planning.parts.targets import pick_targets, place_targets
 from planning.skills.contacts import NOTHING, SkillContacts, gripped, touching
@@ -52,7 +52,7 @@ class PartStep:
     at_goal: Mapping[str, float]
 
 
-def part_steps(cell: Workcell, assembly: PickPlaceAssembly) -> tuple[PartStep, ...]:
+def part_steps(cell: Workcell, assembly: PartAssembly) -> tuple[PartStep, ...]:
     """Return the steps of an assembly, every part of which comes to lie on something.
 
     Args:
@@ -97,8 +97,8 @@ def _require_standing(step: str, touched: Mapping[str, float]) -> None:
 
 
 @dataclass(frozen=True)
-class PickPlaceCandidates:
-    """The assignment problem of a pick-and-place assembly, and the paths behind it.
+class PartCandidates:
+    """The assignment problem of an assembly of parts, and the paths behind it.
 
     Attributes:
         cell: its objects are the parts.
@@ -117,7 +117,7 @@ class PickPlaceCandidates:
     )
 
 
-def find_candidates(cell: Workcell, assembly: PickPlaceAssembly) -> PickPlaceCandidates:
+def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
     """Find every robot and grip that can do a step, with its cost.
 
     Both skills are reachable in one posture each and free of contacts among the parts as they
@@ -156,7 +156,7 @@ def find_candidates(cell: Workcell, assembly: PickPlaceAssembly) -> PickPlaceCan
         primaries=tuple(primaries),
         rejections=tuple(rejections),
     )
-    return PickPlaceCandidates(cell, assembly.grips.frame, steps, problem, paths)
+    return PartCandidates(cell, assembly.grips.frame, steps, problem, paths)
 
 
 def held_pose(robot: PlacedRobot, frame: str, grip: Transform) -> Transform:
@@ -176,7 +176,7 @@ class _GripOption:
     """How one robot does one step with one of its grips, a pose in the frame of the part."""
 
     cell: Workcell
-    assembly: PickPlaceAssembly
+    assembly: PartAssembly
     step: PartStep
     robot: PlacedRobot
     grip: Transform

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import partial
 
-from planning.parts.candidates import PickPlaceCandidates, held_pose
+from planning.parts.candidates import PartCandidates, held_pose
 from planning.skills.contacts import gripped, touching
 from planning.skills.step_builder import StepBuilder
 from planning.tasks.assignment import TaskPlan
@@ -13,7 +13,7 @@ from planning.tasks.task import StepTasks, Task
 from planning.tasks.work import AssemblyWork
 
 
-def pick_place_work(candidates: PickPlaceCandidates) -> AssemblyWork:
+def part_work(candidates: PartCandidates) -> AssemblyWork:
     """Return the assembly work of part candidates, for assignment and motion planning."""
     return AssemblyWork(
         candidates.problem,
@@ -23,7 +23,7 @@ def pick_place_work(candidates: PickPlaceCandidates) -> AssemblyWork:
 
 
 def _expand_step(
-    candidates: PickPlaceCandidates, plan: TaskPlan, step: int, first_index: int
+    candidates: PartCandidates, plan: TaskPlan, step: int, first_index: int
 ) -> StepTasks:
     """Return the tasks of a step as the plan chooses it.
 
@@ -50,7 +50,7 @@ def _expand_step(
 
 
 def _waits(
-    candidates: PickPlaceCandidates, steps: Sequence[StepTasks]
+    candidates: PartCandidates, steps: Sequence[StepTasks]
 ) -> Iterator[tuple[Task, Task]]:
     """Yield what waits for what.
 
@@ -76,7 +76,7 @@ def _waits(
             before[task.object] = task
 
 
-def _stock_contacts(candidates: PickPlaceCandidates) -> dict[str, frozenset[str]]:
+def _stock_contacts(candidates: PartCandidates) -> dict[str, frozenset[str]]:
     """Return what each part touches at the start, whichever of the two is picked first."""
     parts = [step.part.name for step in candidates.steps]
     touched = {

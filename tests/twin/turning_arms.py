@@ -18,7 +18,7 @@ cell:
     - {name: right, model: gp4, base: {xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}
   fixtures: [{name: plate, size_m: [0.384, 0.384, 0.005], pose: {xyz_m: [0.44, 0, 1.112]}}]
 assembly:
-  kind: pick-and-place
+  kind: assembly
   parts:  # where it belongs already: nobody touches it
     - {name: b1, size_m: [0.0158, 0.0318, 0.0096], start: {xyz_m: [0.2881234, 0.1441234, 1.1193]},
        goal: {xyz_m: [0.2881234, 0.1441234, 1.1193]}}

@@ -10,7 +10,7 @@ from planning.parts.candidates import MOST_OVERLAP
 from planning.parts.contact_graph import Lying, near_to, standing
 from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, Subject, millimetres
-from twin.scenario.sections.pick_place import PickPlaceSection
+from twin.scenario.sections.parts import PartsSection
 
 _TOUCH = 0.002
 """Distance up to which things touch where the scenario does not say [m]."""
@@ -54,13 +54,13 @@ def check_starts(subject: Subject) -> Findings:
 
 
 def check_goals(subject: Subject) -> Findings:
-    """Yield parts of a pick-and-place assembly that overlap, or hang in the air, in their places."""
+    """Yield parts of an assembly that overlap, or hang in the air, in their places."""
     section = subject.scenario.assembly
-    if not isinstance(section, PickPlaceSection):
+    if not isinstance(section, PartsSection):
         return
-    from twin.planning.pick_place import build_pick_place
+    from twin.planning.parts import build_assembly
 
-    cell, goals = subject.cell, build_pick_place(section).goals
+    cell, goals = subject.cell, build_assembly(section).goals
     where: dict[str, Transform] = {item.name: item.start for item in cell.objects}
     for name in section.steps:
         lying: dict[str, Lying] = standing(cell)
@@ -135,7 +135,7 @@ def close_pairs(
 
 def _touch(subject: Subject) -> float:
     section = subject.scenario.assembly
-    return section.touch_m if isinstance(section, PickPlaceSection) else _TOUCH
+    return section.touch_m if isinstance(section, PartsSection) else _TOUCH
 
 
 def _below(lying: Sequence[tuple[str, Lying]], name: str) -> str:

@@ -10,16 +10,16 @@ from planning.cell.cover import box_body
 from planning.transforms import Array, Transform
 from twin.check.finding import Subject
 from twin.scenario.sections.lego import LegoSection
-from twin.scenario.sections.pick_place import PickPlaceSection
+from twin.scenario.sections.parts import PartsSection
 
 
 def goal_boxes(subject: Subject) -> Iterator[tuple[str, Array]]:
     """Yield what is put somewhere, with the corners of its box there, shape (8, 3) [m]."""
     section = subject.scenario.assembly
-    if isinstance(section, PickPlaceSection):
-        from twin.planning.pick_place import build_pick_place
+    if isinstance(section, PartsSection):
+        from twin.planning.parts import build_assembly
 
-        for name, goal in build_pick_place(section).goals.items():
+        for name, goal in build_assembly(section).goals.items():
             yield name, _corners(subject.cell.object(name).size, goal)
     elif isinstance(section, LegoSection):
         yield from _bricks(section)

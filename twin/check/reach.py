@@ -14,7 +14,7 @@ from planning.errors import (
     ScenarioError,
 )
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
-from planning.parts.assembly import Grip, PickPlaceAssembly, box_grips
+from planning.parts.assembly import Grip, PartAssembly, box_grips
 from planning.parts.targets import pick_targets, place_targets
 from planning.skills.joint_paths import SkillPath, skill_postures
 from planning.skills.subgoals import SkillTargets
@@ -23,7 +23,7 @@ from twin.check.finding import Finding, Findings, Subject, position
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.goals import GoalsSection
 from twin.scenario.sections.lego import LegoSection
-from twin.scenario.sections.pick_place import PickPlaceSection
+from twin.scenario.sections.parts import PartsSection
 
 _MOST_GRIPS = 40
 """Grips of a part that are tried by each robot."""
@@ -34,7 +34,7 @@ _STEP = re.compile(r"step (\d+) \(")
 def check_reach(subject: Subject) -> Findings:
     """Yield what no robot reaches: an error where the planner would find none either."""
     section = subject.scenario.assembly
-    if isinstance(section, PickPlaceSection):
+    if isinstance(section, PartsSection):
         yield from _check_parts(subject, section)
     elif isinstance(section, GoalsSection):
         yield from _check_moves(subject, section)
@@ -65,10 +65,10 @@ def placed_first(robot: PlacedRobot) -> Transform:
     return np.asarray(robot.model.chain.placement[0])
 
 
-def _check_parts(subject: Subject, section: PickPlaceSection) -> Findings:
-    from twin.planning.pick_place import build_pick_place
+def _check_parts(subject: Subject, section: PartsSection) -> Findings:
+    from twin.planning.parts import build_assembly
 
-    assembly, cell = build_pick_place(section), subject.cell
+    assembly, cell = build_assembly(section), subject.cell
     robots = [
         robot
         for robot in cell.robots
@@ -106,7 +106,7 @@ def _check_parts(subject: Subject, section: PickPlaceSection) -> Findings:
 def _handles(
     robot: PlacedRobot,
     part: CellObject,
-    assembly: PickPlaceAssembly,
+    assembly: PartAssembly,
     grips: list[Grip],
     reached: tuple[set[str], set[str]],
 ) -> bool:

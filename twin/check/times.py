@@ -6,7 +6,7 @@ from twin.check.finding import Finding, Findings, Subject
 from twin.durations import Packaged, Skill
 
 _SKILLS: dict[str, tuple[Skill, ...]] = {
-    "pick-and-place": ("pick", "place-down"),
+    "assembly": ("pick", "place-down"),
     "construction": ("pick", "place-down"),
 }
 """Skills that every assembly of a kind uses."""

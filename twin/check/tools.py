@@ -14,7 +14,7 @@ from planning.transforms import Array, readonly
 from twin.check.finding import Finding, Findings, Subject, millimetres
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.goals import GoalsSection
-from twin.scenario.sections.pick_place import PickPlaceSection
+from twin.scenario.sections.parts import PartsSection
 
 _FAR = 0.02
 """A tool frame is at the tool if it is no farther from it than this [m]."""
@@ -28,11 +28,11 @@ _NOWHERE = np.zeros(0)
 def check_grips(subject: Subject) -> Findings:
     """Yield parts that the fingers cannot span, or cannot hold both at the start and in place."""
     section = subject.scenario.assembly
-    if not isinstance(section, PickPlaceSection):
+    if not isinstance(section, PartsSection):
         return
-    from twin.planning.pick_place import build_pick_place
+    from twin.planning.parts import build_assembly
 
-    assembly = build_pick_place(section)
+    assembly = build_assembly(section)
     for name in dict.fromkeys(assembly.steps):
         part = subject.cell.object(name)
         least, opening = float(np.min(part.size)), assembly.grips.opening
@@ -88,7 +88,7 @@ def _frames(subject: Subject) -> Iterator[tuple[str, str]]:
                 yield move.robot, move.frame
         return
     frame = "tool"
-    if isinstance(section, PickPlaceSection | ConstructionSection):
+    if isinstance(section, PartsSection | ConstructionSection):
         frame = section.grips.frame
     for robot in robots:
         yield robot, frame

@@ -111,7 +111,7 @@ class AssemblyKind(Protocol):
 
 _KINDS = {
     "lego": ("twin.planning.lego", "LegoKind"),
-    "pick-and-place": ("twin.planning.pick_place", "PickPlaceKind"),
+    "assembly": ("twin.planning.parts", "PartKind"),
     "goals": ("twin.planning.goals", "GoalsKind"),
     "construction": ("twin.planning.construction", "ConstructionKind"),
 }

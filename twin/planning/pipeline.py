@@ -165,11 +165,11 @@ def refuse_improvement(scenario: Scenario) -> None:
     if not section.improves:
         return
     kind = scenario.assembly.kind
-    if kind not in ("lego", "pick-and-place"):
+    if kind not in ("lego", "assembly"):
         raise ScenarioError(
             "planning.improve_s and improve_tries search for other robots, objects, grips and"
             f" supports of steps; the kind {kind!r} has none to choose from: leave them out",
-            choices=("lego", "pick-and-place"),
+            choices=("lego", "assembly"),
         )
     if section.coordination != "sequential":
         raise ScenarioError(

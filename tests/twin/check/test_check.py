@@ -33,7 +33,7 @@ cell:
     - {name: table, size_m: [2, 2, 0.04], pose: {xyz_m: [0, 0, -0.02]}}
     - {name: rack, size_m: [0.3, 0.3, 0.1], pose: {xyz_m: [0, 0.3, 0.05]}}
 assembly:
-  kind: pick-and-place
+  kind: assembly
   parts:
     - name: a
       size_m: [0.1, 0.03, 0.03]

@@ -169,11 +169,11 @@ def test_the_audit_holds_a_run_to_its_scenario_not_to_its_plan(
     from dataclasses import replace
 
     from planning.transforms import translation
-    from twin.planning.pick_place import PickPlaceKind
+    from twin.planning.parts import PartKind
 
-    told = PickPlaceKind.wanted
+    told = PartKind.wanted
 
-    def further(self: PickPlaceKind) -> object:
+    def further(self: PartKind) -> object:
         wanted = told(self)
         places = wanted.places
         aside = translation(0.008, 0.0, 0.0)
@@ -182,7 +182,7 @@ def test_the_audit_holds_a_run_to_its_scenario_not_to_its_plan(
             places=tuple(replace(place, pose=aside @ place.pose) for place in places),
         )
 
-    monkeypatch.setattr(PickPlaceKind, "wanted", further)
+    monkeypatch.setattr(PartKind, "wanted", further)
     out = tmp_path / "run"
     result = invoke(
         "run", plan / "two.yaml", "--plan", plan, "--out", out, "--no-recording"

@@ -40,6 +40,9 @@ _BOUNDS = {
 }
 
 
+_RENAMED = {"pick-and-place": "assembly"}
+"""What kinds were called before, and what they are called now."""
+
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -127,7 +130,7 @@ def _explain(kind: str, error: Mapping[str, Any], node: Mapping[str, Any]) -> st
     if kind == "union_tag_not_found":
         return f"key 'kind' is missing (valid: {', '.join(_tags(node))})"
     if kind == "union_tag_invalid":
-        return unknown_name("kind", str(context["tag"]), _tags(node))
+        return _unknown_kind(str(context["tag"]), _tags(node))
     if kind in ("literal_error", "enum"):
         expected = str(context.get("expected", "")).replace("'", "")
         valid = expected.replace(" or ", ", ").split(", ")
@@ -154,6 +157,12 @@ def _explain(kind: str, error: Mapping[str, Any], node: Mapping[str, Any]) -> st
         noun = "entry" if least == 1 else "entries"
         return f"{few}{least} {noun} expected, not {count}"
     return str(error["msg"])
+
+
+def _unknown_kind(kind: str, valid: list[str]) -> str:
+    if _RENAMED.get(kind) in valid:
+        return f"the kind {kind!r} is called {_RENAMED[kind]!r} now: write that"
+    return unknown_name("kind", kind, valid)
 
 
 def _describe(value: Any) -> str:

@@ -23,10 +23,10 @@ from twin.scenario.sections.execution import ExecutionSection as ExecutionSectio
 from twin.scenario.sections.execution import ReferenceDuration
 from twin.scenario.sections.goals import GoalsSection
 from twin.scenario.sections.lego import LegoSection
-from twin.scenario.sections.pick_place import PickPlaceSection
+from twin.scenario.sections.parts import PartsSection
 
 AssemblySection = Annotated[
-    LegoSection | PickPlaceSection | GoalsSection | ConstructionSection,
+    LegoSection | PartsSection | GoalsSection | ConstructionSection,
     Field(discriminator="kind"),
 ]
 """Assembly of a scenario, by ``kind``."""

@@ -11,9 +11,9 @@ from planning.cell.cover import box_body
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
 from planning.kinematics.kinematics import frame_pose
-from planning.parts.assembly import GripRules, PickPlaceAssembly
-from planning.parts.candidates import PickPlaceCandidates, find_candidates
-from planning.parts.expansion import pick_place_work
+from planning.parts.assembly import GripRules, PartAssembly
+from planning.parts.candidates import PartCandidates, find_candidates
+from planning.parts.expansion import part_work
 from planning.robots.registry import robot_model
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.highs_solver import assign_steps
@@ -56,8 +56,8 @@ def two_arms() -> Workcell:
     )
 
 
-def crossing(*steps: str) -> PickPlaceAssembly:
-    return PickPlaceAssembly(
+def crossing(*steps: str) -> PartAssembly:
+    return PartAssembly(
         goals={k: pose(v[2], v[3]) for k, v in RODS.items()},
         steps=steps or ("south", "north", "across", "aside"),
         grips=GripRules(positions=3),
@@ -65,17 +65,17 @@ def crossing(*steps: str) -> PickPlaceAssembly:
 
 
 @pytest.fixture(scope="module")
-def found() -> PickPlaceCandidates:
+def found() -> PartCandidates:
     return find_candidates(two_arms(), crossing())
 
 
 @pytest.fixture(scope="module")
-def plan(found: PickPlaceCandidates) -> TaskPlan:
+def plan(found: PartCandidates) -> TaskPlan:
     return assign_steps(found.problem)
 
 
 def test_what_a_part_touches_is_found_from_the_poses(
-    found: PickPlaceCandidates,
+    found: PartCandidates,
 ) -> None:
     assert set(found.steps[2].at_start) == {"table"}
     assert set(found.steps[0].at_goal) == {"table"}
@@ -84,7 +84,7 @@ def test_what_a_part_touches_is_found_from_the_poses(
 
 
 def test_every_candidate_brings_the_part_from_its_start_to_its_goal(
-    found: PickPlaceCandidates, plan: TaskPlan
+    found: PartCandidates, plan: TaskPlan
 ) -> None:
     assert plan_violations(found.problem, plan) == []
     assert {c.robot for c in plan.choices} == {"west", "east"}
@@ -100,9 +100,9 @@ def test_every_candidate_brings_the_part_from_its_start_to_its_goal(
 
 
 def test_only_parts_that_touch_wait_for_each_other(
-    found: PickPlaceCandidates, plan: TaskPlan
+    found: PartCandidates, plan: TaskPlan
 ) -> None:
-    work = pick_place_work(found)
+    work = part_work(found)
     # Whoever does it: give the crossing rod to the other arm than one of those below it.
     steps, first = [], 0
     for choice in plan.choices:
@@ -122,9 +122,9 @@ def test_only_parts_that_touch_wait_for_each_other(
 
 
 def test_a_step_carries_its_part_over_home(
-    found: PickPlaceCandidates, plan: TaskPlan
+    found: PartCandidates, plan: TaskPlan
 ) -> None:
-    step = pick_place_work(found).expand(plan, 3, 20)
+    step = part_work(found).expand(plan, 3, 20)
     robot = found.cell.robot(plan[3].robot)
     kinds = [task.kind for task in step.tasks]
     assert kinds == [TRANSIT, "pick", TRANSIT, TRANSIT, "place-down", TRANSIT]
@@ -141,9 +141,9 @@ def test_a_step_carries_its_part_over_home(
 
 
 def test_a_step_can_be_done_in_other_ways(
-    found: PickPlaceCandidates, plan: TaskPlan
+    found: PartCandidates, plan: TaskPlan
 ) -> None:
-    expansions = StepExpansions(pick_place_work(found), plan)
+    expansions = StepExpansions(part_work(found), plan)
     ways = expansions.callables()[2](0)
     first, second = next(ways), next(ways)
     assert expansions.plan[3] != plan[3]

@@ -1,4 +1,4 @@
-"""Pick-and-place assemblies of a scenario: from their section to data of planning, and to motions."""
+"""Assemblies of parts of a scenario: from their section to data of planning, and to motions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from planning.cell.workcell import CellObject, Workcell
-from planning.parts.assembly import GripRules, PickPlaceAssembly
+from planning.parts.assembly import GripRules, PartAssembly
 from planning.transforms import readonly
 from twin.audit.wanted import Place, Wanted
 from twin.host.progress import StageWatch
@@ -17,7 +17,7 @@ from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.section import plain_values
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
-from twin.scenario.sections.pick_place import PartSection, PickPlaceSection
+from twin.scenario.sections.parts import PartSection, PartsSection
 from twin.scenario.sections.poses import build_transform
 
 if TYPE_CHECKING:
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class PickPlaceKind(AssemblyKind):
-    """A pick-and-place assembly of a scenario.
+class PartKind(AssemblyKind):
+    """An assembly of parts of a scenario.
 
     Attributes:
         section: what the file says.
     """
 
-    section: PickPlaceSection
+    section: PartsSection
 
     def steps(self) -> int:
         """Return the number of parts."""
@@ -58,7 +58,7 @@ class PickPlaceKind(AssemblyKind):
     def wanted(self) -> Wanted:
         """Return the goals of the parts that are placed, and how far fingers stand open."""
         objects = {item.name: item for item in self.objects()}
-        goals = build_pick_place(self.section).goals
+        goals = build_assembly(self.section).goals
         places = tuple(
             Place(f"goal of step {k}", goals[name], objects[name].kind, name)
             for k, name in enumerate(self.section.steps, start=1)
@@ -71,12 +71,12 @@ class PickPlaceKind(AssemblyKind):
     ) -> PlannedMotions:
         """Find the candidates, choose, and plan one task after another."""
         from planning.parts.candidates import find_candidates
-        from planning.parts.expansion import pick_place_work
+        from planning.parts.expansion import part_work
         from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
 
-        assembly = build_pick_place(self.section)
+        assembly = build_assembly(self.section)
         with watch.stage("assignment", ASSIGNMENT):
-            work = pick_place_work(find_candidates(cell, assembly))
+            work = part_work(find_candidates(cell, assembly))
         return plan_in_turns(cell, assembly, work, settings, watch)
 
     def _check_steps(self) -> Iterator[tuple[KeyPath, str]]:
@@ -93,12 +93,12 @@ class PickPlaceKind(AssemblyKind):
             seen.setdefault(name, k + 1)
 
 
-def build_pick_place(section: PickPlaceSection) -> PickPlaceAssembly:
+def build_assembly(section: PartsSection) -> PartAssembly:
     """Return goals, steps and grips of a section."""
     grips = plain_values(section.grips)
     directions = [np.asarray(d) / np.linalg.norm(d) for d in grips["directions"]]
     grips["directions"] = tuple(tuple(d.tolist()) for d in directions)
-    return PickPlaceAssembly(
+    return PartAssembly(
         goals={
             part.name: readonly(build_transform(part.goal))
             for part in section.parts

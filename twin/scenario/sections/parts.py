@@ -1,4 +1,4 @@
-"""Assemblies of kind ``pick-and-place``: boxes, beams and rods, each put in its place by one robot."""
+"""Assemblies of kind ``assembly``: boxes, beams and rods, each put in its place by one robot."""
 
 from __future__ import annotations
 
@@ -64,11 +64,11 @@ class GripSection(Section):
         return self
 
 
-class PickPlaceSection(Section):
+class PartsSection(Section):
     """Parts, where they go, and in which order.
 
     Attributes:
-        kind: ``pick-and-place``.
+        kind: ``assembly``.
         parts: everything that can be handled.
         steps: names of the parts in the order in which they are put in place.
         approach_m: straight way towards a part before it is gripped, and straight down with
@@ -79,7 +79,7 @@ class PickPlaceSection(Section):
         grips: which grips are tried.
     """
 
-    kind: Literal["pick-and-place"]
+    kind: Literal["assembly"]
     parts: Several[PartSection]
     steps: Several[Name]
     approach_m: Distance = 0.06

@@ -1,4 +1,4 @@
-"""A pick-and-place scenario from its file to a clean run, and what is said of a bad one."""
+"""An assembly of parts from its file to a clean run, and what is said of a bad one."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ cell:
   fixtures:
     - {name: table, size_m: [1.6, 1.4, 0.02], pose: {xyz_m: [0, 0, -0.01]}}
 assembly:
-  kind: pick-and-place
+  kind: assembly
   grips: {positions: 3}
   parts:
     - name: south
@@ -122,7 +122,13 @@ def test_validate_says_what_is_in_it(file: Path) -> None:
         ("across]", "bystander]", 28, "bystander has no goal"),
         ("name: bystander", "name: north", 25, "already taken"),
         ("name: bystander", "name: east", 25, "is that of a robot"),
-        ("kind: pick-and-place", "kind: pick", 10, "pick-and-place"),
+        ("kind: assembly", "kind: assemble", 10, "assembly"),
+        (
+            "kind: assembly",
+            "kind: pick-and-place",
+            10,
+            "the kind 'pick-and-place' is called 'assembly'",
+        ),
         ("positions: 3", "directions: [[0, 0, 0]]", 11, "must not be zero"),
     ],
 )
