@@ -36,13 +36,13 @@ from planning.lego.insertion.support_spots import (
     SupportSpots,
 )
 from planning.lego.insertion.tool_room import PLATE
-from planning.lego.stability.equilibrium import StabilityReport
 from planning.lego.stability.partial_structures import (
     Bearing,
     Names,
     PartialStructures,
 )
 from planning.lego.stability.stability import Hold, Load
+from planning.statics.equilibrium import StabilityReport
 
 MOST_SPOTS = 40
 """So many supporting spots are tried for one press."""

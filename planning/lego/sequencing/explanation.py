@@ -9,9 +9,9 @@ from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import LegoAssembly, PlacedBrick
 from planning.lego.insertion.insertion import InsertionRules
 from planning.lego.sequencing.rules import SequencingRules
-from planning.lego.stability.equilibrium import StabilityReport
 from planning.lego.stability.partial_structures import PartialStructures
 from planning.lego.stability.stability import Hold, Load
+from planning.statics.equilibrium import StabilityReport
 
 MOST = 100.0
 """The force that a structure bears is sought up to this one [N]."""

@@ -119,7 +119,7 @@ class Refusal:
         rest = names - {name}
         if not self._structures.stands(rest):
             report = self._structures.weakness(rest)
-            what = self.place(report.brick or "")
+            what = self.place(report.body or "")
             held = "nothing holds {}" if math.isinf(report.score) else "{} gives way"
             return 2, f"without it {held.format(what)}"
         from_above, from_below = (

@@ -214,7 +214,7 @@ def _check_finished(design: Design, rules: SequencingRules) -> None:
     if not structures.stands(names):
         refusal = Refusal(design.insertion, rules, design.prospects, design.fixed)
         report = structures.weakness(names)
-        what = refusal.place(report.brick or "")
+        what = refusal.place(report.body or "")
         why = f"{what} needs {report.score:.2f} times the friction its knobs have"
         if math.isinf(report.score):
             why = f"nothing holds {what}"

@@ -15,8 +15,8 @@ from planning.lego.bricks.assembly import LegoAssembly, LegoStep, Press, Support
 from planning.lego.bricks.grips import presses
 from planning.lego.insertion.insertion import InsertionRules, InsertionSite, Way
 from planning.lego.sequencing.rules import SequencingRules
-from planning.lego.stability.equilibrium import StabilityReport
 from planning.lego.stability.partial_structures import PartialStructures
+from planning.statics.equilibrium import StabilityReport
 
 _HINTS = 3
 """How many grips or supports that would do are named."""
@@ -162,7 +162,7 @@ def _raised(support: Support) -> str:
 
 
 def _weakness(report: StabilityReport, structures: PartialStructures) -> str:
-    name = report.brick or ""
+    name = report.body or ""
     item = structures.bricks.get(name)
     what = name if item is None else f"the {item.brick.name} of {name}"
     if math.isinf(report.score):

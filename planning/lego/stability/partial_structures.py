@@ -25,7 +25,6 @@ from planning.lego.bricks.contacts import (
     side_contacts,
 )
 from planning.lego.stability.compression import Region, contains, resting_region
-from planning.lego.stability.equilibrium import StabilityReport
 from planning.lego.stability.force_program import ENOUGH, ForceProgram
 from planning.lego.stability.stability import (
     STANDARD_GRAVITY,
@@ -38,6 +37,7 @@ from planning.lego.stability.stability import (
     face_contacts,
     joint_contacts,
 )
+from planning.statics.equilibrium import StabilityReport
 
 Names = frozenset[str]
 

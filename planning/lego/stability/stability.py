@@ -27,7 +27,7 @@ from planning.lego.bricks.contacts import (
     knob_points,
     stud_height,
 )
-from planning.lego.stability.equilibrium import Equilibrium
+from planning.statics.equilibrium import Equilibrium
 from planning.transforms import Array
 
 STANDARD_GRAVITY = 9.80665

@@ -16,7 +16,6 @@ from planning.lego.bricks.contacts import (
     joints,
     side_contacts,
 )
-from planning.lego.stability.equilibrium import StabilityReport
 from planning.lego.stability.stability import (
     Hold,
     JointStrength,
@@ -27,6 +26,7 @@ from planning.lego.stability.stability import (
     face_contacts,
     joint_contacts,
 )
+from planning.statics.equilibrium import StabilityReport
 
 
 def stability(

@@ -51,7 +51,7 @@ def test_a_brick_on_the_plate_and_a_tower_need_no_friction():
     tower = [_brick(f"b{z}", "2x4", 3, 5, z) for z in range(1, 9)]
     assert stability(tower[:1]).score == 0.0
     report = stability(tower)
-    assert (report.stable, report.score, report.brick) == (True, 0.0, None)
+    assert (report.stable, report.score, report.body) == (True, 0.0, None)
 
 
 def test_nothing_stands():
@@ -61,7 +61,7 @@ def test_nothing_stands():
 def test_a_brick_in_the_air_is_named():
     report = stability([_brick("a", "2x4", 0, 0, 1), _brick("b", "2x2", 9, 9, 4)])
     assert not report.stable
-    assert report.brick == "b"
+    assert report.body == "b"
     assert math.isinf(report.score)
 
 
@@ -105,13 +105,13 @@ def test_critical_overhang_is_where_the_hand_calculation_says():
         expected = force * (at + 0.5 - 1.75) / capacity
         assert report.score == pytest.approx(expected)
         assert report.stable == (expected <= 1.0)
-        assert report.brick == "bar"
+        assert report.body == "bar"
 
 
 def test_published_stairs_stand_with_19_steps_and_collapse_with_20():
     assert stability(_stairs(19)).stable
     assert not stability(_stairs(20)).stable
-    assert stability(_stairs(20)).brick == "b01"
+    assert stability(_stairs(20)).body == "b01"
     prop = _brick("prop", "1x2", 4, 21, 1)
     assert stability([*_stairs(20), prop]).stable
 
@@ -139,7 +139,7 @@ def test_a_loose_brick_is_not_held_down():
     tip = Load("b", (0.0, 0.0, -1.0), ((0.008, 3.5 * STUD_PITCH, 0.0192),))
     assert math.isfinite(stability(tower, loads=[tip]).score)
     report = stability(tower, loads=[tip], loose=frozenset(("b",)))
-    assert (report.stable, report.score, report.brick) == (False, math.inf, "b")
+    assert (report.stable, report.score, report.body) == (False, math.inf, "b")
 
 
 def test_sideways_force_is_limited():

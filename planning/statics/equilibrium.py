@@ -1,7 +1,8 @@
 """The linear program of static equilibrium: rigid bodies, contacts, and as little pull as can be.
 
-Free of bricks: bodies have names, weights and centres; contacts are forces of a known direction
-at a known point between two bodies, or between a body and the ground.
+Bodies have names, weights and centres; contacts are forces of a known direction at a known point
+between two bodies, or between a body and the ground; joints bear forces and torques of any
+direction up to a limit.
 """
 
 from __future__ import annotations
@@ -29,14 +30,14 @@ class StabilityReport:
 
     Attributes:
         score: largest pull over its capacity; ``inf`` when no forces are in balance.
-        brick: the body at whose contacts less pull would not do, or the one farthest from
+        body: the one at whose contacts less pull would not do, or the one farthest from
             balance; None when no pull is needed.
         pulled: pairs of bodies (None for the ground) whose contacts are pulled, each with the
             largest share of its capacity that is used, the largest first.
     """
 
     score: float
-    brick: str | None
+    body: str | None
     pulled: tuple[tuple[str | None, str | None, float], ...] = ()
 
     @property
@@ -54,19 +55,24 @@ class Equilibrium:
 
     Args:
         centres: centre of mass of each body, shape (3,) each.
-        weights: weight of each body, acting along -z [N].
+        weights: weight of each body [N].
+        down: unit vector along which weights act.
     """
 
     def __init__(
-        self, centres: Mapping[str, Array], weights: Mapping[str, float]
+        self,
+        centres: Mapping[str, Array],
+        weights: Mapping[str, float],
+        down: tuple[float, float, float] = (0.0, 0.0, -1.0),
     ) -> None:
         self._names = tuple(centres)
         self._index = {name: k for k, name in enumerate(self._names)}
         self._centres = np.array([centres[name] for name in self._names])
         self._wrench = np.zeros((len(self._names), 6))
-        self._wrench[:, 2] = [-weights[name] for name in self._names]
+        self._wrench[:, :3] = np.outer([weights[name] for name in self._names], down)
         self._points: list[Array] = []
         self._directions: list[Array] = []
+        self._turns: list[bool] = []
         self._on: list[tuple[int, int]] = []
         self._bounds: list[tuple[float, float]] = []
         self._pulls: list[float] = []
@@ -92,11 +98,47 @@ class Equilibrium:
             pull: capacity T of the opposite force [N]; 0 for a contact that only pushes.
             within: bound of the force in both senses [N], which does not count as pull.
         """
-        self._points.append(point)
-        self._directions.append(direction)
-        self._on.append((self._body(first), self._body(second)))
+        self._add_column(first, second, point, direction, turns=False)
         self._bounds.append((0.0, np.inf) if within is None else (-within, within))
         self._pulls.append(pull)
+
+    def add_joint(
+        self,
+        first: str | None,
+        second: str | None,
+        point: Array,
+        *,
+        force: float,
+        torque: float,
+    ) -> None:
+        """Add a joint, such as a weld, that bears forces and torques about every axis.
+
+        Args:
+            first: a body, None for the ground.
+            second: a body, None for the ground.
+            point: where it is, shape (3,).
+            force: most that it bears along each axis of the world [N]; may be infinite.
+            torque: most that it bears about each axis [N times the unit of length].
+        """
+        for turns, limit in ((False, force), (True, torque)):
+            for axis in np.eye(3):
+                self._add_column(first, second, point, axis, turns=turns)
+                self._bounds.append((-limit, limit))
+                self._pulls.append(0.0)
+
+    def _add_column(
+        self,
+        first: str | None,
+        second: str | None,
+        point: Array,
+        direction: Array,
+        *,
+        turns: bool,
+    ) -> None:
+        self._points.append(point)
+        self._directions.append(direction)
+        self._turns.append(turns)
+        self._on.append((self._body(first), self._body(second)))
 
     def add_load(self, body: str, force: Array, points: Array) -> None:
         """Add a known force on a body that acts at points in shares that balance is free to choose.
@@ -149,14 +191,17 @@ class Equilibrium:
         return -1 if name is None else self._index[name]
 
     def _matrix(self) -> csc_matrix:
-        """Return the wrench (6 rows a body, about its centre) of each contact's unit force."""
+        """Return the wrench (6 rows a body, about its centre) of each column's unit."""
         points, directions = np.array(self._points), np.array(self._directions)
+        turns = np.array(self._turns)[:, None]
         on = np.array(self._on)
         rows, columns, values = [], [], []
         for end, sign in ((0, -1.0), (1, 1.0)):
             k = np.flatnonzero(on[:, end] >= 0)
-            force = sign * directions[k]
-            moment = np.cross(points[k] - self._centres[on[k, end]], force)
+            along = sign * directions[k]
+            force = np.where(turns[k], 0.0, along)
+            arm = points[k] - self._centres[on[k, end]]
+            moment = np.where(turns[k], along, np.cross(arm, force))
             rows.append((6 * on[k, end][:, None] + np.arange(6)).ravel())
             columns.append(np.repeat(k, 6))
             values.append(np.hstack([force, moment]).ravel())

@@ -1,0 +1,251 @@
+"""Whether parts in their places stand: by contact and friction, by joints, or because they are held.
+
+A part at rest on others pushes on them where it touches them (``contact_patch``); friction keeps
+the force within a cone about the direction of the push. Joints, such as welds and screws, bear
+forces and torques as well. A set of parts stands if forces exist that balance every weight: the
+linear program of ``equilibrium``. It has to stand when gravity is tilted a little in any of four
+directions too, so what is balanced on an edge does not count as standing; upright lies between
+these, and forces may be mixed as gravity is, so they decide for upright as well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import networkx as nx
+import numpy as np
+
+from planning.cell.body import ConvexBody
+from planning.statics.contact_patch import ContactPatch, contact_patch
+from planning.statics.equilibrium import Equilibrium, StabilityReport
+from planning.transforms import Array, Transform
+
+STANDARD_GRAVITY = 9.80665
+"""[m/s2]."""
+
+_SIDES = 8
+"""Edges of the pyramid that lies within a cone of friction."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedBody:
+    """A rigid body in its place.
+
+    Attributes:
+        name: unique among the bodies.
+        pieces: convex bodies in its frame whose union it is.
+        pose: of its frame in the world.
+        mass: [kg].
+        centre: its centre of mass in its frame, shape (3,) [m].
+    """
+
+    name: str
+    pieces: tuple[ConvexBody, ...]
+    pose: Transform
+    mass: float
+    centre: Array
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Two bodies joined where they touch, such as by a weld or a screw.
+
+    Attributes:
+        first, second: names of the bodies, either of which may be of the ground.
+        force: most that it bears along each axis [N].
+        torque: most that it bears about each axis [N m].
+    """
+
+    first: str
+    second: str
+    force: float = math.inf
+    torque: float = math.inf
+
+    @property
+    def endless(self) -> bool:
+        """True if it bears whatever comes."""
+        return math.isinf(self.force) and math.isinf(self.torque)
+
+
+@dataclass(frozen=True)
+class StandingRules:
+    """Assumptions about bodies at rest.
+
+    Attributes:
+        friction: least coefficient of friction of all contacts.
+        tilt: by which gravity may be tilted [rad].
+        touch: bodies that are nearer to each other than this touch [m].
+    """
+
+    friction: float = 0.4
+    tilt: float = math.radians(1.0)
+    touch: float = 0.002
+
+
+class Standing:
+    """Tells which sets of bodies stand in their places.
+
+    Args:
+        bodies: everything that may be there, by name.
+        ground: what never moves, by name.
+        rules: friction, tilt, and what touches.
+    """
+
+    def __init__(
+        self,
+        bodies: Mapping[str, PlacedBody],
+        ground: Mapping[str, PlacedBody],
+        rules: StandingRules | None = None,
+    ) -> None:
+        self.rules = rules or StandingRules()
+        self.bodies = bodies
+        self._ground = ground
+        self._boxes = {
+            name: _bounds(body) for name, body in {**ground, **bodies}.items()
+        }
+        self.patches: dict[tuple[str, str], tuple[ContactPatch, ...]] = {}
+        """Contacts by pair of names; the second is a body, the first one or of the ground."""
+        for first, second in self._pairs():
+            found = self._contacts(first, second)
+            if found:
+                self.patches[first, second] = found
+
+    def touching(self) -> nx.Graph[str]:
+        """Return which bodies touch each other in their places, the ground left out."""
+        graph: nx.Graph[str] = nx.Graph()
+        graph.add_nodes_from(self.bodies)
+        graph.add_edges_from(pair for pair in self.patches if pair[0] in self.bodies)
+        return graph
+
+    def falling(
+        self,
+        there: Collection[str],
+        *,
+        joints: Collection[Joint] = (),
+        held: Collection[str] = (),
+        weighing: Collection[str] | None = None,
+    ) -> str | None:
+        """Return a body that is not in balance, the one that lacks most; None where all stand.
+
+        Args:
+            there: the bodies that are in their places.
+            joints: what is joined; joints of bodies that are not there do not count.
+            held: bodies that robots hold: they move no more than the ground does.
+            weighing: the bodies whose weight counts; all of them by default.
+        """
+        present = [name for name in there if name not in held]
+        if not present:
+            return None
+        for down in self._downs():
+            report = self._report(down, frozenset(there), joints, set(held), weighing)
+            if not report.stable:
+                return report.body
+        return None
+
+    def _report(
+        self,
+        down: tuple[float, float, float],
+        there: frozenset[str],
+        joints: Collection[Joint],
+        held: set[str],
+        weighing: Collection[str] | None,
+    ) -> StabilityReport:
+        free = sorted(there - held)
+        heavy = there if weighing is None else weighing
+        program = Equilibrium(
+            {n: _placed(self.bodies[n].centre, self.bodies[n].pose) for n in free},
+            {
+                n: self.bodies[n].mass * STANDARD_GRAVITY if n in heavy else 0.0
+                for n in free
+            },
+            down,
+        )
+        solid = there | self._ground.keys()
+        moving = set(free)
+        for (first, second), patches in self.patches.items():
+            if first not in solid or second not in solid:
+                continue
+            ends = [name if name in moving else None for name in (first, second)]
+            if ends != [None, None]:
+                for patch in patches:
+                    self._push(program, ends, patch)
+        for joint in joints:
+            if joint.first not in solid or joint.second not in solid:
+                continue
+            ends = [n if n in moving else None for n in (joint.first, joint.second)]
+            if ends != [None, None]:
+                program.add_joint(
+                    ends[0],
+                    ends[1],
+                    self._middle(joint),
+                    force=joint.force,
+                    torque=joint.torque,
+                )
+        return program.solve()
+
+    def _push(
+        self, program: Equilibrium, ends: list[str | None], patch: ContactPatch
+    ) -> None:
+        """Add the forces of a contact: at each of its corners, the edges of a cone."""
+        across = np.linalg.svd(patch.normal[None, :])[2][1:]
+        angles = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
+        aside = np.column_stack([np.cos(angles), np.sin(angles)]) @ across
+        cone = patch.normal + self.rules.friction * aside
+        cone /= np.linalg.norm(cone, axis=1)[:, None]
+        for point in patch.points:
+            for direction in cone:
+                program.add_contact(ends[0], ends[1], point, direction)
+
+    def _downs(self) -> Iterator[tuple[float, float, float]]:
+        """Yield the directions of gravity: tilted towards each side."""
+        if self.rules.tilt == 0.0:
+            yield 0.0, 0.0, -1.0
+            return
+        s, c = math.sin(self.rules.tilt), math.cos(self.rules.tilt)
+        for x, y in ((s, 0.0), (0.0, s), (-s, 0.0), (0.0, -s)):
+            yield x, y, -c
+
+    def _pairs(self) -> Iterator[tuple[str, str]]:
+        """Yield the pairs of names whose bounds come near to each other."""
+        for ground in self._ground:
+            yield from (
+                (ground, name) for name in self.bodies if self._near(ground, name)
+            )
+        yield from (pair for pair in combinations(self.bodies, 2) if self._near(*pair))
+
+    def _near(self, first: str, second: str) -> bool:
+        (low, high), (least, most) = self._boxes[first], self._boxes[second]
+        touch = self.rules.touch
+        return bool(np.all(low <= most + touch) and np.all(least <= high + touch))
+
+    def _contacts(self, first: str, second: str) -> tuple[ContactPatch, ...]:
+        one = self._ground.get(first) or self.bodies[first]
+        other = self.bodies[second]
+        patches = (
+            contact_patch(a, one.pose, b, other.pose)
+            for a in one.pieces
+            for b in other.pieces
+        )
+        return tuple(patch for patch in patches if patch.gap <= self.rules.touch)
+
+    def _middle(self, joint: Joint) -> Array:
+        """Return where a joint is: the middle of the contact, or between the bodies."""
+        pair = (joint.first, joint.second)
+        patches = self.patches.get(pair) or self.patches.get(pair[::-1])
+        if patches:
+            return np.asarray(np.vstack([p.points for p in patches]).mean(axis=0))
+        ends = [self._ground.get(name) or self.bodies[name] for name in pair]
+        return np.asarray(np.mean([_placed(e.centre, e.pose) for e in ends], axis=0))
+
+
+def _placed(point: Array, pose: Transform) -> Array:
+    return np.asarray(pose[:3, :3] @ point + pose[:3, 3])
+
+
+def _bounds(body: PlacedBody) -> tuple[Array, Array]:
+    corners = np.vstack([piece.vertices for piece in body.pieces])
+    corners = corners @ body.pose[:3, :3].T + body.pose[:3, 3]
+    return corners.min(axis=0), corners.max(axis=0)
