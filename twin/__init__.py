@@ -1,4 +1,99 @@
-"""Digital twin: scenarios, execution, studies, and the program.
+"""Digital twin of robot teams: load a scenario, plan, simulate, study and replay it.
 
-Imports scheduling and planning. cli.py is the program; every room but commands is below it.
+    import twin
+
+    run = twin.simulate(twin.plan(twin.load("cell.yaml")))
+    print(run.makespan_s)
+
+The functions and classes named here are what other programs may rely on; see docs/guides/python.md.
+Everything is imported when it is first used. Rooms of the same name as a function, such as
+``twin.study``, are reached by statements like ``from twin.study.study import start_study``.
 """
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from planning.errors import TwinError as TwinError
+    from twin.api.audits import Audit as Audit
+    from twin.api.audits import audit as audit
+    from twin.api.checks import Check as Check
+    from twin.api.checks import check as check
+    from twin.api.comparisons import Comparison as Comparison
+    from twin.api.comparisons import compare as compare
+    from twin.api.plans import Plan as Plan
+    from twin.api.plans import plan as plan
+    from twin.api.plans import read_plan as read_plan
+    from twin.api.replays import replay as replay
+    from twin.api.runs import SimulatedRun as SimulatedRun
+    from twin.api.runs import read_run as read_run
+    from twin.api.runs import run as run
+    from twin.api.runs import simulate as simulate
+    from twin.api.scenarios import LoadedScenario as LoadedScenario
+    from twin.api.scenarios import load as load
+    from twin.api.studies import Study as Study
+    from twin.api.studies import resume_study as resume_study
+    from twin.api.studies import study as study
+
+_HOMES = {
+    "LoadedScenario": "twin.api.scenarios",
+    "load": "twin.api.scenarios",
+    "Check": "twin.api.checks",
+    "check": "twin.api.checks",
+    "Plan": "twin.api.plans",
+    "plan": "twin.api.plans",
+    "read_plan": "twin.api.plans",
+    "SimulatedRun": "twin.api.runs",
+    "simulate": "twin.api.runs",
+    "run": "twin.api.runs",
+    "read_run": "twin.api.runs",
+    "Audit": "twin.api.audits",
+    "audit": "twin.api.audits",
+    "Study": "twin.api.studies",
+    "study": "twin.api.studies",
+    "resume_study": "twin.api.studies",
+    "Comparison": "twin.api.comparisons",
+    "compare": "twin.api.comparisons",
+    "replay": "twin.api.replays",
+    "TwinError": "planning.errors",
+}
+
+__all__ = [
+    *("Audit", "Check", "Comparison", "LoadedScenario", "Plan", "SimulatedRun"),
+    *("Study", "TwinError", "audit", "check", "compare", "load", "plan", "read_plan"),
+    *("read_run", "replay", "resume_study", "run", "simulate", "study"),
+]
+
+
+def __getattr__(name: str) -> object:
+    """Import what is used for the first time."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        found: object = version("assembly-twin")
+    elif name in _HOMES:
+        found = getattr(import_module(_HOMES[name]), name)
+    else:
+        raise AttributeError(f"module 'twin' has no attribute {name!r}")
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    """Return the names that other programs may rely on."""
+    return [*__all__, "__version__"]
+
+
+class _Functions(ModuleType):
+    """This module: importing a room does not put it where a function of its name is."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not (name in _HOMES and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Functions

@@ -10,10 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from operator import itemgetter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -40,6 +41,7 @@ from twin.audit.worlds.engine import (
     open_world,
 )
 from twin.audit.worlds.world import AuditWorld, Shape, overlapping_at_home
+from twin.host.atomic import finite
 from twin.host.progress import Report, report_nothing
 
 JUMP = 0.001
@@ -76,6 +78,19 @@ class AuditReport:
     contact_tolerance_m: float = 0.0
     deepest_graze_m: float = 0.0
     helpers: tuple[str, ...] = ()
+
+    def content(self) -> dict[str, Any]:
+        """Return the report for JSON, as ``summary.json`` has it."""
+        return {
+            "engine": self.engine,
+            "configurations": self.configurations,
+            "min_distance_m": finite(self.min_distance_m),
+            "min_distance_bound_m": finite(self.min_distance_bound_m),
+            "contact_tolerance_m": self.contact_tolerance_m,
+            "deepest_graze_m": self.deepest_graze_m,
+            "helpers": list(self.helpers),
+            "violations": [asdict(violation) for violation in self.violations],
+        }
 
 
 def audit_run(

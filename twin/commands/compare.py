@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+import twin
 from twin.commands.options import AsJson, Out, Quiet, ScenarioFile, Shortcuts
 from twin.host.guard import COMPLETED, guarded, print_json
 
@@ -38,67 +39,28 @@ def compare(
     paths, with the same skill durations. Shows makespan and wait with what no coordination
     can beat, and planning time by stage; leaves compare.json and compare.png.
     """
-    from twin.host.atomic import write_json
     from twin.host.progress import StageDisplay, compilation_shown
-    from twin.planning.build_workcell import build_workcell
-    from twin.run.folder import (
-        CHART,
-        COMPARISON,
-        keep_new,
-        run_folder,
-        set_aside,
-    )
-    from twin.scenario.file import load_scenario
-    from twin.scenario.manifest import write_manifest
 
-    chosen = load_scenario(scenario)
-    numbers = range(chosen.seed, chosen.seed + seeds)
+    loaded = twin.load(scenario)
     silent = quiet or as_json
     with (
         StageDisplay(enabled=not silent) as progress,
         compilation_shown(progress, silent=silent) as compiled,
-        run_folder(out, chosen.name) as folder,
     ):
-        from twin.comparison.chart import draw_comparison
-        from twin.comparison.comparison import (
-            SEEDS,
-            comparison_figures,
-            measure_policies,
-            shortcut_budget,
+        found = twin.compare(
+            loaded,
+            seeds=seeds,
+            shortcuts=shortcuts,
+            reference_skills=reference_skills,
+            out=out,
+            progress=progress,
         )
-        from twin.scenario.sections.scenario import follow_references
-
-        if reference_skills:
-            chosen = follow_references(chosen)
-        candidates = shortcut_budget(chosen) if shortcuts is None else shortcuts
-        base, found = scenario.parent, {}
-        for k, seed in enumerate(numbers):
-            progress(SEEDS, k, seeds)
-            found[seed] = measure_policies(
-                chosen, seed, candidates=candidates, base=base, progress=progress
-            )
-        progress(SEEDS, seeds, seeds)
-        figures = comparison_figures(found)
-        set_aside(folder)
-        write_manifest(
-            folder,
-            chosen,
-            build_workcell(chosen, base),
-            base,
-            seeds=list(numbers),
-            shortcut_candidates=candidates,
-        )
-        counted = f"{seeds} seed" + ("s" if seeds > 1 else "")
-        heading = f"{chosen.name}: {counted}, {candidates} shortcuts tried"
-        if reference_skills:
-            heading += ", skills follow their reference paths"
-        draw_comparison(folder / CHART, {chosen.name: figures}, heading)
-        write_json(folder / COMPARISON, figures)
-        keep_new(folder)
     if as_json:
-        print_json(figures)
+        print_json(found.figures)
     elif not quiet:
         from twin.comparison.table import print_comparison
 
-        print_comparison(figures, folder, heading=heading, compiled=compiled() > 0)
+        print_comparison(
+            found.figures, found.folder, heading=found.heading, compiled=compiled() > 0
+        )
     return COMPLETED

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from planning.errors import OutputError
+import twin
 from twin.host.guard import guarded
 
 Folder = Annotated[
@@ -33,16 +33,6 @@ Output = Annotated[
 @guarded
 def replay(run: Folder, stills: Stills = None, out: Output = None) -> None:
     """Open a run in the Rerun viewer, or render pictures of it."""
-    from twin.run.folder import RECORDING
-    from twin.run.viewer import open_viewer, render_stills
-
-    recording = run if run.is_file() else run / RECORDING
-    if not recording.is_file():
-        reason = f"it has no {RECORDING}" if run.exists() else "no such file or folder"
-        raise OutputError(f"{run}: nothing to replay, {reason}")
-    if not stills:
-        open_viewer(recording)
-        return
-    folder = out or recording.parent / "stills"
-    for picture in render_stills(recording, stills, folder):
+    written = twin.replay(run, stills=stills or (), out=out if stills else None)
+    for picture in written:
         typer.echo(picture)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from planning.errors import RequestError, ScenarioError
+import twin
+from planning.errors import ScenarioError
 from twin.commands.options import (
     AsJson,
     AuditEngine,
@@ -26,15 +27,6 @@ from twin.host.guard import (
     print_error,
     print_json,
 )
-
-if TYPE_CHECKING:
-    from twin.check.check import CheckReport
-    from twin.host.progress import Report
-    from twin.planning.pipeline import Planned
-    from twin.scenario.document.yaml_text import YamlDocument
-    from twin.scenario.sections.scenario import Scenario
-    from twin.scenario.variations import Variant
-    from twin.trial.saved_plan import SavedPlan
 
 Plan = Annotated[
     Path | None,
@@ -67,8 +59,9 @@ Settings = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
-        help="Value of a key of the execution section, such as stalls.rate_per_h=60; may be "
-        "given several times. Values are words or JSON.",
+        help="Value of any key, such as cell.robots.left.base.xyz_m.0=0.7, or of one of the "
+        "execution section, such as stalls.rate_per_h=60; may be given several times. Values "
+        "are words or JSON.",
         metavar="KEY=VALUE",
     ),
 ]
@@ -103,66 +96,56 @@ def run(
     quiet: Quiet = False,
 ) -> int:
     """Plan a scenario, execute it in the twin, check it, and show the figures."""
+    from twin.api.runs import released
     from twin.host.progress import StageDisplay, compilation_shown
-    from twin.run.folder import run_folder
 
-    engine = None
-    if audit and audit_engine is not None:
-        from twin.audit.worlds.engine import engine_named
-
-        engine = engine_named(audit_engine)  # now, not after the planning
-
-    base = scenario.parent
-    given = {"policy": policy, "stalls.count_per_robot": stalls}
-    variant = {key: value for key, value in given.items() if value is not None}
-    variant |= _values(settings or [])
-    chosen, document = _chosen(scenario, seed, (shortcuts, improve), robots, variant)
+    given = {
+        "robots": robots,
+        "seed": seed,
+        "planning.shortcut_candidates": shortcuts,
+        "planning.improve_s": improve,
+        "policy": policy,
+        "stalls.count_per_robot": stalls,
+    }
+    values = {key: value for key, value in given.items() if value is not None}
+    values |= _values(settings or [])
+    chosen = twin.load(scenario).varied(released(values))
     silent = quiet or as_json
+
+    def begun(check: twin.Check, folder: Path) -> None:
+        if not silent:
+            _announce(check, folder)
+
     with (
         StageDisplay(enabled=not silent) as progress,
         compilation_shown(progress, silent=silent) as compiled,
     ):
-        report = _checked(chosen, document, base, progress, silent=silent)
-        planned: Planned | SavedPlan | None = None
-        if plan is not None:
-            from twin.trial.saved_plan import read_saved_plan
-
-            planned = read_saved_plan(plan, chosen, base)
-        with run_folder(out, chosen.name) as folder:
-            if not silent:
-                _announce(chosen, folder)
-            if planned is None:
-                from twin.planning.pipeline import plan_scenario
-
-                planned = plan_scenario(chosen, base, progress)
-            from twin.trial.trial import Origin, try_plan
-
-            trial = try_plan(
-                chosen,
-                planned.tpg,
-                folder,
-                base=base,
-                origin=Origin(planned, report.messages(report.warnings)),
-                recording=recording,
-                audit=engine or audit,
-                progress=progress,
-            )
+        done = twin.run(
+            chosen if plan is None else twin.read_plan(plan, chosen),
+            out=out,
+            recording=recording,
+            audit=audit,
+            audit_engine=audit_engine,
+            begun=begun,
+            progress=progress,
+        )
     if as_json:
-        print_json({"folder": str(folder), **trial.summary})
+        print_json({"folder": str(done.folder), **done.summary})
     elif not quiet:
         from twin.run.summary import print_summary
 
+        assert done.folder is not None
         print_summary(
-            trial.summary, folder, recording=recording, compiled=compiled() > 0
+            done.summary, done.folder, recording=recording, compiled=compiled() > 0
         )
-    if trial.run.outcome == "aborted":
-        print_error(f"interrupted; what happened until then is in {folder}")
+    if done.outcome == "aborted":
+        print_error(f"interrupted; what happened until then is in {done.folder}")
         return INTERRUPTED
-    return COMPLETED if trial.passed else FAILED
+    return COMPLETED if done.passed else FAILED
 
 
 def _values(settings: list[str]) -> dict[str, Any]:
-    """Return the keys of the execution section that are set, and their values."""
+    """Return the keys that are set, and their values."""
     from twin.scenario.variations import parse_variation
 
     found = {}
@@ -174,87 +157,17 @@ def _values(settings: list[str]) -> dict[str, Any]:
     return found
 
 
-def _chosen(
-    path: Path,
-    seed: int | None,
-    planning: tuple[int | None, float | None],
-    robots: int | None,
-    variant: Variant,
-) -> tuple[Scenario, YamlDocument]:
-    """Return a scenario with what the options say in place of what the file says, and the file."""
-    from twin.run.run_record import POLICIES
-    from twin.scenario.file import read_scenario
-    from twin.scenario.sections.cell import choose_robots
-    from twin.scenario.sections.scenario import resolved, restored
-    from twin.scenario.variations import assign_variant
-
-    loaded, document = read_scenario(path)
-    content = resolved(loaded)
-    policy = variant.get("policy")
-    if policy is not None and policy not in POLICIES:
-        _refuse_policy(str(policy))
-    if robots is not None:
-        choose_robots(content["cell"], robots)
-    if seed is not None:
-        content["seed"] = seed
-    shortcuts, improve = planning
-    if shortcuts is not None:
-        content["planning"]["shortcut_candidates"] = shortcuts
-    if improve is not None:
-        content["planning"]["improve_s"] = improve
-    assign_variant(content, variant)
-    chosen = restored(content)
-    # Names of robots and files of times are looked at now, not after planning.
-    names = tuple(robot.name for robot in chosen.cell.robots)
-    chosen.execution.disturbances(names, path.parent)
-    return chosen, document
-
-
-def _checked(
-    scenario: Scenario,
-    document: YamlDocument,
-    base: Path,
-    progress: Report,
-    *,
-    silent: bool,
-) -> CheckReport:
-    """Return what the check of the cell finds, and print its warnings; errors are raised."""
-    from twin.check.check import check_scenario, require_checked
-
-    progress("check of the cell", 0, 1)
-    report = check_scenario(scenario, document, base)
-    require_checked(report)
-    progress("check of the cell", 1, 1)
-    if report.warnings and not silent:
-        print_error(report.excerpts(report.warnings).report())
-    return report
-
-
-def _refuse_policy(text: str) -> None:
-    """Refuse a policy that is no way to release nodes, with the way to have it."""
-    from twin.run.policies import NAMED_POLICIES, policy_named
-    from twin.run.run_record import POLICIES
-
-    try:
-        name = policy_named(text)
-    except RequestError:
-        raise ScenarioError(f"policy: there is no {text!r}", choices=POLICIES) from None
-    plan, release = NAMED_POLICIES[name]
-    raise ScenarioError(
-        f"policy {name!r} is {release} of the plan {plan}: give --policy {release}; --shortcuts"
-        " and the scenario's coordination say which plan it is"
-    )
-
-
-def _announce(scenario: Scenario, folder: Path) -> None:
+def _announce(check: twin.Check, folder: Path) -> None:
+    """Print the warnings of a check, and what is run into which folder."""
     from rich.console import Console
 
-    from twin.planning.kind import assembly_kind
-
+    report, case = check.report, check.scenario
+    if report.warnings:
+        print_error(report.excerpts(report.warnings).report())
     console = Console(stderr=True, highlight=False)
     console.print(
-        f"{scenario.name}: {len(scenario.cell.robots)} robots, "
-        f"{assembly_kind(scenario.assembly).steps()} steps, seed {scenario.seed} -> {folder}"
+        f"{case.name}: {len(case.robots)} robots, "
+        f"{case.steps} steps, seed {case.sections.seed} -> {folder}"
     )
 
 

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import twin
 from planning.errors import RequestError
 from twin.commands.options import AsJson, AuditEngine, Out, Quiet, Seed, Shortcuts
 from twin.host.guard import COMPLETED, guarded, print_json
-from twin.run.policies import ASYNCHRONOUS, OPEN_LOOP, SEQUENTIAL
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     from twin.cluster.address import Cluster
-    from twin.scenario.sections.scenario import Scenario
-    from twin.study.plans import Plans
 
 File = Annotated[Path | None, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
 Replications = Annotated[
@@ -154,111 +149,61 @@ def study(
         TimeRemainingColumn,
     )
 
-    from twin.audit.worlds.engine import engine_named
-    from twin.comparison.comparison import shortcut_budget
     from twin.host.progress import StageDisplay
-    from twin.run.folder import locked, run_folder
-    from twin.scenario.file import load_scenario
-    from twin.study.folder import StudyRequest, require_no_study, require_same_study
-    from twin.study.replications.executors import check_cluster, open_executor
-    from twin.study.study import resume_study, start_study
+    from twin.scenario.variations import parse_variation
+    from twin.study.replications.statistics import Precision
 
-    def executor() -> AbstractContextManager[Executor]:
-        return open_executor(workers, cluster)
-
-    engine = engine_named(audit_engine) if audit_engine else None
     cluster = _cluster(scheduler, certificates, insecure)
-    if cluster is not None:
-        check_cluster(cluster)  # now, not after the planning
     columns = (
         *(MofNCompleteColumn(), TimeElapsedColumn()),
         *(TextColumn("left"), TimeRemainingColumn()),
     )
     with StageDisplay(enabled=not (quiet or as_json), columns=columns) as progress:
         if resume is not None:
-            if scenario is not None:
-                require_same_study(resume, load_scenario(scenario))
-            with locked(resume):
-                result = resume_study(resume, executor, progress)
+            found = twin.resume_study(
+                resume, scenario, workers=workers, cluster=cluster, progress=progress
+            )
         else:
-            from twin.scenario.variations import parse_variation, variants
-            from twin.study.replications.experiment import Experiment
-            from twin.study.replications.statistics import Precision
-
-            chosen, base = _scenario(scenario, plan)
-            if seed is not None:
-                chosen = chosen.model_copy(update={"seed": seed})
-            if plan is None:
-                plans, names = None, _named(policy) or (SEQUENTIAL, ASYNCHRONOUS)
-            else:
-                if shortcuts is not None:
-                    raise RequestError("--shortcuts is for planning, not for --plan")
-                plans, names = _plans(plan, chosen, base, _named(policy))
-            experiment = Experiment(
-                policies=names,
-                variants=variants([parse_variation(text) for text in vary or ()]),
+            found = twin.study(
+                _subject(scenario, plan, seed),
+                [parse_variation(text) for text in vary or ()],
                 replications=replications,
                 precision=Precision(precision, least, most, confidence),
+                policies=policy or (),
+                deadline_s=deadline,
                 antithetic=antithetic,
+                sobol=sobol,
                 audited=audit_sample,
-                audit_engine=engine,
+                audit_engine=audit_engine,
+                shortcuts=shortcuts,
+                workers=workers,
+                cluster=cluster,
+                out=out,
+                progress=progress,
             )
-            request = StudyRequest(
-                chosen,
-                base,
-                experiment,
-                shortcut_budget(chosen) if shortcuts is None else shortcuts,
-                deadline,
-                sobol,
-                "" if plan is None else str(plan.resolve()),
-            )
-            require_no_study(out, request.scenario)
-            with run_folder(out, f"study-{request.scenario.name}") as folder:
-                result = start_study(request, folder, executor, progress, plans)
-        from twin.study.report.report import write_report
-
-        write_report(result, progress)
     if as_json:
-        print_json(result.summary)
+        print_json(found.summary)
     elif not quiet:
         from twin.study.report.terminal_table import print_study
 
-        print_study(result)
+        print_study(found.result)
     return COMPLETED
 
 
-def _named(policies: list[str] | None) -> tuple[str, ...]:
-    from twin.run.policies import policy_named
-
-    return tuple(map(policy_named, policies or ()))
-
-
-def _scenario(path: Path | None, plan: Path | None) -> tuple[Scenario, Path]:
-    """Return the scenario of a file or of the run that a plan is of, and where it was."""
-    from twin.scenario.file import load_scenario
-    from twin.scenario.manifest import manifest_base, read_manifest
+def _subject(
+    path: Path | None, plan: Path | None, seed: int | None
+) -> twin.LoadedScenario | twin.Plan:
+    """Return what is studied: a scenario, or the plan that a run left."""
+    from twin.api.plans import scenario_of_run
 
     if path is not None:
-        return load_scenario(path), path.parent
-    if plan is None:
+        chosen = twin.load(path)
+    elif plan is not None:
+        chosen = scenario_of_run(plan)
+    else:
         raise RequestError("give a scenario file, --plan DIR or --resume DIR")
-    scenario, manifest = read_manifest(plan, "run whose plan is studied")
-    return scenario, manifest_base(plan, manifest)
-
-
-def _plans(
-    folder: Path, scenario: Scenario, base: Path, policies: tuple[str, ...]
-) -> tuple[Plans, tuple[str, ...]]:
-    """Return the plans of a run, and the policies under which they are studied."""
-    from twin.study.plans import given_plans, possible_policies
-    from twin.trial.saved_plan import read_saved_plan
-
-    saved = read_saved_plan(folder, scenario, base)
-    if not policies:
-        possible = [p for p in possible_policies(saved) if p != OPEN_LOOP]
-        policies = tuple(dict.fromkeys((SEQUENTIAL, possible[-1])))
-        policies = tuple(p for p in policies if p in possible)
-    return given_plans(saved, policies), policies
+    chosen = chosen.varied({} if seed is None else {"seed": seed})
+    return chosen if plan is None else twin.read_plan(plan, chosen)
 
 
 def _cluster(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import twin
 from planning.errors import ScenarioError
 from twin.commands.options import AsJson, Quiet, ScenarioFile
 from twin.host.guard import (
@@ -36,24 +37,21 @@ Picture = Annotated[
 def validate(files: Files, resolved: Resolved = False) -> int:
     """Check scenario files and report every problem in them."""
     from twin.planning.kind import assembly_kind
-    from twin.scenario.file import load_scenario
-    from twin.scenario.sections import scenario as model
 
     code = COMPLETED
     for file in files:
         try:
-            scenario = load_scenario(file)
+            scenario = twin.load(file)
         except ScenarioError as error:
             print_error(describe(error))
             code = BAD_INPUT
             continue
         if resolved:
-            print_json(model.resolved(scenario))
+            print_json(scenario.resolved())
         else:
-            assembly = assembly_kind(scenario.assembly)
+            supply = assembly_kind(scenario.sections.assembly).supply()
             typer.echo(
-                f"{file}: ok ({len(scenario.cell.robots)} robots, {assembly.steps()} steps, "
-                f"{assembly.supply()})"
+                f"{file}: ok ({len(scenario.robots)} robots, {scenario.steps} steps, {supply})"
             )
     return code
 
@@ -69,16 +67,9 @@ def check(
 
     Errors make every plan impossible or false and end with code 2; warnings do not.
     """
-    from twin.check.check import check_scenario
-    from twin.scenario.file import read_scenario
-
-    loaded, document = read_scenario(scenario)
-    report = check_scenario(loaded, document, scenario.parent)
-    picture = None
-    if out is not None:
-        from twin.check.picture import draw_cell
-
-        picture = draw_cell(report.subject, out)
+    found = twin.check(scenario)
+    report = found.report
+    picture = None if out is None else found.draw(out)
     if as_json:
         drawn = None if picture is None else str(picture)
         print_json({**report.content(), "picture": drawn})

@@ -5,7 +5,7 @@ CSV is that of RFC 4180: a header line, SI units, empty fields where there is no
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 
 import pyarrow as pa
@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 
 from twin.durations import NANOSECONDS
 from twin.exports.recorded_run import RecordedRun
+from twin.run.events import Event
 from twin.run.folder import OBJECTS, TRAJECTORY
 
 _PARTS = {"xyz": ("x", "y", "z"), "quat_wxyz": ("qw", "qx", "qy", "qz")}
@@ -43,13 +44,18 @@ def parquet_files(run: RecordedRun) -> Mapping[str, bytes]:
 
 
 def _tables(run: RecordedRun) -> Mapping[str, pa.Table]:
-    """Return the tables ``events``, ``trajectory`` and ``objects``.
+    """Return the tables ``events``, ``trajectory`` and ``objects``; the last two as in the folder."""
+    return {
+        "events": events_table(run.events),
+        "trajectory": run.table(TRAJECTORY),
+        "objects": run.table(OBJECTS),
+    }
 
-    The columns of the first are the keys of ``events.jsonl``, the others are as in the folder.
-    """
-    rows = run.events
+
+def events_table(rows: Sequence[Event]) -> pa.Table:
+    """Return events with the keys of ``events.jsonl`` as columns."""
     # Dividing once rounds to the nearest double, which prints as the decimals of the log.
-    events = pa.table(
+    return pa.table(
         {
             "t_s": pa.array([e.t_ns / NANOSECONDS for e in rows], pa.float64()),
             "robot": pa.array([e.robot for e in rows], pa.string()),
@@ -60,11 +66,6 @@ def _tables(run: RecordedRun) -> Mapping[str, pa.Table]:
             "detail": pa.array([e.detail for e in rows], pa.string()),
         }
     )
-    return {
-        "events": events,
-        "trajectory": run.table(TRAJECTORY),
-        "objects": run.table(OBJECTS),
-    }
 
 
 def _csv(table: pa.Table) -> bytes:

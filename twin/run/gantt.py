@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +12,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
-from twin.host.pictures import INK, save_png, style_axes
+from twin.host.pictures import INK, style_axes
 from twin.run.activities import (
     LANE_COLOURS,
     OTHER_COLOUR,
@@ -32,31 +31,26 @@ _LANE_IN = 0.42
 _LANE_HEIGHT = 0.72
 
 
-def draw_gantt(
-    path: Path,
+def gantt_figure(
     tpg: TemporalPlanGraph,
     run: Run,
     events: Sequence[Event],
     *,
     title: str = "",
     plan: str = IN_TURNS,
-) -> None:
-    """Draw what every robot did when, as a PNG picture.
+) -> Figure:
+    """Return a picture of what every robot did when.
 
     Bars are coloured by kind of task and carry the assembly step they serve; waits are hatched,
     and arrows are the type-2 edges that ended them. Long runs wrap into several rows. Beside its
     lane each robot has the colour that it has in the recording.
 
     Args:
-        path: of the picture, replaced when it exists.
         tpg: what was executed.
         run: how.
         events: of the run.
         title: first words of the heading.
         plan: which plan ``tpg`` is.
-
-    Raises:
-        OutputError: the picture cannot be written.
     """
     told = robot_activities(tpg, events)
     lanes = {robot.name: told.get(robot.name, ()) for robot in tpg.cell.robots}
@@ -105,7 +99,7 @@ def draw_gantt(
         fontweight="bold",
     )
     _legend(figure, {item.state for lane in lanes.values() for item in lane})
-    save_png(figure, path)
+    return figure
 
 
 def _style(axis: Axes, robots: Sequence[str], window: tuple[float, float]) -> None:

@@ -1,4 +1,8 @@
-"""Inputs that a study varies: ``skills.pick.scale=1,1.5,2`` and what it does to a scenario."""
+"""Inputs that are varied: ``skills.pick.scale=1,1.5,2`` and what it does to a scenario.
+
+A key is a dotted path from the top of the scenario, or from its execution section. Entries of
+lists have their position or their name: ``cell.robots.left.base.xyz_m.0``.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,20 @@ import itertools
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from planning.errors import ScenarioError
-from twin.scenario.sections.scenario import Scenario, resolved, restored
+from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.document.validation import parsed, validated
+from twin.scenario.file import scenario_schema
+from twin.scenario.sections.cell import choose_robots
+from twin.scenario.sections.scenario import Scenario, resolved
+
+ROBOTS = "robots"
+"""The key that is not one of the file: the number of robots, of the team where there is one."""
+
+_SECTIONS = frozenset(Scenario.model_fields) - {"execution"}
 
 Variant = Mapping[str, Any]
 """A value for each key that is varied."""
@@ -17,10 +31,11 @@ Variant = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Variation:
-    """A key of the execution section, and the values it takes.
+    """A key of a scenario, and the values it takes.
 
     Attributes:
-        key: dotted path below ``execution``, such as ``skills.pick.scale``.
+        key: dotted path from the top, such as ``cell.robots.left.base.xyz_m.0``, or below
+            ``execution``, such as ``skills.pick.scale``.
         values: at least one, each once.
     """
 
@@ -67,71 +82,111 @@ def varied(scenario: Scenario, variant: Variant) -> Scenario:
     """Return a scenario in which the keys of a variant have its values.
 
     Raises:
-        ScenarioError: a key is not one of the execution section, or a value does not fit;
-            the message names the keys that are valid there.
+        ScenarioError: there is no such key, or a value does not fit; the message names the
+            keys that are valid there.
     """
     if not variant:
         return scenario
     content = resolved(scenario)
     assign_variant(content, variant)
+    # JSON is YAML, too: what does not fit is worded as it is in a file.
+    document = parsed(Path(scenario.name), json.dumps(content))
     try:
-        return restored(content)
-    except ScenarioError as error:
-        raise ScenarioError(f"cannot vary {', '.join(variant)}: {error}") from None
+        return validated(document, Scenario, scenario_schema())
+    except InvalidScenarioError as error:
+        said = "; ".join(problem.message for problem in error.problems)
+        raise ScenarioError(f"cannot vary {', '.join(variant)}: {said}") from None
+
+
+def is_of_execution(key: str) -> bool:
+    """Tell whether a key is one of the execution section, which no plan depends on."""
+    first = key.partition(".")[0]
+    return first != ROBOTS and first not in _SECTIONS
 
 
 def assign_variant(content: dict[str, Any], variant: Variant) -> None:
-    """Write the values of a variant into the execution section of a resolved scenario.
+    """Write the values of a variant into a resolved scenario.
 
     Raises:
         ScenarioError: there is no such key; the message names those there are.
     """
     for key, value in variant.items():
-        _assign(content["execution"], key, value)
+        if key == ROBOTS:
+            if not isinstance(value, int) or value < 1:
+                raise ScenarioError(
+                    f"cannot vary robots: no number of robots: {value!r}"
+                )
+            choose_robots(content["cell"], value)
+        elif is_of_execution(key):
+            _make_entries(content["execution"], key)
+            _assign(content["execution"], key, value, "execution")
+        else:
+            _assign(content, key, value, "")
 
 
 class _NewSection(dict[str, Any]):
     """A section that the scenario leaves out, made by the first key that is set in it."""
 
 
-def _assign(tree: dict[str, Any], key: str, value: Any) -> None:
-    *path, last = key.split(".")
-    if path[:1] == ["skills"] and len(path) > 1:
+class _FreeSection(dict[str, Any]):
+    """A section whose keys are left to its checks, as they depend on its kind."""
+
+
+def _make_entries(execution: dict[str, Any], key: str) -> None:
+    """Give what is drawn or fails in a skill a section, where the scenario leaves it out."""
+    section, _, rest = key.partition(".")
+    skill = rest.partition(".")[0]
+    if section == "skills" and rest:
         # A skill without a section has the packaged timings.
-        tree["skills"].setdefault(path[1], {"kind": "packaged", "skill": path[1]})
-    if path[:1] == ["failures"] and len(path) > 1:
-        tree["failures"].setdefault(path[1], {"probability": 0.0})
+        own = execution["skills"].setdefault(
+            skill, {"kind": "packaged", "skill": skill}
+        )
+        execution["skills"][skill] = _FreeSection(own)
+    if section == "failures" and rest:
+        own = execution["failures"].setdefault(skill, {"probability": 0.0})
+        execution["failures"][skill] = _FreeSection(own)
+
+
+def _assign(tree: dict[str, Any], key: str, value: Any, walked: str) -> None:
+    """Write a value at a dotted key, whose words are keys, positions and names of entries."""
+    words = key.split(".")
     place: Any = tree
-    walked = "execution"
-    for name in path:
-        entry = _entry(place, name, key, walked)
+    while True:
+        free = isinstance(place, _NewSection | _FreeSection)
+        if free and len(words) == 1:
+            place[words[0]] = value
+            return
+        entry, used = _entry(place, words, key, walked)
+        if used == len(words):
+            place[entry] = value
+            return
         if place[entry] is None:
             place[entry] = _NewSection()
-        place = place[entry]
-        walked += f".{name}"
-    # What skills, failures and sections that the scenario does not have say of themselves is
-    # left to the checks of the section.
-    free = path[:1] in (["skills"], ["failures"]) and isinstance(place, dict)
-    free = free or isinstance(place, _NewSection)
-    place[last if free else _entry(place, last, key, walked)] = value
+        walked = ".".join(filter(None, (walked, *words[:used])))
+        place, words = place[entry], words[used:]
 
 
-def _entry(place: Any, name: str, key: str, walked: str) -> str | int:
-    """Return the key or position of an entry that is there."""
-    if isinstance(place, list):
-        if name.isdigit() and int(name) < len(place):
-            return int(name)
-        raise ScenarioError(
-            f"cannot vary {key}: {walked} has no entry {name!r}",
-            choices=tuple(str(k) for k in range(len(place))),
-        )
-    if not isinstance(place, dict):
+def _entry(
+    place: Any, words: Sequence[str], key: str, walked: str
+) -> tuple[str | int, int]:
+    """Return an entry that the first words name, and how many: names may have dots in them."""
+    if isinstance(place, dict):
+        entries: dict[str, str | int] = {name: name for name in place}
+    elif isinstance(place, list):
+        entries = {str(k): k for k in range(len(place))}
+        entries |= {
+            item["name"]: k
+            for k, item in enumerate(place)
+            if isinstance(item, dict) and isinstance(item.get("name"), str)
+        }
+    else:
         raise ScenarioError(f"cannot vary {key}: {walked} is a plain value")
-    if name not in place:
-        raise ScenarioError(
-            f"cannot vary {key}: {walked} has no {name!r}", choices=tuple(place)
-        )
-    return name
+    for used in range(len(words), 0, -1):
+        if (name := ".".join(words[:used])) in entries:
+            return entries[name], used
+    here = f"{walked} has" if walked else "a scenario has"
+    what = f"no entry {words[0]!r}" if isinstance(place, list) else f"no {words[0]!r}"
+    raise ScenarioError(f"cannot vary {key}: {here} {what}", choices=tuple(entries))
 
 
 def _split(text: str) -> list[str]:

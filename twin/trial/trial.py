@@ -15,7 +15,8 @@ from scheduling.graph.plan_files import plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.worlds.engine import Engine, engine_named
 from twin.engine.engine import Simulator
-from twin.host.atomic import finite, write_json
+from twin.host.atomic import write_json
+from twin.host.pictures import save_png
 from twin.host.progress import Report, report_nothing
 from twin.recorders.motion_tables import write_motion
 from twin.recorders.observers import JsonlRecorder, MemoryRecorder, Recorder
@@ -29,7 +30,7 @@ from twin.run.folder import (
     keep_new,
     set_aside,
 )
-from twin.run.gantt import draw_gantt
+from twin.run.gantt import gantt_figure
 from twin.run.run_record import DeadlockError, Policy, Run
 from twin.run.summary import summarise
 from twin.run.written import hashes_as_written
@@ -39,6 +40,7 @@ from twin.trial.saved_plan import SavedPlan, plan_variant
 from twin.trial.simulation import doubts_about_stalls, scenario_execution
 
 if TYPE_CHECKING:
+    from twin.audit.audit import AuditReport
     from twin.planning.pipeline import Planned
 
 SIMULATION, RECORDS = "simulation", "recording"
@@ -94,11 +96,13 @@ class Trial:
         folder: of the files.
         run: the execution.
         summary: the content of ``summary.json``.
+        events: what happened, in order.
     """
 
     folder: Path
     run: Run
     summary: Mapping[str, Any]
+    events: Sequence[Event] = ()
 
     @property
     def passed(self) -> bool:
@@ -160,7 +164,7 @@ def try_plan(
         recording=recording,
         audit=audit,
         planning_s=dict(planned.planning_s if planned else {}),
-        makespan_sequential_s=_sequential_s(scenario, turns or tpg, base),
+        makespan_sequential_s=sequential_s(scenario, turns or tpg, base),
         plan_sha256=plan_sha256(tpg),
         warnings=(*origin.warnings, *doubts_about_stalls(scenario, tpg)),
         plan=plan_variant(tpg) if planned is None else planned.variant,
@@ -221,8 +225,8 @@ def conclude(
     progress(RECORDS, 0, total)
     write_motion(folder, tpg, run)
     progress(RECORDS, 2, total)
-    gantt = folder / GANTT
-    draw_gantt(gantt, tpg, run, events, title=scenario.name, plan=about.plan)
+    gantt = gantt_figure(tpg, run, events, title=scenario.name, plan=about.plan)
+    save_png(gantt, folder / GANTT)
     progress(RECORDS, 3, total)
     if about.recording:
         from twin.recorders.rerun.recorder import write_recording
@@ -231,11 +235,17 @@ def conclude(
         progress(RECORDS, total, total)
     completed = run.outcome == "completed"
     ended = run.outcome != "aborted"
-    audit = (
-        _audit(scenario, folder, run, about, progress)
-        if about.audit and ended
-        else None
-    )
+    audit = None
+    if about.audit and ended:
+        report = audit_execution(
+            scenario,
+            folder,
+            ordered=run.policy != "open-loop",
+            finished=completed,
+            engine=None if about.audit is True else engine_named(str(about.audit)),
+            progress=progress,
+        )
+        audit = report.content()
     summary = summarise(
         tpg,
         run,
@@ -249,10 +259,10 @@ def conclude(
     summary["load_bound_s"] = about.load_bound_s
     summary["files"] = hashes_as_written(folder)
     write_json(folder / SUMMARY, summary)
-    return Trial(folder, run, summary)
+    return Trial(folder, run, summary, events)
 
 
-def _sequential_s(
+def sequential_s(
     scenario: Scenario, tpg: TemporalPlanGraph, base: Path
 ) -> float | None:
     """Return the makespan of one task at a time [s], None where that comes to no end."""
@@ -287,28 +297,34 @@ def execute(
     return Simulator(tpg, model).run(seed=scenario.seed, recorders=recorders)
 
 
-def _audit(
-    scenario: Scenario, folder: Path, run: Run, about: Preparation, progress: Report
-) -> dict[str, Any]:
+def audit_execution(
+    scenario: Scenario,
+    folder: Path,
+    *,
+    ordered: bool,
+    finished: bool,
+    engine: Engine | None = None,
+    progress: Report = report_nothing,
+) -> AuditReport:
+    """Let the audit judge what was executed, by all that a scenario says of it.
+
+    Args:
+        scenario: says what is to stand where, and what holds it.
+        folder: with the plan and the tables of the motion.
+        ordered: whether the run had to keep the plan's type-2 edges, as all policies but
+            open-loop do.
+        finished: whether the run came to its end, so that all must be in place.
+        engine: to measure with; by default PyBullet where it is installed, else coal.
+        progress: told how far the audit has come.
+    """
     from twin.audit.audit import audit_run
     from twin.planning.kind import assembly_kind
 
-    engine = None if about.audit is True else engine_named(str(about.audit))
-    report = audit_run(
+    return audit_run(
         folder,
         progress,
-        ordered=run.policy != "open-loop",
+        ordered=ordered,
         wanted=assembly_kind(scenario.assembly).wanted(),
-        finished=run.outcome == "completed",
+        finished=finished,
         engine=engine,
     )
-    return {
-        "engine": report.engine,
-        "configurations": report.configurations,
-        "min_distance_m": finite(report.min_distance_m),
-        "min_distance_bound_m": finite(report.min_distance_bound_m),
-        "contact_tolerance_m": report.contact_tolerance_m,
-        "deepest_graze_m": report.deepest_graze_m,
-        "helpers": list(report.helpers),
-        "violations": [asdict(violation) for violation in report.violations],
-    }

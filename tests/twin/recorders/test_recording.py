@@ -24,7 +24,8 @@ from twin.recorders.observers import MemoryRecorder
 from twin.recorders.rerun.recorder import write_recording
 from twin.recorders.rerun.robots import frame_times
 from twin.run.activities import LANE_COLOURS, WAITING
-from twin.run.gantt import draw_gantt
+from twin.host.pictures import save_png
+from twin.run.gantt import gantt_figure
 from twin.run.run_record import Run
 from twin.run.team_colours import rgb, team_colours
 from twin.run.trajectory import object_placements, robot_trajectories
@@ -182,7 +183,7 @@ def test_a_gantt_chart_is_drawn(recorded: tuple, tmp_path: Path) -> None:
 
     tpg, run, memory, _ = recorded
     path = tmp_path / "gantt.png"
-    draw_gantt(path, tpg, run, memory.events, title="toy")
+    save_png(gantt_figure(tpg, run, memory.events, title="toy"), path)
     picture = imread(path)
     assert picture.shape[1] > 1500
     colours = np.unique(picture.reshape(-1, picture.shape[2])[::7], axis=0)
@@ -204,6 +205,6 @@ def test_long_runs_wrap_into_rows(tmp_path: Path) -> None:
         path = tmp_path / f"{tasks}.png"
         memory = MemoryRecorder()
         run = simulate(tpg, VARIED, seed=0, recorders=[memory])
-        draw_gantt(path, tpg, run, memory.events)
+        save_png(gantt_figure(tpg, run, memory.events), path)
         heights.append(imread(path).shape[0])
     assert heights[1] > 2 * heights[0]

@@ -1,0 +1,85 @@
+"""``twin.replay``: look at a run in the viewer, as pictures, or as a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from planning.errors import OutputError, RequestError
+from twin.api.runs import SimulatedRun
+from twin.api.scenarios import PathOrName
+from twin.host.atomic import replacing
+from twin.run.folder import RECORDING
+from twin.run.viewer import open_viewer, render_stills
+
+STILLS = "stills"
+"""Folder of pictures beside a recording."""
+
+
+def replay(
+    run: SimulatedRun | PathOrName,
+    *,
+    stills: Sequence[float] = (),
+    out: PathOrName | None = None,
+) -> tuple[Path, ...]:
+    """Look at a run again.
+
+    Without stills and ``out`` this opens the viewer and returns once it is closed. Pictures need
+    no display, but a Vulkan driver; a software one does.
+
+    Args:
+        run: a run, its folder, or an ``.rrd`` file.
+        stills: render pictures at these simulated times instead [s].
+        out: folder for the pictures, by default ``stills`` beside the recording; without stills,
+            the ``.rrd`` file that is written instead of opening the viewer.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        OutputError: there is no recording, or a file cannot be written.
+        ViewerError: the viewer or a display is missing; says what to do then.
+        RequestError: pictures of a run without a folder need one.
+    """
+    with TemporaryDirectory() as name:
+        if out is not None and not stills:
+            return (_written(run, Path(out)),)
+        recording = _recording(run, Path(name) / RECORDING)
+        if not stills:
+            open_viewer(recording)
+            return ()
+        if out is None and recording.parent == Path(name):
+            raise RequestError("a run without a folder: say where pictures go by out")
+        folder = recording.parent / STILLS if out is None else Path(out)
+        return tuple(render_stills(recording, stills, folder))
+
+
+def _written(run: SimulatedRun | PathOrName, place: Path) -> Path:
+    """Write the recording of a run to a place."""
+    found = _recording(run, place)
+    if found != place:
+        with replacing(place) as temporary:
+            temporary.write_bytes(found.read_bytes())
+    return place
+
+
+def _recording(run: SimulatedRun | PathOrName, place: Path) -> Path:
+    """Return the recording of a run; written to a place where there is none."""
+    if isinstance(run, SimulatedRun):
+        if run.record is not None and run.folder is None:
+            from twin.recorders.rerun.recorder import write_recording
+
+            tpg, name = run.plan.tpg, run.plan.scenario.name
+            write_recording(place, tpg, run.record, run.history, name=name)
+            return place
+        folder = Path() if run.folder is None else run.folder
+    else:
+        folder = Path(run)
+    found = folder if folder.is_file() else folder / RECORDING
+    if not found.is_file():
+        reason = (
+            f"it has no {RECORDING}" if folder.exists() else "no such file or folder"
+        )
+        raise OutputError(f"{folder}: nothing to replay, {reason}")
+    return found

@@ -1,0 +1,115 @@
+"""``twin.load``: a scenario that was read and checked, with the file that it is from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from planning.errors import ScenarioError
+from twin.scenario.checks import find_problems
+from twin.scenario.document.yaml_text import YamlDocument
+from twin.scenario.file import read_scenario
+from twin.scenario.sections.scenario import Scenario, resolved
+from twin.scenario.variations import is_of_execution, varied
+
+PathOrName = str | PathLike[str]
+"""Path of a file or folder."""
+
+
+@dataclass(frozen=True)
+class LoadedScenario:
+    """A valid scenario, and where it is from.
+
+    Attributes:
+        sections: the content: cell, assembly, planning, execution.
+        document: the file, for places in messages.
+        folder: where relative paths in it start.
+    """
+
+    sections: Scenario
+    document: YamlDocument
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """Name of the scenario."""
+        return self.sections.name
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Names of the robots."""
+        return tuple(robot.name for robot in self.sections.cell.robots)
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of the assembly."""
+        from twin.planning.kind import assembly_kind
+
+        return assembly_kind(self.sections.assembly).steps()
+
+    def varied(self, values: Mapping[str, Any]) -> LoadedScenario:
+        """Return the scenario with other values at some keys.
+
+        Args:
+            values: by key: a dotted path from the top, such as
+                ``cell.robots.left.base.xyz_m.0``, whose entries of lists are named by position
+                or name; a key of the execution section, such as ``stalls.rate_per_h``; or
+                ``robots``, for how many there are.
+
+        Raises:
+            ScenarioError: there is no such key, or a value does not fit.
+        """
+        if not values:
+            return self
+        sections = varied(self.sections, values)
+        if not all(map(is_of_execution, values)):
+            found = find_problems(sections, self.document)
+            if found:
+                said = "; ".join(dict.fromkeys(problem.message for problem in found))
+                raise ScenarioError(f"cannot vary {', '.join(values)}: {said}")
+        # Names of robots and files of times are looked at now, not after planning.
+        names = tuple(robot.name for robot in sections.cell.robots)
+        sections.execution.disturbances(names, self.folder)
+        return replace(self, sections=sections)
+
+    def resolved(self) -> dict[str, Any]:
+        """Return the content with every default filled in, as JSON would hold it."""
+        return resolved(self.sections)
+
+    def _repr_html_(self) -> str:
+        from twin.api.html import card, drawn
+        from twin.check.finding import Subject
+        from twin.check.picture import cell_figure
+
+        rows = [
+            ("robots", ", ".join(self.robots)),
+            ("assembly", f"{self.sections.assembly.kind}, {self.steps} steps"),
+            ("seed", str(self.sections.seed)),
+        ]
+        if self.sections.description:
+            rows.insert(0, ("description", self.sections.description))
+        picture = cell_figure(Subject(self.sections, self.folder))
+        return card(self.name, rows) + drawn(picture)
+
+
+AnyScenario = PathOrName | LoadedScenario
+"""A scenario, or the path of its file."""
+
+
+def load(scenario: AnyScenario) -> LoadedScenario:
+    """Read and check a scenario file.
+
+    Args:
+        scenario: path of the YAML file; a scenario that was loaded before is returned as it is.
+
+    Raises:
+        InvalidScenarioError: with every problem found, each at its line and column.
+    """
+    if isinstance(scenario, LoadedScenario):
+        return scenario
+    path = Path(scenario)
+    sections, document = read_scenario(path)
+    return LoadedScenario(sections, document, path.parent)

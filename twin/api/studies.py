@@ -1,0 +1,264 @@
+"""``twin.study``: many replications of a plan under uncertainty, and what they tell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from planning.errors import RequestError
+from twin.api.plans import AnyPlan, Plan, scenario_of
+from twin.api.scenarios import AnyScenario, PathOrName, load
+from twin.audit.worlds.engine import engine_named
+from twin.comparison.comparison import shortcut_budget
+from twin.host.progress import Report, report_nothing
+from twin.run.folder import locked, run_folder
+from twin.run.policies import ASYNCHRONOUS, OPEN_LOOP, SEQUENTIAL, policy_named
+from twin.scenario.variations import Variation, variants
+from twin.study.folder import (
+    EDGES,
+    REPLICATIONS,
+    REPORT,
+    TASKS,
+    StudyRequest,
+    require_no_study,
+    require_same_study,
+)
+from twin.study.plans import given_plans, possible_policies
+from twin.study.replications.executors import check_cluster, open_executor
+from twin.study.replications.experiment import Experiment
+from twin.study.replications.statistics import Precision
+from twin.study.report.report import write_report
+from twin.study.study import StudyResult, start_study
+from twin.study.study import resume_study as resumed
+from twin.trial.saved_plan import SavedPlan
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from twin.cluster.address import Cluster
+
+Vary = Mapping[str, Sequence[Any]] | Iterable[Variation]
+"""Values by key, such as ``{"skills.pick.scale": [1, 1.5, 2]}``."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study that was run into its folder.
+
+    Attributes:
+        result: all that is known of it.
+    """
+
+    result: StudyResult
+
+    @property
+    def folder(self) -> Path:
+        """Folder of its files."""
+        return self.result.folder
+
+    @property
+    def report(self) -> Path:
+        """The page with all figures and tables, which needs no network."""
+        return self.folder / REPORT
+
+    @property
+    def summary(self) -> Mapping[str, Any]:
+        """All figures, the content of ``summary.json``."""
+        return self.result.summary
+
+    @property
+    def cells(self) -> pa.Table:
+        """A row a policy and variant: mean and quantiles of the makespan, with bounds."""
+        import pyarrow as pa
+
+        rows = []
+        for cell in self.summary["cells"]:
+            row = {
+                "policy": cell["policy"],
+                **cell["variant"],
+                "n": cell["replications"],
+            }
+            for key in ("makespan_s", "makespan_p50_s", "makespan_p90_s"):
+                found = cell.get(key) or {}
+                row |= {key: found.get("estimate")}
+                row |= {f"{key}_{side}": found.get(side) for side in ("low", "high")}
+            rows.append(row)
+        return pa.Table.from_pylist(rows)
+
+    @property
+    def replications(self) -> pa.Table:
+        """A row a replication: policy, varied inputs, outcome, makespan, waits."""
+        return self._table(REPLICATIONS)
+
+    @property
+    def tasks(self) -> pa.Table:
+        """A row a task of each policy and variant: when it is done, how often critical."""
+        return self._table(TASKS)
+
+    @property
+    def edges(self) -> pa.Table:
+        """A row a wait that may be: which tasks it joins, why, how often critical."""
+        return self._table(EDGES)
+
+    def _table(self, name: str) -> pa.Table:
+        import pyarrow.parquet as pq
+
+        return pq.read_table(self.folder / name)
+
+    def _repr_html_(self) -> str:
+        from twin.api.html import card, shown
+        from twin.study.report.overview import differences, makespans_table
+
+        table = makespans_table(self.summary) + differences(self.summary)
+        chart = shown(self.folder / "makespan.png")
+        return table + chart + card("Report", [("page", str(self.report))])
+
+
+def study(
+    plan: AnyPlan,
+    vary: Vary = (),
+    *,
+    replications: int | None = None,
+    precision: Precision | None = None,
+    policies: Sequence[str] = (),
+    deadline_s: float | None = None,
+    antithetic: bool = False,
+    sobol: int = 0,
+    audited: int = 20,
+    audit_engine: str | None = None,
+    shortcuts: int | None = None,
+    workers: int | None = None,
+    cluster: Cluster | None = None,
+    out: PathOrName | None = None,
+    progress: Report = report_nothing,
+) -> Study:
+    """Replicate a plan under uncertainty: how long it takes, and how sure one can be.
+
+    All policies and variants see the same draws, so their differences are sharp.
+
+    Args:
+        plan: a scenario, or the path of its file, of which the plans of the policies are made;
+            or a plan that is there.
+        vary: values by key; every combination is studied. Keys are those of
+            ``LoadedScenario.varied``.
+        replications: of every policy and variant; None to go on until the precision is reached.
+        precision: when there are enough replications, and the confidence of all intervals.
+        policies: sequential, asynchronous and others; see docs/guides/studies.md.
+        deadline_s: ask how likely the run is over by then [s].
+        antithetic: draw replications in mirrored pairs.
+        sobol: points of the sample for Sobol indices, a power of 2; 0 for none.
+        audited: open-loop replications that are checked for collisions.
+        audit_engine: pybullet or coal; by default PyBullet where it is installed, else coal.
+        shortcuts: most that are tried on each plan, in place of the scenario's.
+        workers: processes; 0 for none besides this one, None for one a core.
+        cluster: whose workers do it instead.
+        out: folder for the results; by default ``logs/study-<scenario>-<UTC time>``.
+        progress: told how far each stage has come.
+
+    Raises:
+        ScenarioError: the file is not valid, or a varied input does not fit.
+        RequestError: the request contradicts itself, or the folder holds a study.
+        TwinError: the scenario cannot be planned; see ``twin.plan``.
+    """
+    engine = engine_named(audit_engine) if audit_engine else None
+    if cluster is not None:
+        check_cluster(cluster)  # now, not after the planning
+    case = scenario_of(plan)
+    names = tuple(map(policy_named, policies))
+    plans, saved = None, ""
+    if isinstance(plan, Plan):
+        if shortcuts is not None:
+            raise RequestError(
+                "shortcuts are for planning, not for a plan that is there"
+            )
+        made = _saved(plan)
+        names = names or _policies_of(made)
+        plans = given_plans(made, names)
+        saved = "" if plan.folder is None else str(plan.folder.resolve())
+    experiment = Experiment(
+        policies=names or (SEQUENTIAL, ASYNCHRONOUS),
+        variants=variants(_variations(vary)),
+        replications=replications,
+        precision=precision or Precision(),
+        antithetic=antithetic,
+        audited=audited,
+        audit_engine=engine,
+    )
+    budget = shortcut_budget(case.sections) if shortcuts is None else shortcuts
+    request = StudyRequest(
+        case.sections, case.folder, experiment, budget, deadline_s, sobol, saved
+    )
+    place = None if out is None else Path(out)
+    require_no_study(place, request.scenario)
+
+    def executor() -> AbstractContextManager[Executor]:
+        return open_executor(workers, cluster)
+
+    with run_folder(place, f"study-{case.name}") as folder:
+        result = start_study(request, folder, executor, progress, plans)
+    write_report(result, progress)
+    return Study(result)
+
+
+def resume_study(
+    folder: PathOrName,
+    scenario: AnyScenario | None = None,
+    *,
+    workers: int | None = None,
+    cluster: Cluster | None = None,
+    progress: Report = report_nothing,
+) -> Study:
+    """Go on with a study that was interrupted; nothing is computed twice.
+
+    A study that has come to its end is read.
+
+    Args:
+        folder: of the study.
+        scenario: that it must be of, None for any.
+        workers: processes; 0 for none besides this one, None for one a core.
+        cluster: whose workers do it instead.
+        progress: told how far each stage has come.
+
+    Raises:
+        OutputError: the folder is not one of a study that got as far as its plans.
+        RequestError: it is one of another scenario.
+    """
+    if cluster is not None:
+        check_cluster(cluster)
+
+    def executor() -> AbstractContextManager[Executor]:
+        return open_executor(workers, cluster)
+
+    place = Path(folder)
+    if scenario is not None:
+        require_same_study(place, load(scenario).sections)
+    with locked(place):
+        result = resumed(place, executor, progress)
+    write_report(result, progress)
+    return Study(result)
+
+
+def _variations(vary: Vary) -> list[Variation]:
+    """Return what is varied, of whatever it was written as."""
+    if not isinstance(vary, Mapping):
+        return list(vary)
+    return [Variation(key, tuple(values)) for key, values in vary.items()]
+
+
+def _saved(plan: Plan) -> SavedPlan:
+    """Return a plan with what it is compared with, wherever it is from."""
+    made = plan.made
+    if isinstance(made, SavedPlan):
+        return made
+    return SavedPlan(made.tpg, made.variant, made.turns)
+
+
+def _policies_of(saved: SavedPlan) -> tuple[str, ...]:
+    """Return the policies that a plan is studied under by default: one task at a time, its own."""
+    possible = [p for p in possible_policies(saved) if p != OPEN_LOOP]
+    both = tuple(dict.fromkeys((SEQUENTIAL, possible[-1])))
+    return tuple(p for p in both if p in possible)
