@@ -114,7 +114,7 @@ def test_an_output_folder_that_cannot_be_is_refused_before_planning(
     def never(*_: object) -> None:
         pytest.fail("planning has started")
 
-    monkeypatch.setattr("twin.planning.pipeline.plan_scenario", never)
+    monkeypatch.setattr("twin.api.plans.plan_scenario", never)
     (here / "small.yaml").write_text(SMALL)
     (here / "taken").write_text("a file")
     result = invoke("run", "small.yaml", "--out", "taken/run")
@@ -129,7 +129,7 @@ def test_planning_that_fails_ends_with_code_2_and_leaves_no_folder(
     def fail(*_: object) -> None:
         raise InfeasibleStepError("step 1 (2x4) cannot be done")
 
-    monkeypatch.setattr("twin.planning.pipeline.plan_scenario", fail)
+    monkeypatch.setattr("twin.api.plans.plan_scenario", fail)
     (here / "small.yaml").write_text(SMALL)
     if before:
         (here / "run").mkdir()

@@ -101,7 +101,11 @@ def test_keys_of_the_whole_scenario_are_paths_by_position_or_name(
         },
     )
     before, after = cliff.cell.robots, other.cell.robots
-    assert after[1].base.xyz_m == (before[1].base.xyz_m[0], 0.25, before[1].base.xyz_m[2])
+    assert after[1].base.xyz_m == (
+        before[1].base.xyz_m[0],
+        0.25,
+        before[1].base.xyz_m[2],
+    )
     assert after[0].tool == "slim"
     assert after[0].base == before[0].base
     assert other.planning.speed_rad_s == 2.0

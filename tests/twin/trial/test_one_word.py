@@ -126,7 +126,7 @@ def test_a_given_plan_is_studied_under_its_own_policy(
             f" (valid: sequential, asynchronous, {SHORTCUTS}, open-loop)",
         ),
         (("--policy", "greedy"), "no policy 'greedy'"),
-        (("--shortcuts", "5"), "--shortcuts is for planning, not for --plan"),
+        (("--shortcuts", "5"), "shortcuts are for planning"),
     ],
 )
 def test_what_a_given_plan_cannot_be_studied_under(

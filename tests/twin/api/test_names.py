@@ -1,0 +1,46 @@
+"""``import twin`` costs nothing, and its names stay functions whatever is imported after it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from types import ModuleType
+
+import pytest
+
+import twin
+
+
+def test_every_name_is_there() -> None:
+    assert sorted(twin.__all__) == sorted(twin._HOMES)
+    for name in twin.__all__:
+        assert callable(getattr(twin, name)), name
+        assert getattr(twin, name).__doc__, name
+    assert twin.__version__.count(".") >= 2
+    assert set(twin.__all__) < set(dir(twin))
+
+
+def test_what_is_not_there_is_refused_as_of_any_module() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
+        twin.simulat  # noqa: B018
+
+
+def test_rooms_do_not_take_the_place_of_functions() -> None:
+    from twin.audit.audit import audit_run
+    from twin.check.check import check_scenario
+    from twin.run.run_record import Run
+    from twin.study.study import start_study
+
+    assert audit_run and check_scenario and Run and start_study
+    for name in ("audit", "check", "run", "study"):
+        assert isinstance(sys.modules[f"twin.{name}"], ModuleType)
+        assert not isinstance(getattr(twin, name), ModuleType)
+
+
+def test_the_import_loads_nothing_heavy() -> None:
+    code = "import sys, twin; print(*sorted(m.partition('.')[0] for m in sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    heavy = {"numpy", "pydantic", "matplotlib", "pyarrow", "numba", "typer", "yaml"}
+    assert heavy.isdisjoint(done.stdout.split())
