@@ -52,7 +52,7 @@ def test_a_scenario_with_other_values_is_another_one() -> None:
         found.varied({"cell.robots.north.name": "south"})
     with pytest.raises(ScenarioError, match="no robot 'nobody'"):
         found.varied(
-            {"emergency_stops": [{"at_s": 1.0, "for_s": 1.0, "robot": "nobody"}]}
+            {"emergency_stops": [{"at_s": 1.0, "duration_s": 1.0, "robot": "nobody"}]}
         )
 
 
