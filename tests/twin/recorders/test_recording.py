@@ -20,11 +20,11 @@ from tests.twin.recorders.recorded_toys import rows, static
 from tests.twin.run.lane_oracle import robot_lanes
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
+from twin.host.pictures import save_png
 from twin.recorders.observers import MemoryRecorder
 from twin.recorders.rerun.recorder import write_recording
 from twin.recorders.rerun.robots import frame_times
 from twin.run.activities import LANE_COLOURS, WAITING
-from twin.host.pictures import save_png
 from twin.run.gantt import gantt_figure
 from twin.run.run_record import Run
 from twin.run.team_colours import rgb, team_colours
