@@ -24,6 +24,10 @@ class ScenarioError(TwinError):
     """The scenario file cannot be used as written."""
 
 
+class ShapeError(TwinError):
+    """The shape of a part or fixture cannot be used."""
+
+
 class RobotModelError(TwinError):
     """A robot description cannot be used."""
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
 
 from planning.transforms import Array
 
@@ -37,3 +40,13 @@ class ConvexBody:
     name: str
     vertices: Array
     capsules: Capsules
+
+    @cached_property
+    def low(self) -> Array:
+        """Least corner of the box around it, parallel to the axes of the frame, shape (3,) [m]."""
+        return np.asarray(self.vertices.min(axis=0))
+
+    @cached_property
+    def high(self) -> Array:
+        """Greatest corner of that box, shape (3,) [m]."""
+        return np.asarray(self.vertices.max(axis=0))

@@ -50,9 +50,9 @@ def capsule_cover(
     points = hull_vertices(vertices)
     axes = _tightest_axes(points)
     local = points @ axes
-    normals = _directions()
+    normals = directions()
     # Grids are compared on a sketch of the hull; the one chosen is cut from all of it.
-    sketch = local[np.unique((local @ _directions(40).T).argmax(axis=0))]
+    sketch = local[np.unique((local @ directions(40).T).argmax(axis=0))]
     support = (sketch @ normals.T).max(axis=0)
     sides = range(1, most + 1)
     chosen, least = (1, 1, 1), np.inf
@@ -111,7 +111,7 @@ def _box(x: float, y: float, z: float) -> tuple[Array, Capsules]:
     counts = [1, 1, 1]
     tiles = round(float(size[middle] / size[short]))
     counts[middle] = min(max(tiles, 1), _MOST_BOX_TILES)
-    normals = _directions()
+    normals = directions()
     support = (vertices @ normals.T).max(axis=0)
     segments = [
         _capsule(cell, normals, support)
@@ -136,7 +136,7 @@ def cut_across(vertices: npt.ArrayLike, axis: int, count: int) -> list[Array]:
     return _cells(hull_vertices(vertices), (counts[0], counts[1], counts[2]))
 
 
-def _directions(count: int = 300) -> Array:
+def directions(count: int = 300) -> Array:
     """Return unit vectors spread over the sphere, the coordinate axes among them."""
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count

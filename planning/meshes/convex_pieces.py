@@ -1,0 +1,283 @@
+"""Convex pieces that contain a mesh: hulls of what is convex, coacd for the rest.
+
+Every closed body of a mesh is cut on its own. What is cut is compared with the mesh at points of
+its surface: those left out are added to the nearest piece, so that the pieces contain them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
+
+from planning.cell.cover import directions, hull_vertices
+from planning.errors import ShapeError
+from planning.meshes.mesh_file import THINNEST, Triangles
+from planning.transforms import Array, Indices
+
+MOST_PIECES = 64
+MOST_BODIES = 2000
+MOST_CORNERS = 96
+MOST_CUT = 100_000
+"""Triangles of a body that is not convex: so many take a minute."""
+
+_SAMPLES = 4000
+_ROUNDING = 1e-5
+_SAME = 1e-6
+
+
+class TooManyPiecesError(ShapeError):
+    """A mesh falls into more pieces than can be planned with."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """What became of a mesh.
+
+    Attributes:
+        hulls: corners of the convex pieces, each of shape (c, 3) [m].
+        volume: that the mesh encloses; of the pieces, where it is not closed [m^3].
+        centre: of its mass, shape (3,) [m].
+        missed: how far a point of its surface is outside of all pieces at most [m].
+    """
+
+    hulls: tuple[Array, ...]
+    volume: float
+    centre: Array
+    missed: float
+
+
+def cut_convex(triangles: Triangles, within: float) -> Cut:
+    """Return convex pieces that contain a mesh.
+
+    Args:
+        triangles: the mesh.
+        within: how deep a hollow may be that a piece fills [m].
+
+    Raises:
+        ShapeError: there would be too many.
+    """
+    bodies = _bodies(triangles)
+    if len(bodies) > MOST_BODIES:
+        raise ShapeError(
+            f"it has {len(bodies)} bodies that do not hang together, more than {MOST_BODIES}:"
+            " leave out what nothing can touch, or describe the shape by a compound"
+        )
+    hulls: list[Array] = []
+    for vertices, faces in bodies:
+        found = _pieces(vertices, faces, within)
+        hulls += [_simpler(hull, 0.25 * within) for hull in found]
+    hulls = _without_inner(hulls)
+    if len(hulls) > MOST_PIECES:
+        raise TooManyPiecesError(
+            f"it falls into {len(hulls)} convex pieces, more than {MOST_PIECES}: write a larger"
+            f" within_m than {within:.3g}, simplify it, or describe the shape by a compound"
+        )
+    points = _surface_points(triangles)
+    hulls = _including(hulls, points)
+    missed = float(np.min([_outside(hull, points) for hull in hulls], axis=0).max())
+    volume, centre = _mass(bodies, hulls)
+    return Cut(tuple(hulls), volume, centre, max(0.0, missed))
+
+
+def _bodies(triangles: Triangles) -> list[tuple[Array, Indices]]:
+    """Return the parts of a mesh that hang together, each with vertices and faces of its own.
+
+    Triangles hang together along an edge that no third one has: bodies that touch stay two.
+    """
+    vertices, faces = triangles.vertices, triangles.faces
+    edges, face = _edges(faces)
+    edge, count = np.unique(edges, axis=0, return_inverse=True, return_counts=True)[1:]
+    order = np.argsort(edge.reshape(-1), kind="stable")
+    order = order[count[edge.reshape(-1)[order]] == 2]
+    one, two = face[order[0::2]], face[order[1::2]]
+    links = coo_array((np.ones(len(one)), (one, two)), shape=(len(faces),) * 2)
+    bodies, label = connected_components(links, directed=False)
+    out = []
+    for own in np.split(
+        faces[np.argsort(label, kind="stable")],
+        np.cumsum(np.bincount(label, minlength=bodies))[:-1],
+    ):
+        used, number = np.unique(own, return_inverse=True)
+        out.append((vertices[used], number.reshape(-1, 3)))
+    return out
+
+
+def _edges(faces: Indices) -> tuple[Indices, Indices]:
+    """Return the edges of faces, the lower vertex first, shape (3 f, 2), and whose they are."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    return np.sort(edges, axis=1), np.tile(np.arange(len(faces)), 3)
+
+
+def _closed(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
+    """Return a body whose holes are closed, each by triangles around its middle."""
+    directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    _, inverse, count = np.unique(
+        np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    rim = directed[count[inverse.reshape(-1)] == 1]
+    if len(rim) == 0:
+        return vertices, faces
+    links = coo_array(
+        (np.ones(len(rim)), (rim[:, 0], rim[:, 1])), shape=(len(vertices),) * 2
+    )
+    label = connected_components(links, directed=False)[1][rim[:, 0]]
+    points, more = [vertices], [faces]
+    for hole, number in enumerate(np.unique(label)):
+        own = rim[label == number]
+        middle = np.full(len(own), len(vertices) + hole)
+        points.append(vertices[np.unique(own)].mean(axis=0)[None])
+        more.append(np.column_stack([own[:, 1], own[:, 0], middle]))
+    return np.vstack(points), np.vstack(more)
+
+
+def _pieces(vertices: Array, faces: Indices, within: float) -> list[Array]:
+    """Return the convex pieces of one body."""
+    import trimesh
+
+    hull = _hull(vertices)
+    if hull is None:
+        return [_thickened(vertices)]
+    if _fills(trimesh.Trimesh(vertices, faces, process=False), hull):
+        return [hull_vertices(vertices)]
+    body: Any = trimesh.Trimesh(*_closed(vertices, faces), process=False)
+    if len(faces) > MOST_CUT:
+        raise ShapeError(
+            f"a body of it has {len(faces)} triangles and is not convex, and more than"
+            f" {MOST_CUT} take too long to cut: simplify it (MeshLab, Blender)"
+        )
+    import coacd
+
+    coacd.set_log_level("error")
+    # What is not closed is closed first, by a surface around it.
+    found = coacd.run_coacd(
+        coacd.Mesh(np.asarray(body.vertices), np.asarray(body.faces)),
+        threshold=within,
+        real_metric=True,
+        preprocess_mode="auto",
+        mcts_iterations=60,
+        seed=1,
+    )
+    return [hull_vertices(np.asarray(points)) for points, _ in found]
+
+
+def _hull(points: Array) -> ConvexHull | None:
+    """Return the hull of points, None where it has no volume."""
+    try:
+        return ConvexHull(points)
+    except QhullError:
+        return None
+
+
+def _thickened(points: Array) -> Array:
+    """Return the corners of a body around points in a plane, as thin as a body may be."""
+    middle = points.mean(axis=0)
+    across = np.linalg.svd(points - middle, full_matrices=False)[2][-1]
+    corners = hull_vertices(points)
+    return np.vstack([corners + 0.5 * side * THINNEST * across for side in (-1, 1)])
+
+
+def _fills(body: Any, hull: ConvexHull) -> bool:
+    """Tell whether a body is its hull; one that is open, whether all of it is on the hull."""
+    if body.is_watertight and body.is_winding_consistent:
+        return bool(abs(abs(float(body.volume)) / hull.volume - 1.0) < _SAME)
+    size = float(np.ptp(hull.points, axis=0).max())
+    points = np.vstack([body.triangles_center, body.vertices])
+    depth = -(points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
+    return bool(depth.max() < 1e-4 * size)
+
+
+def _without_inner(hulls: list[Array]) -> list[Array]:
+    """Return the pieces that are not inside of another one."""
+    kept: list[Array] = []
+    for hull in sorted(hulls, key=lambda h: -float(np.prod(np.ptp(h, axis=0)))):
+        if not any(_outside(other, hull).max() <= _ROUNDING for other in kept):
+            kept.append(hull)
+    return kept
+
+
+def _surface_points(triangles: Triangles) -> Array:
+    """Return points of the surface: corners of triangles, and others spread over them."""
+    rng = np.random.default_rng(0)
+    corners = triangles.vertices[triangles.faces]
+    area = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    chosen = rng.choice(len(corners), _SAMPLES, p=area / area.sum())
+    shares = rng.dirichlet((1.0, 1.0, 1.0), _SAMPLES)
+    spread = np.einsum("sk,skx->sx", shares, corners[chosen])
+    vertices = triangles.vertices
+    if len(vertices) > _SAMPLES:
+        vertices = vertices[rng.choice(len(vertices), _SAMPLES, replace=False)]
+    return np.vstack([vertices, spread])
+
+
+def _outside(hull: Array, points: Array) -> Array:
+    """Return how far points are beyond the farthest face plane of a hull, shape (p,) [m]."""
+    planes = ConvexHull(hull).equations
+    return np.asarray((points @ planes[:, :3].T + planes[:, 3]).max(axis=1))
+
+
+def _including(hulls: list[Array], points: Array) -> list[Array]:
+    """Return pieces that include points: each is added to the piece that it is nearest to."""
+    beyond = np.array([_outside(hull, points) for hull in hulls])
+    nearest = beyond.argmin(axis=0)
+    left_out = beyond.min(axis=0) > _ROUNDING
+    return [
+        hull_vertices(np.vstack([hull, points[left_out & (nearest == k)]]))
+        for k, hull in enumerate(hulls)
+    ]
+
+
+def _simpler(hull: Array, tolerance: float) -> Array:
+    """Return the corners of a hull, or of one with fewer corners around it.
+
+    The face planes that cut off most are added one after another, until what is left stands out
+    by no more than the tolerance, or has as many corners as it may.
+    """
+    if len(hull) <= MOST_CORNERS:
+        return hull
+    planes = np.unique(np.round(ConvexHull(hull).equations, 12), axis=0)
+    inner = np.append(hull.mean(axis=0), 1.0)
+    around = np.vstack([directions(32), np.eye(3), -np.eye(3)])
+    chosen = np.column_stack([around, -(hull @ around.T).max(axis=0)])
+    corners = _corners(chosen, inner)
+    while len(corners) < MOST_CORNERS:
+        out = corners @ planes[:, :3].T + planes[:, 3]
+        if out.max() <= tolerance:
+            break
+        worst = np.argsort(-out.max(axis=1))[:12]
+        more = planes[np.unique(out[worst].argmax(axis=1))]
+        chosen = np.vstack([chosen, more])
+        corners = _corners(chosen, inner)
+    return corners
+
+
+def _corners(planes: Array, inner: Array) -> Array:
+    found = HalfspaceIntersection(planes, inner[:3]).intersections
+    return hull_vertices(np.round(found, 9))
+
+
+def _mass(
+    bodies: list[tuple[Array, Indices]], hulls: list[Array]
+) -> tuple[float, Array]:
+    """Return volume and centre of mass: of the mesh where all of it is closed, else of the hulls."""
+    import trimesh
+
+    meshes = [trimesh.Trimesh(*body, process=False) for body in bodies]
+    volumes = np.array([float(mesh.volume) for mesh in meshes])
+    if all(m.is_watertight and m.is_winding_consistent for m in meshes):
+        if volumes.sum() < 0.0:
+            volumes = -volumes  # inside out
+        if volumes.sum() > 0.0:
+            centres = np.array([mesh.center_mass for mesh in meshes])
+            return float(volumes.sum()), volumes @ centres / volumes.sum()
+    meshes = [trimesh.Trimesh(hull, ConvexHull(hull).simplices) for hull in hulls]
+    solids = [mesh.convex_hull for mesh in meshes]
+    volumes = np.array([float(solid.volume) for solid in solids])
+    centres = np.array([solid.center_mass for solid in solids])
+    return float(volumes.sum()), volumes @ centres / volumes.sum()

@@ -1,0 +1,142 @@
+"""Reading of mesh files, and what makes one useless: every error names the file and a remedy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from planning.errors import ShapeError
+from planning.files import read_file
+from planning.transforms import Array, Indices
+
+SUFFIXES = (".stl", ".obj")
+MOST_BYTES = 256 << 20
+MOST_FACES = 500_000
+THINNEST = 1e-4
+"""Bodies thinner than a tenth of a millimetre have no volume that could be reckoned with [m]."""
+
+_LARGEST, _BELIEVED = 1000.0, 5.0
+_SIMPLER = "simplify it (MeshLab, Blender), or describe the shape by a compound"
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """Triangles of a file, in metres.
+
+    Attributes:
+        vertices: each point once, shape (v, 3) [m].
+        faces: the three vertices of each, shape (f, 3).
+    """
+
+    vertices: Array
+    faces: Indices
+
+
+def read_triangles(path: Path, content: bytes, scale: float | None) -> Triangles:
+    """Return the triangles of a mesh file.
+
+    Args:
+        path: of the file, for its kind and for messages.
+        content: its bytes.
+        scale: factor to metres; None where nobody said: 1, if the size is then believable.
+
+    Raises:
+        ShapeError: it is no mesh, or none that could stand for a body.
+    """
+    import trimesh
+
+    loaded: Any
+    try:
+        loaded = trimesh.load_mesh(
+            BytesIO(content), file_type=path.suffix.lower()[1:], process=False
+        )
+        if isinstance(loaded, trimesh.Scene):
+            loaded = loaded.to_mesh()
+        vertices = np.array(loaded.vertices, dtype=np.float64).reshape(-1, 3)
+        faces = np.array(loaded.faces, dtype=np.int64).reshape(-1, 3)
+    # Its readers raise whatever the bytes lead them to.
+    except Exception as error:
+        raise ShapeError(
+            f"mesh {path} cannot be read as {path.suffix[1:].upper()} ({error}): export it anew"
+        ) from None
+    if len(faces) == 0:
+        raise ShapeError(
+            f"mesh {path} has no triangles: export a surface, not points or curves"
+        )
+    if len(faces) > MOST_FACES:
+        raise ShapeError(
+            f"mesh {path} has {len(faces)} triangles, more than {MOST_FACES}: {_SIMPLER}"
+        )
+    if not np.all(np.isfinite(vertices)):
+        raise ShapeError(
+            f"mesh {path} has coordinates that are no finite numbers: export it anew"
+        )
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise ShapeError(f"mesh {path} has triangles without corners: export it anew")
+    triangles = _merged(vertices * (1.0 if scale is None else scale), faces)
+    _require_size(path, triangles, scale)
+    return triangles
+
+
+def read_mesh_bytes(path: Path) -> bytes:
+    """Return the content of a mesh file.
+
+    Raises:
+        ShapeError: it is not there, of no kind that is known, or too large.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise ShapeError(
+            f"mesh {path} is of an unknown kind: export it as one of these",
+            choices=SUFFIXES,
+        )
+    try:
+        return read_file(path, MOST_BYTES)
+    except FileNotFoundError:
+        raise ShapeError(
+            f"mesh {path} is not there: relative paths start at the scenario's folder"
+        ) from None
+    except OSError as error:
+        raise ShapeError(f"mesh {path} cannot be read: {error.strerror}") from None
+
+
+def _merged(vertices: Array, faces: Indices) -> Triangles:
+    """Return triangles whose equal corners are one, and none without an area."""
+    used = np.unique(faces)
+    number = np.zeros(len(vertices), dtype=np.int64)
+    points, own = np.unique(vertices[used], axis=0, return_inverse=True)
+    number[used] = own.reshape(-1)
+    faces = number[faces]
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return Triangles(points, faces[area > 0.0])
+
+
+def _require_size(path: Path, triangles: Triangles, scale: float | None) -> None:
+    if len(triangles.faces) == 0:
+        raise ShapeError(
+            f"mesh {path} has only triangles without an area: export it anew"
+        )
+    edges = np.ptp(triangles.vertices, axis=0)
+    measures = " x ".join(f"{edge:.3g}" for edge in edges) + " m"
+    if edges.max() > (_BELIEVED if scale is None else _LARGEST):
+        raise ShapeError(
+            f"mesh {path} measures {measures}: if it is in millimetres, write scale: 0.001"
+            + (" beside it; if it is so large, scale: 1" if scale is None else "")
+        )
+    if edges.max() < THINNEST:
+        raise ShapeError(
+            f"mesh {path} measures {measures}, less than a tenth of a millimetre: leave scale"
+            " away, or write a larger one"
+        )
+    centred = triangles.vertices - triangles.vertices.mean(axis=0)
+    across = np.linalg.svd(centred, full_matrices=False)[2][2]
+    thick = float(np.ptp(centred @ across))
+    if thick < THINNEST:
+        raise ShapeError(
+            f"mesh {path} is flat, {thick * 1e3:.2g} mm thick: a body has a volume; give the"
+            " sheet a thickness, or describe it by a box"
+        )

@@ -1,0 +1,125 @@
+"""The form of a mesh file: its triangles, and convex pieces that are remembered from run to run."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from functools import lru_cache
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from planning.cell.forms import Mesh
+from planning.errors import OutputError, ShapeError
+from planning.files import LARGEST, NPZ_ERRORS, read_file, read_npz, replacing
+from planning.meshes.convex_pieces import Cut, TooManyPiecesError, cut_convex
+from planning.meshes.mesh_file import Triangles, read_mesh_bytes, read_triangles
+from planning.transforms import readonly
+
+_VERSION = b"1"
+"""Changes whenever meshes are cut in another way."""
+
+_SHARES = (1.0 / 60.0, 1.0 / 20.0)
+"""Hollows no deeper than such a share of the longest edge are filled, where nobody says: the
+second one where the first makes too many pieces."""
+
+
+def cache_folder() -> Path:
+    """Return the folder in which convex pieces are remembered: in the user's cache."""
+    named = os.environ.get("XDG_CACHE_HOME")
+    return Path(named or Path.home() / ".cache") / "assembly-twin" / "convex"
+
+
+def mesh_form(
+    path: Path, scale: float | None = None, within: float | None = None
+) -> Mesh:
+    """Return a mesh file as a form.
+
+    Args:
+        path: of an STL or OBJ file.
+        scale: factor to metres; None for 1 where the size is then believable.
+        within: how deep a hollow may be that a convex piece fills; None for a sixtieth of its
+            longest edge, a twentieth where those would be too many [m].
+
+    Raises:
+        ShapeError: it cannot be used; names the file and what to do.
+    """
+    content = read_mesh_bytes(path)
+    return _form(
+        path, sha256(content).hexdigest(), scale, within, content=_Unseen(content)
+    )
+
+
+class _Unseen:
+    """The bytes of a file, which its hash stands for where answers are looked up."""
+
+    def __init__(self, content: bytes) -> None:
+        self.content = content
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Unseen)
+
+    def __hash__(self) -> int:
+        return 0
+
+
+@lru_cache(maxsize=64)
+def _form(
+    path: Path, sha: str, scale: float | None, within: float | None, content: _Unseen
+) -> Mesh:
+    triangles = read_triangles(path, content.content, scale)
+    settings = f"{sha} {path.suffix.lower()} {scale} {within}".encode()
+    file = cache_folder() / f"{sha256(_VERSION + settings).hexdigest()}.npz"
+    cut = _remembered(file)
+    if cut is None:
+        try:
+            cut = _cut(triangles, within)
+        except ShapeError as error:
+            raise ShapeError(f"mesh {path}: {error.message}") from None
+        _remember(file, cut)
+    return Mesh(
+        readonly(triangles.vertices),
+        triangles.faces,
+        tuple(readonly(hull) for hull in cut.hulls),
+        cut.volume,
+        readonly(cut.centre),
+        cut.missed,
+        str(path),
+    )
+
+
+def _cut(triangles: Triangles, within: float | None) -> Cut:
+    """Return the pieces of a mesh: as true to it as asked, or as there may be pieces."""
+    if within is not None:
+        return cut_convex(triangles, within)
+    longest = float(np.ptp(triangles.vertices, axis=0).max())
+    for share in _SHARES[:-1]:
+        with suppress(TooManyPiecesError):
+            return cut_convex(triangles, share * longest)
+    return cut_convex(triangles, _SHARES[-1] * longest)
+
+
+def _remembered(file: Path) -> Cut | None:
+    try:
+        known = read_npz(read_file(file), kinds="if", most=LARGEST)
+        ends = np.cumsum(known["counts"])[:-1]
+        hulls = tuple(np.split(known["corners"], ends))
+        volume, missed = known["numbers"].tolist()
+        return Cut(hulls, volume, known["centre"], missed)
+    except NPZ_ERRORS:
+        return None
+
+
+def _remember(file: Path, cut: Cut) -> None:
+    """Write the pieces to the cache; where that is not possible, they are found anew."""
+    with suppress(OSError, OutputError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(file) as part:
+            np.savez_compressed(
+                part,
+                counts=np.array([len(hull) for hull in cut.hulls]),
+                corners=np.vstack(cut.hulls),
+                centre=cut.centre,
+                numbers=np.array([cut.volume, cut.missed]),
+            )
