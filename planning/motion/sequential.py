@@ -11,6 +11,8 @@ from planning.cell.workcell import Workcell, WorldState, start_state
 from planning.errors import TransitError
 from planning.geometry.scene_checker import SceneChecker
 from planning.motion.full_turns import take_near_turns
+from planning.motion.known_motions import FoundWay, KnownMotions, Way
+from planning.motion.known_scenes import Pairs
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.speed import SpeedModel, path_times, sample_path
 from planning.motion.transit import TransitPlanner
@@ -76,6 +78,7 @@ def plan_sequential(
     link_steps: Callable[[Sequence[StepTasks]], np.ndarray],
     settings: MotionSettings,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    known: KnownMotions | None = None,
 ) -> MotionPlan:
     """Plan the paths of all steps in order.
 
@@ -89,6 +92,8 @@ def plan_sequential(
         link_steps: returns all task dependencies, shape (e, 2), once every step is settled.
         settings: planners, speeds, attempts and seed.
         progress: called with the steps done and the steps in all.
+        known: what was found for other plans of the same cell and settings; what is found here
+            is added. The plan is the same with it and without.
 
     Raises:
         TransitError: no expansion of a step has a collision-free plan; names the task, the
@@ -104,7 +109,7 @@ def plan_sequential(
             turned, then_reached = take_near_turns(cell, expansion, reached)
             try:
                 here = cell_with_steps(cell, [turned])
-                done, after = _plan_step(here, turned, now, settings)
+                done, after = _plan_step(here, turned, now, settings, known)
             except TransitError as failure:
                 first_failure = first_failure or failure
                 continue
@@ -122,23 +127,15 @@ def plan_sequential(
 
 
 def _plan_step(
-    cell: Workcell, step: StepTasks, now: _Progress, settings: MotionSettings
+    cell: Workcell,
+    step: StepTasks,
+    now: _Progress,
+    settings: MotionSettings,
+    known: KnownMotions | None,
 ) -> tuple[list[TaskMotion], _Progress]:
     motions = []
     for task in step.tasks:
-        if task.kind == TRANSIT:
-            path = _plan_transit(cell, task, step.allowed, now, settings)
-            waypoints, times = sample_path(
-                path, settings.speeds[task.robot], settings.step
-            )
-        else:
-            waypoints = _check_skill(cell, task, step.allowed, now)
-            seconds = settings.seconds_of(cell, task)
-            times = (
-                path_times(waypoints, settings.speeds[task.robot])
-                if seconds is None
-                else _spread_over(waypoints, seconds)
-            )
+        waypoints, times = _way_of(cell, task, step.allowed, now, settings, known)
         motions.append(TaskMotion(waypoints, now.clock + times))
         state = apply_handlings(now.state, task.handlings)
         now = _Progress(
@@ -149,36 +146,84 @@ def _plan_step(
     return motions, now
 
 
-def _checker(
-    cell: Workcell,
-    task: Task,
-    state: WorldState,
-    allowed: Sequence[AllowedContact],
-    last_task: Mapping[str, int],
-) -> SceneChecker:
-    pairs = allowed_pairs(cell, state, task.robot, task.index, last_task, allowed)
-    return SceneChecker(cell, task.robot, state, pairs, margin=MARGIN)
-
-
-def _plan_transit(
+def _way_of(
     cell: Workcell,
     task: Task,
     allowed: Sequence[AllowedContact],
     now: _Progress,
     settings: MotionSettings,
+    known: KnownMotions | None,
+) -> Way:
+    """Return the way of a task, from what is known if it is."""
+    seed = (settings.seed * 1_000_003 + task.index) * 64
+    phases = _phases(cell, task, allowed, now)
+
+    def work_out() -> FoundWay:
+        if task.kind == TRANSIT:
+            path = _plan_transit(cell, task, phases[0], settings, seed)
+            speed = settings.speeds[task.robot]
+            return FoundWay(sample_path(path, speed, settings.step), len(path) <= 2)
+        return FoundWay(_skill_way(cell, task, phases, settings), plain=True)
+
+    if known is None:
+        return work_out().way
+    pairs = [phase.pairs for phase in phases]
+    scene = known.scenes.scene(cell, now.state, pairs, task.handlings)
+    moving = task.robot, task.kind, task.path.tobytes()
+    return known.way(moving, scene, seed, work_out)
+
+
+@dataclass(frozen=True)
+class _Phase:
+    """Part of a task within which nothing changes hands.
+
+    Attributes:
+        first: waypoint that it starts at, 0 for that before the task's path.
+        state: where everything is then.
+        pairs: who may touch whom.
+    """
+
+    first: int
+    state: WorldState
+    pairs: Pairs
+
+
+def _phases(
+    cell: Workcell, task: Task, allowed: Sequence[AllowedContact], now: _Progress
+) -> list[_Phase]:
+    """Return the phases of a task, one after another."""
+    found: list[_Phase] = []
+    state = now.state
+    handlings = () if task.kind == TRANSIT else task.handlings
+    for k in sorted({0, *(h.waypoint for h in handlings)}):
+        if k > 0:
+            state = move_robot(state, task.robot, task.path[k - 1])
+        state = apply_handlings(state, [h for h in handlings if h.waypoint == k])
+        pairs = allowed_pairs(
+            cell, state, task.robot, task.index, now.last_task, allowed
+        )
+        found.append(_Phase(k, state, pairs))
+    return found
+
+
+def _checker(cell: Workcell, task: Task, phase: _Phase) -> SceneChecker:
+    return SceneChecker(cell, task.robot, phase.state, phase.pairs, margin=MARGIN)
+
+
+def _plan_transit(
+    cell: Workcell, task: Task, phase: _Phase, settings: MotionSettings, seed: int
 ) -> Array:
-    start = now.state.configurations[task.robot]
+    start = phase.state.configurations[task.robot]
     goal = task.path[-1]
     if np.allclose(start, goal, rtol=0.0, atol=1e-9):
         return np.array([start])
-    checker = _checker(cell, task, now.state, allowed, now.last_task)
+    checker = _checker(cell, task, phase)
     for end, q in (("start", start), ("goal", goal)):
         contact = checker.contact(q)
         if contact is not None:
             raise TransitError(f"{_name(task)}: at its {end}, {contact}")
     for attempt in range(settings.attempts):
-        seed = (settings.seed * 1_000_003 + task.index) * 64 + attempt
-        path = settings.planners[task.robot].plan(checker, start, goal, seed)
+        path = settings.planners[task.robot].plan(checker, start, goal, seed + attempt)
         if path is not None:
             return path
     raise TransitError(
@@ -186,17 +231,24 @@ def _plan_transit(
     )
 
 
-def _check_skill(
-    cell: Workcell, task: Task, allowed: Sequence[AllowedContact], now: _Progress
-) -> Array:
+def _skill_way(
+    cell: Workcell, task: Task, phases: Sequence[_Phase], settings: MotionSettings
+) -> Way:
+    waypoints = _check_skill(cell, task, phases)
+    seconds = settings.seconds_of(cell, task)
+    if seconds is None:
+        return waypoints, path_times(waypoints, settings.speeds[task.robot])
+    return waypoints, _spread_over(waypoints, seconds)
+
+
+def _check_skill(cell: Workcell, task: Task, phases: Sequence[_Phase]) -> Array:
     """Return the reference path with its start, after checking every stretch of it."""
-    path = np.vstack([now.state.configurations[task.robot], task.path])
-    state = now.state
+    start = phases[0].state.configurations[task.robot]
+    path = np.vstack([start, task.path])
+    phase_at = {phase.first: phase for phase in phases}
     for k in range(len(path)):
-        due = [h for h in task.handlings if h.waypoint == k]
-        state = apply_handlings(move_robot(state, task.robot, path[k]), due)
-        if k == 0 or due:
-            checker = _checker(cell, task, state, allowed, now.last_task)
+        if k in phase_at:
+            checker = _checker(cell, task, phase_at[k])
         if k + 1 < len(path) and not checker.motion_free(path[k], path[k + 1]):
             contact = checker.contact(path[k + 1]) or checker.contact(path[k])
             why = f", {contact}" if contact else " between two free subgoals"

@@ -8,6 +8,8 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.errors import PlanInvariantError, TransitError
+from planning.motion.known_motions import KnownMotions
+from planning.motion.known_scenes import KnownScenes
 from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings, plan_sequential
 from planning.tasks.assignment import TaskPlan
@@ -20,7 +22,8 @@ from scheduling.ordering.beam_search import TaskOrderSearch
 from scheduling.ordering.contents import KnownConflicts
 from scheduling.ordering.relations import TaskRelations
 from scheduling.ordering.reordering import find_blocks, put_in_order
-from scheduling.shortcuts.shortcutting import smooth_runs
+from scheduling.shortcuts.scenery import KnownShortcuts
+from scheduling.shortcuts.shortcutting import KnownBoards, smooth_runs
 
 _WIDTH = 8
 """Orders followed at once; the plan that is found is ordered again with care."""
@@ -71,6 +74,8 @@ class PlanRater:
         self._cell, self._work, self._settings = cell, work, settings
         self._shortcuts = shortcuts
         self._known = KnownConflicts()
+        self._motions = KnownMotions()
+        self._boards = KnownBoards(KnownShortcuts(KnownScenes(), settings.seed))
 
     def rate(self, plan: TaskPlan, worst_s: float = np.inf) -> RatedPlan | None:
         """Plan the motions of a plan and rate them; None where there are none.
@@ -82,7 +87,11 @@ class PlanRater:
         steps = StepExpansions(self._work, plan)
         try:
             motions = plan_sequential(
-                self._cell, steps.callables(), self._work.link, self._settings
+                self._cell,
+                steps.callables(),
+                self._work.link,
+                self._settings,
+                known=self._motions,
             )
             return self.rate_motions(steps.plan, motions, worst_s)
         except (TransitError, PlanInvariantError):
@@ -109,7 +118,9 @@ class PlanRater:
         if self._shortcuts:
             speeds, step = self._settings.speeds, self._settings.step
             seed = self._settings.seed
-            graph = smooth_runs(graph.tpg, speeds, step=step, seed=seed)
+            graph = smooth_runs(
+                graph.tpg, speeds, step=step, seed=seed, known=self._boards
+            )
         makespan = float(graph.rollout.makespan)
         return RatedPlan(plan, motions, by_home, makespan, _critical_steps(graph))
 

@@ -1,8 +1,7 @@
 """Conflicts of replacement nodes with other robots' nodes, and the edges they require.
 
 New nodes are checked against every node of another robot that is not ordered with all of them
-already, against robots that stand meanwhile and objects at rest, and, by the scene checker,
-against what never moves. Of two that conflict, the one that is earlier in the total order goes
+already, against robots that stand meanwhile and objects at rest; ``scenery`` knows what never moves. Of two that conflict, the one that is earlier in the total order goes
 first; a new node has the place of the one that it replaces.
 """
 
@@ -10,18 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from planning.cell.workcell import Attachment, Workcell, WorldState
-from planning.geometry.scene_checker import SceneChecker
-from planning.motion.sequential import MARGIN
-from planning.transforms import Array, Indices
+from planning.transforms import Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.conflicts.object_spans import Rest, while_at_rest
-from scheduling.conflicts.occupancy import Occupancy
+from scheduling.conflicts.object_spans import while_at_rest
+from scheduling.conflicts.stretches import (
+    Stretch,
+    StretchConflicts,
+    holds_stretch,
+    nodes_stretch,
+    rest_stretch,
+)
 from scheduling.shortcuts.rewiring import Edge, Swap
 
 
@@ -36,11 +36,11 @@ class Rivals:
         graph: the graph.
         pieces: occupancies of its chains.
         swap: the nodes that are to be replaced.
-        new: what the new nodes occupy, numbered from 0.
+        new: the new nodes, numbered from 0.
     """
 
     def __init__(
-        self, graph: DerivedTpg, pieces: Pieces, swap: Swap, new: Occupancy
+        self, graph: DerivedTpg, pieces: Pieces, swap: Swap, new: Stretch
     ) -> None:
         self._graph, self._pieces, self._swap, self._new = graph, pieces, swap, new
         chain, first, last = swap.chain, swap.first, swap.last
@@ -84,30 +84,31 @@ class Rivals:
     def _go_first(self, other: int, first: int, turn: Indices) -> list[Edge]:
         """Return edges from nodes of another robot from ``first`` up to each new node's turn."""
         edges, chain, at_least = [], self._swap.chain, self._swap.first
+        search = self._pieces.conflicts.search
         between = self._pieces.between(self._graph, other, first, int(turn[-1]))
         for at, piece in between:
             floor = np.full(self._swap.count, first - 1 - at)
             limit = np.minimum(turn - at, piece.nodes)
-            for v, u in self._graph.conflicts(self._new, piece, floor, limit):
+            for v, u in search(self._graph, self._new, piece, floor, limit):
                 edges.append((other, at + u, chain, at_least + v))
         return edges
 
     def _wait(self, other: int, turn: Indices, stop: int) -> list[Edge]:
         """Return edges to nodes of another robot from each new node's turn up to ``stop``."""
-        edges, swap = [], self._swap
+        edges, swap, search = [], self._swap, self._pieces.conflicts.search
         for at, piece in self._pieces.between(self._graph, other, int(turn[0]), stop):
             nodes = at + np.arange(piece.nodes)
             inside = nodes < stop
             asked = np.searchsorted(turn, nodes, side="right")
             floor = np.where(inside, -1, swap.count)
             limit = np.where(inside, asked, swap.count)
-            for w, x in self._graph.conflicts(piece, self._new, floor, limit):
+            for w, x in search(self._graph, piece, self._new, floor, limit):
                 edges.append((swap.chain, swap.first + x, other, at + w))
         return edges
 
 
 def stands_stay_clear(
-    graph: DerivedTpg, pieces: Pieces, swap: Swap, new: Occupancy
+    graph: DerivedTpg, pieces: Pieces, swap: Swap, new: Stretch
 ) -> bool:
     """Tell whether new nodes and robots that stand keep apart, in the graph that has them.
 
@@ -119,17 +120,19 @@ def stands_stay_clear(
         graph: with the new nodes.
         pieces: occupancies of its chains; those of the new nodes' chain are not looked at.
         swap: the new nodes.
-        new: what they occupy, numbered from 0.
+        new: the same, numbered from 0.
     """
     return all(
-        _clear_of_stands(graph, swap, new, other)
+        _clear_of_stands(graph, pieces, swap, new, other)
         and _stand_clear(graph, pieces, swap, other)
         for other in range(len(graph.tpg.chains))
         if other != swap.chain
-    ) and _gifts_stay_clear(graph, swap, new)
+    ) and _gifts_stay_clear(graph, pieces, swap, new)
 
 
-def _clear_of_stands(graph: DerivedTpg, swap: Swap, new: Occupancy, other: int) -> bool:
+def _clear_of_stands(
+    graph: DerivedTpg, pieces: Pieces, swap: Swap, new: Stretch, other: int
+) -> bool:
     """Tell whether new nodes keep clear of another robot wherever it stands meanwhile."""
     nodes = np.arange(swap.first, swap.first + swap.count)
     before = graph.order.of(swap.chain)[nodes, other]
@@ -139,8 +142,8 @@ def _clear_of_stands(graph: DerivedTpg, swap: Swap, new: Occupancy, other: int) 
         from_here = np.flatnonzero(stands & (after == hold))[0]
         limit = (np.arange(swap.count) >= from_here).astype(np.int64)
         floor = np.full(swap.count, -1)
-        standing = graph.holds(other, np.array([hold]))
-        if graph.first_conflict(new, standing, floor, limit) is not None:
+        standing = holds_stretch(graph, other, np.array([hold]))
+        if not pieces.conflicts.are_clear(graph, new, standing, floor, limit):
             return False
     return True
 
@@ -159,17 +162,18 @@ def _stand_clear(graph: DerivedTpg, pieces: Pieces, swap: Swap, other: int) -> b
     if not np.any(met):
         return True
     first, stop = first[met], stop[met]
-    standing = graph.holds(chain, holds[met])
+    standing = holds_stretch(graph, chain, holds[met])
     return all(
-        graph.first_conflict(
-            standing, piece, first - 1 - at, np.minimum(stop - at, piece.nodes)
+        pieces.conflicts.are_clear(
+            graph, standing, piece, first - 1 - at, np.minimum(stop - at, piece.nodes)
         )
-        is None
         for at, piece in pieces.between(graph, other, int(first[0]), int(stop[-1]))
     )
 
 
-def _gifts_stay_clear(graph: DerivedTpg, swap: Swap, new: Occupancy) -> bool:
+def _gifts_stay_clear(
+    graph: DerivedTpg, pieces: Pieces, swap: Swap, new: Stretch
+) -> bool:
     """Tell whether new nodes keep clear of objects handed to robots that stand.
 
     Such an object is in the robot's hand only from its next node on: its stand does not show it.
@@ -183,7 +187,9 @@ def _gifts_stay_clear(graph: DerivedTpg, swap: Swap, new: Occupancy) -> bool:
         if floor + 1 >= limit:
             continue
         window = np.full(1, floor), np.full(1, limit)
-        if graph.first_conflict(graph.rest(rest), new, *window) is not None:
+        if not pieces.conflicts.are_clear(
+            graph, rest_stretch(graph, rest), new, *window
+        ):
             return False
     return True
 
@@ -198,11 +204,18 @@ class Pieces:
     Args:
         lengths: number of nodes of each chain.
         cuts: per chain, nodes at which a piece has to start.
+        conflicts: searches conflicts between pieces and others, or knows them already.
     """
 
-    def __init__(self, lengths: Sequence[int], cuts: Sequence[Sequence[int]]) -> None:
+    def __init__(
+        self,
+        lengths: Sequence[int],
+        cuts: Sequence[Sequence[int]],
+        conflicts: StretchConflicts,
+    ) -> None:
+        self.conflicts = conflicts
         self._sizes: list[list[int]] = []
-        self._built: list[list[Occupancy | None]] = []
+        self._built: list[list[Stretch | None]] = []
         for length, wanted in zip(lengths, cuts, strict=True):
             sizes = []
             for lo, hi in pairwise(sorted({0, *wanted, length})):
@@ -214,8 +227,8 @@ class Pieces:
 
     def between(
         self, graph: DerivedTpg, chain: int, first: int, stop: int
-    ) -> Iterator[tuple[int, Occupancy]]:
-        """Yield the first node and the occupancy of every piece with nodes in a range.
+    ) -> Iterator[tuple[int, Stretch]]:
+        """Yield the first node of every piece with nodes in a range, and the piece.
 
         Args:
             graph: as it is now.
@@ -229,7 +242,7 @@ class Pieces:
                 return
             built = self._built[chain][piece]
             if built is None:
-                built = graph.occupancy(chain, at, end)
+                built = nodes_stretch(graph, chain, at, end)
                 self._built[chain][piece] = built
             yield at, built
 
@@ -242,121 +255,3 @@ class Pieces:
 
     def _starts(self, chain: int) -> Indices:
         return np.cumsum([0, *self._sizes[chain]])
-
-
-class Scenery:
-    """Checks paths that are to take the place of nodes; remembers the scenes."""
-
-    def __init__(self) -> None:
-        self._checkers: dict[object, SceneChecker] = {}
-        self._rests: _Rests | None = None
-
-    def free(
-        self, graph: DerivedTpg, index: int, first: int, last: int, path: Array
-    ) -> bool:
-        """Tell whether a path is free in place of some nodes.
-
-        Args:
-            graph: as it is.
-            index: chain of the nodes.
-            first, last: the nodes.
-            path: polyline, shape (w, n).
-        """
-        checker = self.checker(graph, index, first, last)
-        return all(checker.motion_free(a, b) for a, b in pairwise(path))
-
-    def checker(
-        self, graph: DerivedTpg, index: int, first: int, last: int
-    ) -> SceneChecker:
-        """Return a checker against all that never moves while some nodes are under way.
-
-        Args:
-            graph: as it is.
-            index: chain of the nodes.
-            first, last: the nodes.
-        """
-        chain = graph.tpg.chains[index]
-        present = self._present(graph, index, first, last)
-        tasks = frozenset(chain.task[first : last + 1].tolist())
-        # Within the tasks of a run, a robot carries the same.
-        key = (index, tasks, present.tobytes())
-        checker = self._checkers.get(key)
-        if checker is None:
-            rests = graph.history.rests
-            there = tuple(rests[k] for k in np.flatnonzero(present).tolist())
-            checker = _checker(graph, index, first, tasks, there)
-            self._checkers[key] = checker
-        return checker
-
-    def _present(
-        self, graph: DerivedTpg, index: int, first: int, last: int
-    ) -> npt.NDArray[np.bool_]:
-        """Return which rests may be there while nodes are under way."""
-        if self._rests is None:
-            self._rests = _Rests.of(graph)
-        lying, after, before = self._rests
-        order = graph.order
-        late = order.clock[order.first[after[:, 0]] + after[:, 1], index] >= last
-        waits_for = order.of(index)[first - 1]
-        gone = waits_for[before[:, 0]] >= before[:, 1]
-        gone |= (before == (index, first - 1)).all(axis=1)
-        late &= after[:, 1] >= 0
-        gone &= before[:, 1] >= 0
-        return np.asarray(lying & ~late & ~gone)
-
-
-class _Rests(NamedTuple):
-    """Between which nodes objects are at rest, one row a rest.
-
-    Attributes:
-        lying: True for those that are in no robot's hand, shape (rests,).
-        after, before: chain and node that leaves an object there and that takes it away, node
-            -1 for none, shape (rests, 2).
-    """
-
-    lying: npt.NDArray[np.bool_]
-    after: Indices
-    before: Indices
-
-    @staticmethod
-    def of(graph: DerivedTpg) -> _Rests:
-        """Return those of a graph."""
-        rests = graph.history.rests
-        after = [rest.after or (0, -1) for rest in rests]
-        before = [rest.before or (0, -1) for rest in rests]
-        return _Rests(
-            np.array([rest.holder is None for rest in rests], dtype=np.bool_),
-            np.array(after, dtype=np.int64).reshape(-1, 2),
-            np.array(before, dtype=np.int64).reshape(-1, 2),
-        )
-
-
-def _checker(
-    graph: DerivedTpg,
-    index: int,
-    first: int,
-    tasks: frozenset[int],
-    present: tuple[Rest, ...],
-) -> SceneChecker:
-    """Return a checker against all that does not move: no robot that has nodes."""
-    tpg = graph.tpg
-    robot = tpg.chains[index].robot
-    busy = tpg.chain_index
-    handled = {handling.object for handling in tpg.handlings}
-    attachments = {
-        item.name: Attachment(None, item.start)
-        for item in tpg.cell.objects
-        if item.name not in handled and item.start is not None
-    }
-    for rest in present:
-        attachments[rest.object] = Attachment(None, rest.pose)
-    for span in graph.spans[index]:
-        if span.carried and span.start <= (first, 0) < span.end:
-            attachments[span.object] = Attachment(robot, span.pose)
-    robots = tuple(r for r in tpg.cell.robots if r.name == robot or r.name not in busy)
-    cell = Workcell(robots, tpg.cell.fixtures, tpg.cell.objects, tpg.cell.clearances)
-    state = WorldState({r.name: r.home for r in robots}, attachments)
-    allowed = frozenset(
-        frozenset((c.first, c.second)) for c in tpg.allowed if tasks <= c.tasks
-    )
-    return SceneChecker(cell, robot, state, allowed, margin=MARGIN)

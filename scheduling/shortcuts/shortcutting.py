@@ -12,13 +12,18 @@ after a number of them, never by the clock: the same seed gives the same plan.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from planning.motion.speed import SpeedModel, path_duration
-from planning.motion.transit import smooth_path
 from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.conflicts.stretches import (
+    KnownStretchConflicts,
+    StretchConflicts,
+    nodes_stretch,
+)
 from scheduling.graph.rollout import latest_ends
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
@@ -35,7 +40,6 @@ from scheduling.shortcuts.joining import join_nodes
 from scheduling.shortcuts.replacement_check import (
     Pieces,
     Rivals,
-    Scenery,
     stands_stay_clear,
 )
 from scheduling.shortcuts.rewiring import (
@@ -46,6 +50,7 @@ from scheduling.shortcuts.rewiring import (
     in_order,
     rewire,
 )
+from scheduling.shortcuts.scenery import KnownShortcuts, Scenery
 
 _LATER = 1e-9
 """Makespans that differ by less are the same [s]."""
@@ -61,9 +66,6 @@ _WORTH = 3e-4
 
 _FEWEST = 500
 """Least number of candidates in a window."""
-
-_SMOOTHING = 40
-"""Tries to smooth a run, or a part of one, as a whole."""
 
 _QUICK = 8
 """Most candidates for each run in a quick look ahead."""
@@ -127,18 +129,34 @@ def smooth_runs(
     *,
     step: float,
     seed: int = 0,
+    known: KnownBoards | None = None,
 ) -> DerivedTpg:
     """Return a graph with the runs that matter smoothed as a whole, once: a quick look ahead.
 
-    It has not been checked as ``shorten_tpg`` does, whose arguments these are.
+    It has not been checked as ``shorten_tpg`` does, whose arguments these are. With ``known``, what
+    was found for other graphs of the same cell and speeds, each path is smoothed with draws of its
+    own, and what is found is added.
     """
-    board = Board(tpg, speeds, step, passes=1)
+    board = Board(tpg, speeds, step, passes=1, known=known)
     rng = np.random.default_rng(seed)
     for _ in range(_QUICK * len(board.spans)):
         if board.searched:
             break
         board.step(rng)
     return board.graph
+
+
+@dataclass(frozen=True)
+class KnownBoards:
+    """What was found while the graphs of one cell were shortened.
+
+    Attributes:
+        ways: smoothed paths.
+        conflicts: between new nodes and others.
+    """
+
+    ways: KnownShortcuts
+    conflicts: KnownStretchConflicts = field(default_factory=KnownStretchConflicts)
 
 
 Candidate = tuple[int, int, int, Array]
@@ -153,6 +171,7 @@ class Board:
         speeds: speed model of each robot.
         step: longest time between pose nodes [s].
         passes: how often each run is smoothed as a whole.
+        known: what was found for other graphs, None to find all anew.
 
     Attributes:
         graph: as it is now.
@@ -167,16 +186,18 @@ class Board:
         step: float,
         *,
         passes: int = _PASSES,
+        known: KnownBoards | None = None,
     ) -> None:
         self.graph = DerivedTpg(tpg)
         self.spans = find_spans(self.graph)
         self._speeds = speeds
         self._step = step
-        self._scenery = Scenery()
+        self._scenery = Scenery(None if known is None else known.ways)
         cuts: list[list[int]] = [[] for _ in tpg.chains]
         for span in self.spans:
             cuts[span.chain] += [span.first, span.last + 1]
-        self._pieces = Pieces([len(chain) for chain in tpg.chains], cuts)
+        conflicts = StretchConflicts() if known is None else known.conflicts
+        self._pieces = Pieces([len(chain) for chain in tpg.chains], cuts, conflicts)
         self.window = max(_FEWEST, len(self.spans) // 2)
         self._least = max(_GAIN, _LEAST * self.makespan)
         self._tried: set[int] = set()
@@ -270,10 +291,10 @@ class Board:
         chain = self.spans[which].chain
         if self._most_saved(chain, first, last) < self._least:
             return None
-        checker = self._scenery.checker(self.graph, chain, first, last)
+        amid = self._scenery.amid(self.graph, chain, first, last)
         speed = self._speeds[self.graph.tpg.chains[chain].robot]
         old = corners(self._way(chain, first, last))
-        path = smooth_path(checker, old, speed, rng, _SMOOTHING)
+        path = self._scenery.smoothed(amid, old, speed, rng)
         return self._gaining(which, first, last, path)
 
     def _split(self, which: int, first: int, last: int) -> None:
@@ -328,8 +349,8 @@ class Board:
         if new is None:
             return False
         swap = Swap(index, first, last, len(new))
-        occupancy = graph.occupancy(index, first, last + 1, new)
-        rivals = Rivals(graph, self._pieces, swap, occupancy)
+        stretch = nodes_stretch(graph, index, first, last + 1, new)
+        rivals = Rivals(graph, self._pieces, swap, stretch)
         # Elsewhere in the order is worth a search for what may gain much.
         choice = rivals.choice and self._smoothing
         places = (IN_PLACE, LATE, EARLY) if choice else (IN_PLACE,)
@@ -340,7 +361,7 @@ class Board:
             candidate = rewire(ordered, swap, new, rivals.edges(ordered))
             if self._late(candidate):
                 continue
-            if stands_stay_clear(candidate, self._pieces, swap, occupancy):
+            if stands_stay_clear(candidate, self._pieces, swap, stretch):
                 self._take(candidate, which, swap)
                 return True
         return False

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from planning.errors import ScenarioError
+from planning.motion.motion_plan import MotionPlan
 from planning.tasks.assignment import AssignmentProblem, TaskPlan
 from scheduling.improvement.neighbours import draw_neighbour
 from scheduling.improvement.rated_plans import PlanRater, RatedPlan
@@ -73,6 +74,14 @@ def _walk(problem: AssignmentProblem, plan: TaskPlan, steps: int) -> list[TaskPl
     return plans
 
 
+def _same_motions(a: MotionPlan, b: MotionPlan) -> None:
+    assert [task.label for task in a.tasks] == [task.label for task in b.tasks]
+    assert a.allowed == b.allowed
+    for one, other in zip(a.motions, b.motions, strict=True):
+        assert np.array_equal(one.path, other.path)
+        assert np.array_equal(one.time, other.time)
+
+
 def _obeys(problem: AssignmentProblem, plan: TaskPlan) -> bool:
     """Tell whether a plan keeps (2) to (6) and what stands on what in the stock."""
     used: list[str] = []
@@ -102,6 +111,7 @@ def test_what_is_known_of_other_plans_changes_no_rating(first: PlannedMotions) -
             assert known.by_home_s == fresh.by_home_s
             assert known.makespan_s == fresh.makespan_s
             assert known.critical == fresh.critical
+            _same_motions(known.motion_plan, fresh.motion_plan)
             if not shortcuts:
                 # The graph built from scratch says what the search among orders said.
                 assert known.makespan_s == pytest.approx(known.by_home_s, abs=1e-6)

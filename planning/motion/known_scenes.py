@@ -1,0 +1,113 @@
+"""Scenes that a robot moves in, told apart by shapes and places and not by the names of objects."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+
+from planning.cell.workcell import Attachment, CellObject, Workcell, WorldState
+from planning.tasks.task import Handling
+from planning.transforms import Array
+
+Pairs = frozenset[frozenset[str]]
+"""Unordered pairs of entities that may touch."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a robot moves amid.
+
+    Attributes:
+        amid: other robots, what is in hands, what may be touched, and what changes hands.
+        standing: numbers of all else at rest, by shape and place.
+    """
+
+    amid: Hashable
+    standing: frozenset[int]
+
+
+class KnownScenes:
+    """Numbers of shapes and places of one cell, and the scenes made of them."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[Hashable, int] = {}
+        self._shapes: dict[CellObject, int] = {}
+        self._objects: tuple[tuple[CellObject, ...], dict[str, CellObject]] = (), {}
+        self._rest: tuple[Mapping[str, Attachment], dict[str, int]] = {}, {}
+
+    def scene(
+        self,
+        cell: Workcell,
+        state: WorldState,
+        allowed: Sequence[Pairs],
+        handlings: Sequence[Handling] = (),
+    ) -> Scene:
+        """Return the scene of a state.
+
+        Args:
+            cell: with all objects.
+            state: where everything is at first.
+            allowed: who may touch whom, at first and each time that something changes hands.
+            handlings: what changes hands.
+        """
+        objects, at_rest = self._objects_of(cell), self._at_rest(cell, state)
+        special = {n for pairs in allowed for pair in pairs for n in pair}
+        special |= {handling.object for handling in handlings}
+        special |= state.attachments.keys() - at_rest.keys()
+        special &= objects.keys()
+        # Objects are told apart by where they are.
+        things = sorted(
+            (_place(state.attachments.get(name)), self._shape(objects[name]), name)
+            for name in special
+        )
+        role = {name: f"{k}" for k, (_, _, name) in enumerate(things)}
+        amid = (
+            _joint_values(state.configurations),
+            tuple((place, shape) for place, shape, _ in things),
+            tuple(
+                (role[h.object], h.waypoint, h.holder, h.pose.tobytes())
+                for h in handlings
+            ),
+            tuple(
+                frozenset(frozenset(role.get(n, n) for n in pair) for pair in pairs)
+                for pairs in allowed
+            ),
+        )
+        standing = [number for name, number in at_rest.items() if name not in special]
+        return Scene(amid, frozenset(standing))
+
+    def _objects_of(self, cell: Workcell) -> dict[str, CellObject]:
+        if cell.objects is not self._objects[0]:
+            self._objects = cell.objects, {item.name: item for item in cell.objects}
+        return self._objects[1]
+
+    def _at_rest(self, cell: Workcell, state: WorldState) -> dict[str, int]:
+        """Return the numbers of the objects at rest, by their names."""
+        if state.attachments is not self._rest[0]:
+            objects = self._objects_of(cell)
+            found = {
+                name: self._number((self._shape(objects[name]), at.pose.tobytes()))
+                for name, at in state.attachments.items()
+                if at.holder is None
+            }
+            self._rest = state.attachments, found
+        return self._rest[1]
+
+    def _number(self, thing: Hashable) -> int:
+        return self._numbers.setdefault(thing, len(self._numbers))
+
+    def _shape(self, item: CellObject) -> int:
+        """Return a number that objects of one shape have in common."""
+        known = self._shapes.get(item)
+        if known is None:
+            known = self._number((item.kind, item.body.vertices.tobytes()))
+            self._shapes[item] = known
+        return known
+
+
+def _joint_values(configurations: Mapping[str, Array]) -> Hashable:
+    return tuple((name, q.tobytes()) for name, q in configurations.items())
+
+
+def _place(at: Attachment | None) -> tuple[str, bytes]:
+    return ("absent", b"") if at is None else (at.holder or "", at.pose.tobytes())

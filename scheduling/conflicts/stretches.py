@@ -1,0 +1,243 @@
+"""Stretches of a graph, what they consist of and occupy, and how two of them get on.
+
+A stretch is some nodes of a chain, some holds of it, or an object at rest. Whether two of them
+conflict depends on what they consist of and who may touch whom in both, not on the graph.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from planning.kept_answers import KeptAnswers
+from planning.tasks.task import AllowedContact
+from planning.transforms import Indices
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.conflicts.object_spans import Moment, Rest
+from scheduling.conflicts.occupancy import Occupancy
+from scheduling.graph.temporal_plan_graph import NodeChain
+
+_MOST = 100_000
+"""Answers that are kept."""
+
+
+@dataclass
+class Stretch:
+    """Part of a graph that occupies space.
+
+    Attributes:
+        nodes: how many nodes of its own it has.
+        tasks: that it is part of, in order; None for what is part of all, an object at rest.
+        parts: returns what it consists of but for its tasks.
+        make: returns what it occupies.
+    """
+
+    nodes: int
+    tasks: tuple[int, ...] | None
+    parts: Callable[[], Iterable[bytes]]
+    make: Callable[[], Occupancy]
+
+    @cached_property
+    def occupancy(self) -> Occupancy:
+        """What it occupies, worked out when it is first asked for."""
+        return self.make()
+
+    @cached_property
+    def content(self) -> bytes:
+        """Digest of what it consists of."""
+        digest = hashlib.blake2b(digest_size=16)
+        for part in self.parts():
+            digest.update(part)
+        return digest.digest()
+
+
+def nodes_stretch(
+    graph: DerivedTpg,
+    chain: int,
+    first: int,
+    stop: int,
+    nodes: NodeChain | None = None,
+) -> Stretch:
+    """Return some nodes of a chain as a stretch, see ``DerivedTpg.occupancy``.
+
+    Args:
+        graph: the graph.
+        chain: the chain.
+        first, stop: its nodes ``range(first, stop)``.
+        nodes: others that take their place, and carry what they carry.
+    """
+    own = nodes or graph.tpg.chains[chain].cut(first, stop)
+    tasks = tuple(dict.fromkeys(own.task.tolist()))
+
+    def moment(at: Moment) -> Moment:
+        return min(max(at, (first, 0)), (stop, 0))
+
+    def parts() -> Iterable[bytes]:
+        yield repr((own.robot, len(own), len(own.waypoints))).encode()
+        yield own.start.tobytes()
+        yield own.waypoints.tobytes()
+        yield own.first.tobytes()
+        yield (own.task[1:] != own.task[:-1]).tobytes()
+        for span in graph.spans[chain]:
+            if span.start[0] < stop and span.end >= (first, 0):
+                (a, at_a), (b, at_b) = moment(span.start), moment(span.end)
+                when = a - first, at_a, b - first, at_b
+                yield repr((span.object, when, span.carried)).encode()
+                yield span.pose.tobytes()
+
+    return Stretch(
+        len(own), tasks, parts, lambda: graph.occupancy(chain, first, stop, nodes)
+    )
+
+
+def holds_stretch(graph: DerivedTpg, chain: int, holds: Indices) -> Stretch:
+    """Return some holds of a robot as a stretch, see ``hold_occupancy``."""
+    nodes, last = graph.tpg.chains[chain], len(graph.tpg.chains[chain]) - 1
+    beside = np.clip(np.stack([holds - 1, holds], axis=1), 0, last)
+    around = nodes.task[beside].ravel().tolist()
+    tasks = tuple(dict.fromkeys(around))
+
+    def parts() -> Iterable[bytes]:
+        yield repr(("holds", nodes.robot, len(holds))).encode()
+        before = nodes.waypoints[nodes.first[holds] - 1]
+        yield np.where((holds > 0)[:, None], before, nodes.start).tobytes()
+        yield repr([tasks.index(task) for task in around]).encode()
+        for span in graph.spans[chain]:
+            if span.carried:
+                inside = (holds > span.start[0]) & (holds <= span.end[0])
+                if np.any(inside):
+                    yield span.object.encode()
+                    yield inside.tobytes() + span.pose.tobytes()
+
+    return Stretch(len(holds), tasks, parts, lambda: graph.holds(chain, holds))
+
+
+def rest_stretch(graph: DerivedTpg, rest: Rest) -> Stretch:
+    """Return an object at rest as a stretch."""
+    return Stretch(
+        1,
+        None,
+        lambda: [b"rest", rest.object.encode(), rest.pose.tobytes()],
+        lambda: graph.rest(rest),
+    )
+
+
+class StretchConflicts:
+    """Conflicts of stretches, searched when they are asked for."""
+
+    def search(
+        self,
+        graph: DerivedTpg,
+        a: Stretch,
+        b: Stretch,
+        floor: Indices,
+        limit: Indices,
+    ) -> Sequence[tuple[int, int]]:
+        """Return conflicts (v, u) that imply all others, see ``search_conflicts``."""
+        return list(graph.conflicts(a.occupancy, b.occupancy, floor, limit))
+
+    def are_clear(
+        self,
+        graph: DerivedTpg,
+        a: Stretch,
+        b: Stretch,
+        floor: Indices,
+        limit: Indices,
+    ) -> bool:
+        """Tell whether none of the nodes asked for conflict, see ``search_conflicts``."""
+        found = graph.first_conflict(a.occupancy, b.occupancy, floor, limit)
+        return found is None
+
+
+class KnownStretchConflicts(StretchConflicts):
+    """Conflicts of stretches that are remembered, from one graph of a cell to the next."""
+
+    def __init__(self) -> None:
+        self._found: KeptAnswers[Sequence[tuple[int, int]]] = KeptAnswers(_MOST)
+        self._clear: KeptAnswers[bool] = KeptAnswers(_MOST)
+        self._allowed: tuple[AllowedContact, ...] = ()
+        self._of_task: dict[int, set[int]] = {}
+
+    def search(
+        self,
+        graph: DerivedTpg,
+        a: Stretch,
+        b: Stretch,
+        floor: Indices,
+        limit: Indices,
+    ) -> Sequence[tuple[int, int]]:
+        """Return conflicts (v, u) that imply all others, see ``search_conflicts``."""
+        floor, limit = np.maximum(floor, -1), np.minimum(limit, b.nodes)
+        if np.all(floor + 1 >= limit):
+            return ()
+        return self._found.get(
+            self._question(graph, a, b, floor, limit),
+            lambda: super(KnownStretchConflicts, self).search(
+                graph, a, b, floor, limit
+            ),
+        )
+
+    def are_clear(
+        self,
+        graph: DerivedTpg,
+        a: Stretch,
+        b: Stretch,
+        floor: Indices,
+        limit: Indices,
+    ) -> bool:
+        """Tell whether none of the nodes asked for conflict, see ``search_conflicts``."""
+        floor, limit = np.maximum(floor, -1), np.minimum(limit, b.nodes)
+        if np.all(floor + 1 >= limit):
+            return True
+        return self._clear.get(
+            self._question(graph, a, b, floor, limit),
+            lambda: super(KnownStretchConflicts, self).are_clear(
+                graph, a, b, floor, limit
+            ),
+        )
+
+    def _question(
+        self, graph: DerivedTpg, a: Stretch, b: Stretch, floor: Indices, limit: Indices
+    ) -> bytes:
+        digest = hashlib.blake2b(a.content, digest_size=16)
+        digest.update(b.content)
+        digest.update(floor.tobytes())
+        digest.update(limit.tobytes())
+        digest.update(self._contacts(graph, a, b))
+        return digest.digest()
+
+    def _contacts(self, graph: DerivedTpg, a: Stretch, b: Stretch) -> bytes:
+        """Return who may touch whom in which tasks of both."""
+        allowed = graph.tpg.allowed
+        if allowed is not self._allowed:
+            self._allowed, self._of_task = allowed, defaultdict(set)
+            for k, contact in enumerate(allowed):
+                for task in contact.tasks:
+                    self._of_task[task].add(k)
+        both = set.intersection(
+            *(self._entries(s.tasks) for s in (a, b) if s.tasks is not None)
+        )
+        if not both:
+            return b""
+        names = sorted(
+            (
+                allowed[k].first,
+                allowed[k].second,
+                *(_listed(allowed[k], s) for s in (a, b)),
+            )
+            for k in both
+        )
+        return repr(names).encode()
+
+    def _entries(self, tasks: Iterable[int]) -> set[int]:
+        return set[int]().union(*(self._of_task.get(task, ()) for task in tasks))
+
+
+def _listed(contact: AllowedContact, stretch: Stretch) -> tuple[bool, ...]:
+    """Return for each task of a stretch whether a contact is allowed in it."""
+    return tuple(task in contact.tasks for task in stretch.tasks or ())

@@ -1,0 +1,231 @@
+"""What never moves around nodes that are to be replaced, and ways through it."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+from zlib import crc32
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.cell.workcell import Attachment, Workcell, WorldState
+from planning.geometry.scene_checker import SceneChecker
+from planning.kept_answers import KeptAnswers
+from planning.motion.known_scenes import KnownScenes, Pairs
+from planning.motion.sequential import MARGIN
+from planning.motion.speed import SpeedModel
+from planning.motion.transit import smooth_path
+from planning.transforms import Array, Indices
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.conflicts.object_spans import Rest
+
+_SMOOTHING = 40
+"""Tries to smooth a run, or a part of one, as a whole."""
+
+_MOST = 20_000
+"""Ways that are kept."""
+
+
+@dataclass(frozen=True)
+class Amid:
+    """A robot that moves while nothing else does.
+
+    Attributes:
+        cell: without the robots that have nodes of their own.
+        robot: its name.
+        state: what is where.
+        allowed: who may touch whom.
+    """
+
+    cell: Workcell
+    robot: str
+    state: WorldState
+    allowed: Pairs
+
+    @cached_property
+    def checker(self) -> SceneChecker:
+        """Checks its motions."""
+        return SceneChecker(
+            self.cell, self.robot, self.state, self.allowed, margin=MARGIN
+        )
+
+    def smoothed(
+        self, path: Array, speed: SpeedModel, rng: np.random.Generator
+    ) -> Array:
+        """Return a path as short as it is made in a few tries."""
+        return smooth_path(self.checker, path, speed, rng, _SMOOTHING)
+
+    def free(self, path: Array) -> bool:
+        """Tell whether a polyline, shape (w, n), is free."""
+        return all(self.checker.motion_free(a, b) for a, b in pairwise(path))
+
+
+@dataclass(frozen=True)
+class KnownShortcuts:
+    """What was smoothed for plans of one cell with the same speeds, and what was free.
+
+    Attributes:
+        scenes: that robots moved in.
+        seed: of the smoothing. A path is smoothed the same way in the same scene.
+    """
+
+    scenes: KnownScenes
+    seed: int
+    _smoothed: KeptAnswers[Array] = field(default_factory=lambda: KeptAnswers(_MOST))
+    _free: KeptAnswers[bool] = field(default_factory=lambda: KeptAnswers(_MOST))
+
+    def smoothed(self, amid: Amid, path: Array, speed: SpeedModel) -> Array:
+        """Return a path as short as it is made in a few tries."""
+        text = path.tobytes()
+        rng = np.random.default_rng([self.seed, crc32(text)])
+        return self._smoothed.get(
+            (self._scene(amid), text), lambda: amid.smoothed(path, speed, rng)
+        )
+
+    def free(self, amid: Amid, path: Array) -> bool:
+        """Tell whether a polyline, shape (w, n), is free."""
+        key = self._scene(amid), path.tobytes()
+        return self._free.get(key, lambda: amid.free(path))
+
+    def _scene(self, amid: Amid) -> Hashable:
+        scene = self.scenes.scene(amid.cell, amid.state, [amid.allowed])
+        return amid.robot, scene
+
+
+class Scenery:
+    """What never moves around nodes that are to be replaced; remembers it.
+
+    Args:
+        known: what was found in the same scenes before, None to find it anew.
+    """
+
+    def __init__(self, known: KnownShortcuts | None = None) -> None:
+        self._known = known
+        self._amid: dict[object, Amid] = {}
+        self._rests: _Rests | None = None
+
+    def free(
+        self, graph: DerivedTpg, index: int, first: int, last: int, path: Array
+    ) -> bool:
+        """Tell whether a path is free in place of some nodes.
+
+        Args:
+            graph: as it is.
+            index: chain of the nodes.
+            first, last: the nodes.
+            path: polyline, shape (w, n).
+        """
+        amid = self.amid(graph, index, first, last)
+        return amid.free(path) if self._known is None else self._known.free(amid, path)
+
+    def smoothed(
+        self, amid: Amid, path: Array, speed: SpeedModel, rng: np.random.Generator
+    ) -> Array:
+        """Return a path as short as it can be made where nothing but what stands counts.
+
+        Args:
+            amid: what stands.
+            path: polyline, shape (w, n).
+            speed: what decides which path is faster.
+            rng: of the tries; where paths are known each has its own.
+        """
+        if self._known is None:
+            return amid.smoothed(path, speed, rng)
+        return self._known.smoothed(amid, path, speed)
+
+    def amid(self, graph: DerivedTpg, index: int, first: int, last: int) -> Amid:
+        """Return all that never moves while some nodes are under way.
+
+        Args:
+            graph: as it is.
+            index: chain of the nodes.
+            first, last: the nodes.
+        """
+        chain = graph.tpg.chains[index]
+        present = self._present(graph, index, first, last)
+        tasks = frozenset(chain.task[first : last + 1].tolist())
+        # Within the tasks of a run, a robot carries the same.
+        key = (index, tasks, present.tobytes())
+        amid = self._amid.get(key)
+        if amid is None:
+            rests = graph.history.rests
+            there = tuple(rests[k] for k in np.flatnonzero(present).tolist())
+            amid = self._amid[key] = _amid(graph, index, first, tasks, there)
+        return amid
+
+    def _present(
+        self, graph: DerivedTpg, index: int, first: int, last: int
+    ) -> npt.NDArray[np.bool_]:
+        """Return which rests may be there while nodes are under way."""
+        if self._rests is None:
+            self._rests = _Rests.of(graph)
+        lying, after, before = self._rests
+        order = graph.order
+        late = order.clock[order.first[after[:, 0]] + after[:, 1], index] >= last
+        waits_for = order.of(index)[first - 1]
+        gone = waits_for[before[:, 0]] >= before[:, 1]
+        gone |= (before == (index, first - 1)).all(axis=1)
+        late &= after[:, 1] >= 0
+        gone &= before[:, 1] >= 0
+        return np.asarray(lying & ~late & ~gone)
+
+
+class _Rests(NamedTuple):
+    """Between which nodes objects are at rest, one row a rest.
+
+    Attributes:
+        lying: True for those that are in no robot's hand, shape (rests,).
+        after, before: chain and node that leaves an object there and that takes it away, node
+            -1 for none, shape (rests, 2).
+    """
+
+    lying: npt.NDArray[np.bool_]
+    after: Indices
+    before: Indices
+
+    @staticmethod
+    def of(graph: DerivedTpg) -> _Rests:
+        """Return those of a graph."""
+        rests = graph.history.rests
+        after = [rest.after or (0, -1) for rest in rests]
+        before = [rest.before or (0, -1) for rest in rests]
+        return _Rests(
+            np.array([rest.holder is None for rest in rests], dtype=np.bool_),
+            np.array(after, dtype=np.int64).reshape(-1, 2),
+            np.array(before, dtype=np.int64).reshape(-1, 2),
+        )
+
+
+def _amid(
+    graph: DerivedTpg,
+    index: int,
+    first: int,
+    tasks: frozenset[int],
+    present: tuple[Rest, ...],
+) -> Amid:
+    """Return all that does not move: no robot that has nodes."""
+    tpg = graph.tpg
+    robot = tpg.chains[index].robot
+    busy = tpg.chain_index
+    handled = {handling.object for handling in tpg.handlings}
+    attachments = {
+        item.name: Attachment(None, item.start)
+        for item in tpg.cell.objects
+        if item.name not in handled and item.start is not None
+    }
+    for rest in present:
+        attachments[rest.object] = Attachment(None, rest.pose)
+    for span in graph.spans[index]:
+        if span.carried and span.start <= (first, 0) < span.end:
+            attachments[span.object] = Attachment(robot, span.pose)
+    robots = tuple(r for r in tpg.cell.robots if r.name == robot or r.name not in busy)
+    cell = Workcell(robots, tpg.cell.fixtures, tpg.cell.objects, tpg.cell.clearances)
+    state = WorldState({r.name: r.home for r in robots}, attachments)
+    allowed = frozenset(
+        frozenset((c.first, c.second)) for c in tpg.allowed if tasks <= c.tasks
+    )
+    return Amid(cell, robot, state, allowed)
