@@ -119,6 +119,17 @@ _ENTRIES = (
         velocity=_radians(85.0, 85.0, 100.0, 75.0, 130.0, 135.0, 135.0),
     ),
     RobotEntry(
+        name="ur5e",
+        source="own primitives around the measured dimensions",
+        licence="MIT",
+        note="arm like the Universal Robots UR5e, 6 joints, bare flange",
+        home=_radians(0.0, -100.0, 110.0, -100.0, -90.0, 0.0),
+        tool_links=(),
+        frames={"tool": identity()},
+        file="ur5e.urdf",
+        flange_link="tool0",
+    ),
+    RobotEntry(
         name="mobile-manipulator",
         source="own primitives",
         licence="MIT",

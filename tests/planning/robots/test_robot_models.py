@@ -14,8 +14,10 @@ import pinocchio
 import pytest
 
 from planning.cell.robot_model import RobotModel
+from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
 from planning.kinematics.chain import joint_table, pose_joints
+from planning.kinematics.kinematics import frame_pose
 from planning.robots.load_urdf import load_urdf, shape_vertices
 from planning.robots.registry import ROBOTS, robot_model
 from planning.robots.urdf_file import UrdfOptions
@@ -379,3 +381,31 @@ def test_numbers_that_no_body_has_are_refused(
     path.write_text(text.replace(old, new, 1))
     with pytest.raises(RobotModelError, match=words):
         robot_model("arm.urdf", tmp_path)
+
+
+def test_ur5e_has_the_kinematics_of_its_table() -> None:
+    """Forward kinematics is the product of the maker's Denavit-Hartenberg rows."""
+    rows = (  # d, a, alpha
+        (0.1625, 0.0, np.pi / 2),
+        (0.0, -0.425, 0.0),
+        (0.0, -0.3922, 0.0),
+        (0.1333, 0.0, np.pi / 2),
+        (0.0997, 0.0, -np.pi / 2),
+        (0.0996, 0.0, 0.0),
+    )
+    robot = PlacedRobot("r", robot_model("ur5e"), np.eye(4), robot_model("ur5e").home)
+    # The maker's base frame is turned by half a turn against the one whose x axis points forward.
+    turned = np.diag([-1.0, -1.0, 1.0, 1.0])
+    for q in np.random.default_rng(5).uniform(-3.0, 3.0, (20, 6)):
+        pose = turned
+        for angle, (d, a, alpha) in zip(q, rows, strict=True):
+            c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
+            pose = pose @ np.array(
+                [
+                    [c, -s * ca, s * sa, a * c],
+                    [s, c * ca, -c * sa, a * s],
+                    [0.0, sa, ca, d],
+                    [0.0, 0.0, 0.0, 1.0],
+                ]
+            )
+        assert np.allclose(frame_pose(robot, q), pose, atol=1e-9)
