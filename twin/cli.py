@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from typing import Annotated
 
 import typer
 
@@ -18,6 +19,7 @@ from twin.commands.replay import replay
 from twin.commands.robots import robots
 from twin.commands.run import resume, run
 from twin.commands.sequence import sequence
+from twin.commands.start import init, scenarios
 from twin.commands.study import study
 from twin.commands.validate import check, schema, validate
 from twin.commands.verify import verify
@@ -25,10 +27,38 @@ from twin.host.guard import FAILED, INTERRUPTED, print_error
 
 app = typer.Typer(
     name="twin",
-    help="Plan, schedule and simulate teams of robots that build things together.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+
+
+def _print_version(wanted: bool) -> None:
+    """Print the version and end, if that is wanted."""
+    if wanted:
+        from twin.host.versions import versions
+
+        typer.echo(f"assembly-twin {versions()['assembly-twin']}")
+        raise typer.Exit
+
+
+Version = Annotated[
+    bool,
+    typer.Option(
+        "--version",
+        help="Print the version.",
+        callback=_print_version,
+        is_eager=True,
+    ),
+]
+
+
+@app.callback()
+def _program(version: Version = False) -> None:
+    """Plan, schedule and simulate teams of robots that build things together."""
+
+
+app.command()(init)
+app.command()(scenarios)
 app.command()(run)
 app.command()(validate)
 app.command()(check)

@@ -13,6 +13,7 @@ from twin.scenario.checks import find_problems
 from twin.scenario.document.yaml_text import YamlDocument
 from twin.scenario.file import read_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
+from twin.scenario.shipped import scenario_path
 from twin.scenario.variations import is_of_execution, varied
 
 PathOrName = str | PathLike[str]
@@ -96,20 +97,22 @@ class LoadedScenario:
 
 
 AnyScenario = PathOrName | LoadedScenario
-"""A scenario, or the path of its file."""
+"""A scenario, the path of its file, or the name of one that comes with the program."""
 
 
 def load(scenario: AnyScenario) -> LoadedScenario:
     """Read and check a scenario file.
 
     Args:
-        scenario: path of the YAML file; a scenario that was loaded before is returned as it is.
+        scenario: path of the YAML file, or the name of a scenario that comes with the program
+            (``twin scenarios``); one that was loaded before is returned as it is.
 
     Raises:
         InvalidScenarioError: with every problem found, each at its line and column.
+        ScenarioError: there is neither such a file nor a scenario of that name.
     """
     if isinstance(scenario, LoadedScenario):
         return scenario
-    path = Path(scenario)
+    path = scenario_path(Path(scenario))
     sections, document = read_scenario(path)
     return LoadedScenario(sections, document, path.parent)

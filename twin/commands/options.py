@@ -8,7 +8,11 @@ from typing import Annotated
 import typer
 
 ScenarioFile = Annotated[
-    Path, typer.Argument(help="Scenario file.", metavar="SCENARIO")
+    Path,
+    typer.Argument(
+        help="Scenario file, or the name of one that twin scenarios lists.",
+        metavar="SCENARIO",
+    ),
 ]
 Seed = Annotated[
     int | None, typer.Option(min=0, help="Seed, in place of the scenario's.")

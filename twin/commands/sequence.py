@@ -52,7 +52,9 @@ def sequence(
     from twin.planning.lego import find_sequence, sequencing_rules, tool_carrier
     from twin.scenario.file import load_scenario
     from twin.scenario.sections.lego import LegoSection
+    from twin.scenario.shipped import scenario_path
 
+    scenario = scenario_path(scenario)
     loaded = load_scenario(scenario)
     lego = loaded.assembly
     if not isinstance(lego, LegoSection):

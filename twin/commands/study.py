@@ -15,7 +15,13 @@ from twin.host.guard import COMPLETED, guarded, print_json
 if TYPE_CHECKING:
     from twin.cluster.address import Cluster
 
-File = Annotated[Path | None, typer.Argument(help="Scenario file.", metavar="SCENARIO")]
+File = Annotated[
+    Path | None,
+    typer.Argument(
+        help="Scenario file, or the name of one that twin scenarios lists.",
+        metavar="SCENARIO",
+    ),
+]
 Replications = Annotated[
     int | None,
     typer.Option(

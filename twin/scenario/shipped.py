@@ -1,0 +1,102 @@
+"""Scenarios that come with the program: found by name, and copied to begin with."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+from planning.errors import OutputError, ScenarioError
+from twin.scenario.file import scenario_schema
+
+TEMPLATE = "tray"
+"""What a new scenario begins as."""
+
+SCENARIO, SCHEMA = "scenario.yaml", "scenario.schema.json"
+"""Files of a new folder: the scenario, and what editors know of its keys."""
+
+_YAML = (".yaml", ".yml")
+_NAME = re.compile(
+    r"(?!(?:true|false|null)$)[A-Za-z][A-Za-z0-9_.-]{0,99}", re.IGNORECASE
+)
+_HERE = Path(__file__)
+
+_PLACES = (_HERE.parents[1] / "shipped", _HERE.parents[2] / "scenarios")
+"""Where they are in an installed package, and in a working copy."""
+
+
+@cache
+def shipped_scenarios() -> Mapping[str, Path]:
+    """Return the files of the scenarios that come with the program, by name."""
+    place = next((place for place in _PLACES if place.is_dir()), None)
+    files = [] if place is None else sorted(place.glob("*/*.yaml"))
+    return {path.stem: path for path in files}
+
+
+def scenario_path(given: Path) -> Path:
+    """Return the file that is meant by a path, by a folder, or by the name of a shipped scenario.
+
+    Raises:
+        ScenarioError: there is no such file, and no scenario of that name.
+    """
+    if (given / SCENARIO).is_file():
+        return given / SCENARIO
+    if given.exists() or given.suffix in _YAML or len(given.parts) != 1:
+        return given
+    found = shipped_scenarios().get(str(given))
+    if found is None:
+        raise ScenarioError(
+            f"{given}: no such file, and no scenario of this name comes with the program",
+            choices=tuple(shipped_scenarios()),
+        )
+    return found
+
+
+def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
+    """Copy a shipped scenario to a place of one's own; nothing is overwritten.
+
+    Args:
+        target: a YAML file; or a folder, which gets the schema for editors, too.
+        name: of the shipped scenario.
+
+    Returns:
+        The file of the scenario, which is named after the target.
+
+    Raises:
+        ScenarioError: no scenario of that name comes with the program.
+        OutputError: the file is there already, or cannot be written.
+    """
+    if name not in shipped_scenarios():
+        choices = tuple(shipped_scenarios())
+        raise ScenarioError(
+            f"no scenario {name!r} comes with the program", choices=choices
+        )
+    text = shipped_scenarios()[name].read_text(encoding="utf-8")
+    own = target.stem if target.suffix in _YAML else target.resolve().name
+    if _NAME.fullmatch(own):
+        # Digits alone would be a number, and "on" is not a name in every reader of YAML.
+        text = re.sub(
+            r"^name: .*$", f"name: {json.dumps(own)}", text, flags=re.MULTILINE
+        )
+    if target.suffix in _YAML:
+        _create(target, text)
+        return target
+    file = target / SCENARIO
+    _create(file, f"# yaml-language-server: $schema={SCHEMA}\n{text}")
+    if not (target / SCHEMA).exists():
+        _create(target / SCHEMA, json.dumps(scenario_schema(), indent=2) + "\n")
+    return file
+
+
+def _create(path: Path, text: str) -> None:
+    """Write a file that is not there yet."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise OutputError(f"{path}: is there already, and stays as it is") from None
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
