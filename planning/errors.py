@@ -32,6 +32,20 @@ class RobotModelError(TwinError):
     """A robot description cannot be used."""
 
 
+class FittingError(RobotModelError):
+    """What a cell adds to a robot does not fit it.
+
+    Attributes:
+        key: what is at fault: ``tool``, ``flange``, ``limits`` or ``joints``.
+    """
+
+    def __init__(
+        self, message: str, *, key: str, choices: tuple[str, ...] = ()
+    ) -> None:
+        self.key = key
+        super().__init__(message, choices=choices)
+
+
 class InfeasibleStepError(TwinError):
     """No robot, object and pose can do an assembly step."""
 

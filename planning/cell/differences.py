@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import (
     CellObject,
     Clearances,
@@ -89,6 +90,28 @@ def _robot(a: PlacedRobot, b: PlacedRobot) -> Iterator[str]:
     else:
         for name, pose in a.model.frames.items():
             yield from _moved(f"its frame {name!r}", pose, b.model.frames[name])
+    yield from _moved("its flange", a.model.flange, b.model.flange)
+    for group in ("arm", "tool"):
+        if not _same_bodies(a.model, b.model, group):
+            yield f"has another {group}: its shape, or where it sits, is not as it was planned"
+    for what in ("lower", "upper", "velocity"):
+        if not np.allclose(getattr(a.model, what), getattr(b.model, what)):
+            yield f"has other joint limits ({what})"
+    if a.model.grip != b.model.grip:
+        yield "has a tool that holds in another way, or opens farther or less"
+
+
+def _same_bodies(a: RobotModel, b: RobotModel, group: str) -> bool:
+    """Tell whether two robots have the same bodies in their arm, or in their tool."""
+    first, second = (
+        [part for part in model.parts if part.group == group] for model in (a, b)
+    )
+    return len(first) == len(second) and all(
+        p.joint == q.joint
+        and p.body.vertices.shape == q.body.vertices.shape
+        and np.allclose(p.body.vertices, q.body.vertices, rtol=0.0, atol=_SAME)
+        for p, q in zip(first, second, strict=True)
+    )
 
 
 def _fixture(a: Fixture, b: Fixture) -> Iterator[str]:

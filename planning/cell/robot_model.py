@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,6 +45,42 @@ class LinkPart:
     body: ConvexBody
 
 
+@dataclass(frozen=True)
+class ToolGrip:
+    """How a tool holds things: between fingers, or by suction.
+
+    Attributes:
+        opening: least and largest distance of the fingers, along the y axis of the tool frame;
+            None for suction [m].
+        tool: name of the tool, for messages.
+    """
+
+    opening: tuple[float, float] | None = None
+    tool: str = "tool"
+
+    @property
+    def suction(self) -> bool:
+        """Whether it holds by suction."""
+        return self.opening is None
+
+
+@dataclass(frozen=True, eq=False)
+class DriveLimits:
+    """What the drives of a robot can do besides their speed; infinite where nothing is known.
+
+    Attributes:
+        acceleration: of each joint, shape (n,) [rad/s^2 or m/s^2].
+        jerk: of each joint, shape (n,) [rad/s^3 or m/s^3].
+        effort: of each joint, shape (n,) [N m or N].
+        payload: the most that the robot may carry, its tool included [kg].
+    """
+
+    acceleration: Array
+    jerk: Array
+    effort: Array
+    payload: float = math.inf
+
+
 @dataclass(frozen=True, eq=False)
 class RobotModel:
     """A robot type, free of any placement in a cell.
@@ -62,6 +99,9 @@ class RobotModel:
         never_collide: pairs of part indices (low, high) exempt from self-collision: the same
             joint, neighbours in the chain, or pairs that no configuration brings together.
         home: a collision-free configuration, shape (n,).
+        flange_link: the link of the description whose frame the flange is.
+        grip: how its tool holds; None where the description does not tell.
+        drives: what its drives can do; None where nothing is known.
     """
 
     name: str
@@ -77,6 +117,9 @@ class RobotModel:
     parts: tuple[LinkPart, ...]
     never_collide: frozenset[tuple[int, int]]
     home: Array
+    flange_link: str = ""
+    grip: ToolGrip | None = None
+    drives: DriveLimits | None = None
 
     @property
     def dof(self) -> int:

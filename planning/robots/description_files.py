@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 from planning.cell.robot_model import RobotModel
 from planning.errors import OutputError
 from planning.files import is_file, read_file
-from planning.robots.urdf_file import find_mesh
+from planning.robots.descriptions.mesh_files import find_mesh
 
 _MESH_BYTES = 1 << 30
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,18 @@ import pinocchio
 
 from planning.cell.body import ConvexBody
 from planning.cell.cover import capsule_cover, hull_vertices
-from planning.cell.robot_model import KinematicChain, LinkPart, RobotModel
+from planning.cell.robot_model import (
+    DriveLimits,
+    KinematicChain,
+    LinkPart,
+    RobotModel,
+)
 from planning.errors import RobotModelError
+from planning.robots.descriptions.flange import flange_link, links_on, tip_link
+from planning.robots.descriptions.urdf_file import UrdfFile, UrdfOptions, serial_chain
+from planning.robots.descriptions.written_options import written_options
+from planning.robots.descriptions.xml_reading import read_xml
 from planning.robots.self_collision import never_colliding_pairs
-from planning.robots.urdf_file import UrdfFile, UrdfOptions, read_urdf
 from planning.transforms import Array, inverse, readonly
 
 
@@ -38,27 +47,32 @@ def load_urdf(
         RobotModelError: the description cannot be used.
     """
     path = Path(path)
-    description = read_urdf(path, package_dirs, frozenset(options.frozen))
-    model, geometry = _build(description, options.frozen)
-    flange_name = _flange_link(description, options.flange_link)
-    flange = _link_pose(model, flange_name) @ options.flange_offset
-    hanging = description.fixed_below(flange_name)
-    tool = set(hanging[1:] if options.tool_links is None else options.tool_links)
-    frames = options.frames
+    root = read_xml(path)
+    known = written_options(root) or options
+    description = serial_chain(root, path, package_dirs, frozenset(known.frozen))
+    model, geometry = _build(description, known.frozen)
+    flange_name = flange_link(description, known.flange_link)
+    flange = _link_pose(model, flange_name) @ known.flange_offset
+    hanging = known.tool_links
+    if hanging is None:
+        hanging = links_on(description, flange_name)
+    frames = known.frames
     if frames is None:
-        frames = {"tool": inverse(flange) @ _link_pose(model, hanging[-1])}
-    lower = readonly([joint.lower for joint in description.joints])
-    upper = readonly([joint.upper for joint in description.joints])
+        tip = tip_link(hanging) or (hanging[-1] if hanging else flange_name)
+        frames = {"tool": inverse(flange) @ _link_pose(model, tip)}
+    joints = description.joints
+    lower = readonly([joint.lower for joint in joints])
+    upper = readonly([joint.upper for joint in joints])
     chain = _chain(description, model)
-    parts = _parts(model, geometry, tool)
-    home = np.zeros(len(lower)) if options.home is None else options.home
+    parts = _parts(model, geometry, set(hanging))
+    home = np.zeros(len(lower)) if known.home is None else known.home
     rest = np.clip(home, lower, upper)
-    speeds = options.velocity or [joint.velocity for joint in description.joints]
+    speeds = known.velocity or [joint.velocity for joint in joints]
     return RobotModel(
-        name=options.name or path.stem,
+        name=known.name or path.stem,
         urdf=path,
         package_dirs=description.package_dirs,
-        joint_names=tuple(joint.name for joint in description.joints),
+        joint_names=tuple(joint.name for joint in joints),
         lower=lower,
         upper=upper,
         velocity=readonly(speeds),
@@ -68,6 +82,19 @@ def load_urdf(
         parts=parts,
         never_collide=never_colliding_pairs(chain, parts, lower, upper, rest),
         home=readonly(rest),
+        flange_link=flange_name,
+        grip=known.grip,
+        drives=_drives(description, known.payload),
+    )
+
+
+def _drives(description: UrdfFile, payload: float | None) -> DriveLimits:
+    joints = description.joints
+    return DriveLimits(
+        acceleration=readonly([joint.acceleration for joint in joints]),
+        jerk=readonly([joint.jerk for joint in joints]),
+        effort=readonly([joint.effort for joint in joints]),
+        payload=math.inf if payload is None else payload,
     )
 
 
@@ -123,19 +150,6 @@ def _parts(model: Any, geometry: Any, tool: set[str]) -> tuple[LinkPart, ...]:
 def _link_pose(model: Any, link: str) -> Array:
     frame = model.frames[model.getFrameId(link, pinocchio.FrameType.BODY)]
     return np.array(frame.placement.homogeneous)
-
-
-def _flange_link(description: UrdfFile, wanted: str | None) -> str:
-    last = description.child_of(description.joints[-1].name)
-    below = description.fixed_below(last)
-    if wanted is not None:
-        if wanted not in below:
-            raise RobotModelError(
-                f"{description.path}: {wanted!r} is no link on the last joint",
-                choices=below,
-            )
-        return wanted
-    return next((link for link in ("flange", "tool0") if link in below), last)
 
 
 def shape_vertices(shape: Any, name: str) -> Array:

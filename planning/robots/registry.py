@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from pathlib import Path
 from types import MappingProxyType
@@ -11,9 +11,11 @@ from types import MappingProxyType
 import numpy as np
 
 from planning.cell.robot_model import RobotModel
-from planning.errors import RobotModelError
+from planning.errors import FittingError, RobotModelError
 from planning.files import is_file
-from planning.robots.urdf_file import UrdfOptions
+from planning.robots.descriptions.fitting import Fitting
+from planning.robots.descriptions.read_description import is_plain_urdf
+from planning.robots.descriptions.urdf_file import UrdfOptions
 from planning.transforms import from_rpy, identity, translation
 
 
@@ -165,16 +167,20 @@ _ENTRIES = (
     ),
 )
 
+_FILE = "-file"
+"""What follows the name of a robot from a file that is called as a registered one."""
+
 ROBOTS: Mapping[str, RobotEntry] = MappingProxyType({e.name: e for e in _ENTRIES})
 """Registered robots by name."""
 
 
-def with_tool(model: str, tool: str | None) -> str:
+def with_tool(model: str, tool: str | None, others: tuple[str, ...] = ()) -> str:
     """Return the name of a robot type with one of the tools that it comes with.
 
     Args:
         model: a name in ROBOTS, or the path of a URDF file, which comes with its tool.
         tool: such as ``"slim"``; None for the tool that the model names.
+        others: further tools that could be meant, for messages.
 
     Raises:
         RobotModelError: the model does not come with such a tool.
@@ -182,38 +188,76 @@ def with_tool(model: str, tool: str | None) -> str:
     if tool is None:
         return model
     tools = ROBOTS[model].tools if model in ROBOTS else {}
-    if not tools:
-        raise RobotModelError(f"the robot {model!r} has no tools to choose from")
+    choices = (*tools, *others)
+    if not choices:
+        raise FittingError(
+            f"the robot {model!r} has no tools to choose from, and 'tools' of the cell names none",
+            key="tool",
+        )
     if tool not in tools:
-        raise RobotModelError(
-            f"the robot {model!r} has no tool {tool!r}", choices=tuple(tools)
+        raise FittingError(
+            f"the robot {model!r} has no tool {tool!r}", key="tool", choices=choices
         )
     return tools[tool]
 
 
-def robot_model(name_or_urdf: str, base_dir: Path | None = None) -> RobotModel:
-    """Return a registered robot, or one read from a URDF file. Results are cached.
+def robot_model(
+    name_or_path: str, base_dir: Path | None = None, fitting: Fitting | None = None
+) -> RobotModel:
+    """Return a registered robot, or one read from a file. Results are cached.
 
     Args:
-        name_or_urdf: name in ROBOTS, or path of a URDF file.
+        name_or_path: name in ROBOTS, or path of a URDF or MJCF file.
         base_dir: what a relative path is relative to; the working directory by default.
+        fitting: what a cell adds to it: a tool, a flange, limits, joints that are held.
 
     Raises:
         RobotModelError: no such robot or file, or the description cannot be used.
     """
-    if name_or_urdf in ROBOTS:
-        return _registered(name_or_urdf)
+    fitting = fitting or Fitting()
+    if name_or_path in ROBOTS:
+        if fitting.is_nothing:
+            return _registered(name_or_path)
+        entry = ROBOTS[name_or_path]
+        dirs = _folders(entry)
+        return _fitted(dirs[0] / entry.file, entry, fitting, dirs)
     try:
-        path = Path(base_dir or ".", name_or_urdf).resolve()
+        path = Path(base_dir or ".", name_or_path).resolve()
     except (OSError, ValueError) as error:
-        raise RobotModelError(f"no robot {name_or_urdf[:60]!r}: {error}") from None
-    if not is_file(path) and path.suffix.lower() not in (".urdf", ".xml"):
+        raise RobotModelError(f"no robot {name_or_path[:60]!r}: {error}") from None
+    if not is_file(path) and path.suffix.lower() not in (".urdf", ".xml", ".mjcf"):
         raise RobotModelError(
-            f"no robot {name_or_urdf!r} in the registry, and no such file",
+            f"no robot {name_or_path!r} in the registry, and no such file",
             choices=(*ROBOTS, "path of a .urdf file"),
         )
-    stamp = path.stat().st_mtime_ns if is_file(path) else 0
-    return _from_file(path, stamp)
+    if fitting.is_nothing and is_plain_urdf(path):
+        return _from_file(path, path.stat().st_mtime_ns)
+    return _fitted(path, UrdfOptions(), fitting, ())
+
+
+def _fitted(
+    path: Path, options: UrdfOptions, fitting: Fitting, dirs: tuple[Path, ...]
+) -> RobotModel:
+    """Return a robot as a cell fits it out, under a name that says so."""
+    from planning.robots.descriptions.kept_descriptions import keep_description
+    from planning.robots.descriptions.mounting import fitted_description
+
+    root = fitted_description(path, options, fitting, dirs)
+    name = options.name or path.stem
+    if fitting.tool is not None:
+        name += f"+{fitting.tool.name}"
+    elif name in ROBOTS:
+        name += "-fitted" if path.is_relative_to(_DESCRIPTIONS) else _FILE
+    kept = keep_description(root, name)
+    return _from_file(kept, kept.stat().st_mtime_ns)
+
+
+def _folders(entry: RobotEntry) -> tuple[Path, ...]:
+    """Return where a registered robot's description and its meshes are."""
+    folders = [_DESCRIPTIONS / (entry.folder or "")]
+    if entry.meshes:
+        folders.append(_DESCRIPTIONS / entry.meshes)
+    return tuple(folders)
 
 
 @cache
@@ -221,10 +265,8 @@ def _registered(name: str) -> RobotModel:
     from planning.robots.load_urdf import load_urdf
 
     entry = ROBOTS[name]
-    folders = [_DESCRIPTIONS / (entry.folder or "")]
-    if entry.meshes:
-        folders.append(_DESCRIPTIONS / entry.meshes)
-    return load_urdf(folders[0] / entry.file, entry, package_dirs=tuple(folders))
+    folders = _folders(entry)
+    return load_urdf(folders[0] / entry.file, entry, package_dirs=folders)
 
 
 @lru_cache(maxsize=32)
@@ -232,4 +274,6 @@ def _from_file(path: Path, stamp: int) -> RobotModel:
     """Load a user's description; ``stamp`` makes an edited file load anew."""
     from planning.robots.load_urdf import load_urdf
 
-    return load_urdf(path)
+    # A file that is called as a registered robot is not that robot.
+    model = load_urdf(path)
+    return replace(model, name=model.name + _FILE) if model.name in ROBOTS else model

@@ -106,7 +106,7 @@ def misplaced(model: RobotModel, frame: Array) -> Iterator[str]:
         for body in bodies
     ]
     nearest = int(np.argmin(gaps))
-    if gaps[nearest] > _FAR:
+    if gaps[nearest] > _FAR + _half_opening(model):
         yield (
             f"is {millimetres(gaps[nearest])} away from the tool (nearest: {bodies[nearest].name}):"
             " parts would hang beside it; give the robot 'frames' with the point between its fingers,"
@@ -131,6 +131,13 @@ def misplaced(model: RobotModel, frame: Array) -> Iterator[str]:
             " point out of the hand (fingers close along y): give the robot 'frames' with another"
             " rpy_deg"
         )
+
+
+def _half_opening(model: RobotModel) -> float:
+    """Return how far the fingers may be from the point between them [m]."""
+    if model.grip is None or model.grip.opening is None:
+        return 0.0
+    return 0.5 * model.grip.opening[1]
 
 
 def tool_bodies(model: RobotModel) -> list[ConvexBody]:

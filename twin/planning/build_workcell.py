@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import Clearances, Fixture, PlacedRobot, Workcell
 from planning.transforms import readonly
 from twin.planning.kind import assembly_kind
 from twin.scenario.sections.poses import build_transform
 from twin.scenario.sections.scenario import FixtureSection, RobotSection, Scenario
+from twin.scenario.sections.tools import ToolSection
 
 
 def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
@@ -28,7 +29,9 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
     clearance = scenario.cell.clearance
     assembly = assembly_kind(scenario.assembly)
     return Workcell(
-        robots=tuple(_robot(r, folder) for r in scenario.cell.robots),
+        robots=tuple(
+            _robot(r, scenario.cell.tools, folder) for r in scenario.cell.robots
+        ),
         fixtures=(*(_fixture(f) for f in scenario.cell.fixtures), *assembly.fixtures()),
         objects=assembly.objects(),
         clearances=Clearances(
@@ -39,11 +42,12 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
     )
 
 
-def _robot(section: RobotSection, folder: Path) -> PlacedRobot:
-    from planning.robots.registry import robot_model, with_tool
+def _robot(
+    section: RobotSection, tools: Mapping[str, ToolSection], folder: Path
+) -> PlacedRobot:
+    from twin.planning.fitted_robots import fitted_model
 
-    named = with_tool(section.model, section.tool)
-    model: RobotModel = robot_model(named, folder)
+    model = fitted_model(section, tools, folder)
     if section.frames:
         own = {name: build_transform(pose) for name, pose in section.frames.items()}
         model = dataclasses.replace(model, frames={**model.frames, **own})

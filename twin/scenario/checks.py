@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from planning.errors import RobotModelError, ScenarioError
+from planning.errors import FittingError, RobotModelError, ScenarioError
 from twin.durations import DurationModel, Empirical
 from twin.planning.kind import assembly_kind
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
@@ -73,27 +73,28 @@ def _place(cell: CellSection, robot: int, key: str) -> KeyPath:
 
 
 def _check_robots(cell: CellSection, folder: Path) -> Found:
-    from planning.robots.registry import robot_model, with_tool
+    from twin.planning.fitted_robots import fitted_model
 
     # The robots of a team are alike: what is wrong with one is said once.
     for i, robot in enumerate(cell.robots[: len(cell.listed) + 1]):
-        at = _place(cell, i, "model")
         try:
-            model = robot_model(robot.model, folder)
+            model = fitted_model(robot, cell.tools, folder)
+        except FittingError as error:
+            at = _place(cell, i, error.key)
+            if error.key == "tool" and robot.tool in cell.tools:
+                yield ("cell", "tools", str(robot.tool)), str(error)
+            elif error.key == "tool" and error.choices:
+                yield at, unknown_name("tool", str(robot.tool), error.choices)
+            else:
+                yield at, str(error)
+            continue
         except (RobotModelError, ScenarioError) as error:
-            if error.choices:
+            at = _place(cell, i, "model")
+            if error.choices and not _is_path(robot.model):
                 yield at, unknown_name("robot model", robot.model, error.choices)
             else:
                 yield at, str(error)
             continue
-        try:
-            with_tool(robot.model, robot.tool)
-        except RobotModelError as error:
-            at = _place(cell, i, "tool")
-            if error.choices:
-                yield at, unknown_name("tool", str(robot.tool), error.choices)
-            else:
-                yield at, str(error)
         if robot.parked is not None and not model.is_mobile:
             in_team = i >= len(cell.listed)
             place = _place(cell, i, "ring" if in_team else "parked")
@@ -111,6 +112,10 @@ def _check_robots(cell: CellSection, folder: Path) -> Found:
                 _place(cell, i, key),
                 f"{robot.model} has sliding joints: use home_rad_or_m",
             )
+
+
+def _is_path(model: str) -> bool:
+    return Path(model).suffix.lower() in (".urdf", ".xml", ".mjcf")
 
 
 def _check_robot_names(scenario: Scenario) -> Found:

@@ -19,8 +19,8 @@ from planning.cell.workcell import (
     PlacedRobot,
     Workcell,
 )
+from planning.robots.descriptions.urdf_file import UrdfOptions
 from planning.robots.load_urdf import load_urdf
-from planning.robots.urdf_file import UrdfOptions
 from planning.transforms import Array, rotation, translation
 
 SPEED = 0.5

@@ -10,8 +10,8 @@ import pytest
 
 from planning.cell.workcell import PlacedRobot
 from planning.kinematics.kinematics import frame_pose
+from planning.robots.descriptions.mesh_files import find_mesh
 from planning.robots.registry import robot_model
-from planning.robots.urdf_file import find_mesh
 from planning.transforms import Array, identity
 from tests.planning.robots.drawn_meshes import MESHES, own_meshes
 

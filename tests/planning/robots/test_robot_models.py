@@ -18,9 +18,9 @@ from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
 from planning.kinematics.chain import joint_table, pose_joints
 from planning.kinematics.kinematics import frame_pose
+from planning.robots.descriptions.urdf_file import UrdfOptions
 from planning.robots.load_urdf import load_urdf, shape_vertices
 from planning.robots.registry import ROBOTS, robot_model
-from planning.robots.urdf_file import UrdfOptions
 from planning.transforms import Array
 from tests.planning.robots.drawn_meshes import cone_obj
 

@@ -11,8 +11,8 @@ import rerun as rr
 from rerun.urdf import UrdfTree
 
 from planning.cell.workcell import PlacedRobot
+from planning.robots.descriptions.mesh_files import find_mesh
 from planning.robots.registry import ROBOTS
-from planning.robots.urdf_file import find_mesh
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.recorders.rerun.layout import WORLD_FRAME, entity_path, robot_part
 from twin.recorders.rerun.paint import paint

@@ -10,6 +10,12 @@ from pydantic import Field, model_validator
 from planning.errors import ScenarioError
 from twin.scenario.document.section import Name, Section, Two
 from twin.scenario.sections.poses import Configuration, Coordinate, PoseSection, Size3
+from twin.scenario.sections.tools import (
+    HeldJoints,
+    JointName,
+    LimitsSection,
+    ToolSection,
+)
 
 Vector2 = Two[Coordinate]
 
@@ -31,20 +37,28 @@ class RobotSection(Section):
 
     Attributes:
         name: unique in the cell.
-        model: a name that ``twin robots`` lists, or the path of a URDF, relative to the file.
+        model: a name that ``twin robots`` lists, or the path of a URDF or MJCF file, relative to
+            the scenario's.
         base: pose of the base in the world; that of a mobile robot is the origin of the ground
             it drives on.
         home_deg: HOME of a robot with revolute joints only [deg]; default: the model's.
         home_rad_or_m: HOME of any robot, joint by joint [rad or m].
         parked: where a mobile robot stands at HOME; its arm is as in the model's HOME.
-        tool: one of the tools that the model comes with, such as slim for a gp4; default: the
-            one that the model names.
+        tool: a tool of the cell, or one of those that the model comes with, such as slim for a gp4;
+            default: the one that the model names.
+        flange: link whose frame is the flange; default: tool0, else flange, else the last link.
+        limits: of its joints, in place of the model's.
+        joints: joints of the model that are held, such as fingers, and at what values [rad or m];
+            what mimics one follows.
         frames: tool frames, each a pose in the flange frame; they replace the model's.
     """
 
     name: Name
     model: Annotated[str, Field(min_length=1, max_length=4096)]
     tool: Name | None = None
+    flange: JointName | None = None
+    limits: LimitsSection = LimitsSection()
+    joints: HeldJoints = Field(default_factory=dict)
     base: PoseSection = PoseSection(xyz_m=(0.0, 0.0, 0.0))
     home_deg: Configuration | None = None
     home_rad_or_m: Configuration | None = None
@@ -85,12 +99,20 @@ class TeamSection(Section):
         count: how many.
         name: of all of them; a number from 1 on follows it.
         ring: where they stand at HOME.
+        tool: of all of them, as for a single robot.
+        flange: likewise.
+        limits: likewise.
+        joints: likewise.
     """
 
     model: Annotated[str, Field(min_length=1, max_length=4096)]
     count: Annotated[int, Field(ge=1, le=100)]
     name: Name = "robot"
     ring: RingSection
+    tool: Name | None = None
+    flange: JointName | None = None
+    limits: LimitsSection = LimitsSection()
+    joints: HeldJoints = Field(default_factory=dict)
 
     def robots(self) -> tuple[RobotSection, ...]:
         """Return the robots one by one."""
@@ -106,7 +128,17 @@ class TeamSection(Section):
                 at_m=(round(x, 6), round(y, 6)), facing_deg=round(facing, 6)
             )
             name = f"{self.name}{k + 1}"
-            out.append(RobotSection(name=name, model=self.model, parked=parked))
+            out.append(
+                RobotSection(
+                    name=name,
+                    model=self.model,
+                    parked=parked,
+                    tool=self.tool,
+                    flange=self.flange,
+                    limits=self.limits,
+                    joints=self.joints,
+                )
+            )
         return tuple(out)
 
 
@@ -137,12 +169,14 @@ class CellSection(Section):
     """A cell: robots, fixtures and clearances.
 
     Attributes:
+        tools: by name, what robots may carry.
         listed: ``robots`` of the file: robots given one by one.
         team: further robots, all of one type.
         fixtures: what does not move.
         clearance: least distances kept.
     """
 
+    tools: dict[Name, ToolSection] = Field(default_factory=dict)
     listed: Annotated[tuple[RobotSection, ...], Field(alias="robots")] = ()
     team: TeamSection | None = None
     fixtures: tuple[FixtureSection, ...] = ()

@@ -1,0 +1,263 @@
+"""Descriptions in MJCF, the format of MuJoCo, rewritten as URDF; pinocchio reads them."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+import pinocchio
+
+from planning.errors import RobotModelError
+from planning.files import is_file
+from planning.robots.descriptions.held_joints import write_pose
+from planning.robots.descriptions.xml_reading import read_xml
+from planning.transforms import Array, Transform, inverse, translation
+
+_MOST_INCLUDES = 100
+_UNLIMITED = 1e6
+
+_WORLD = "world"
+_FRAMES = pinocchio.FrameType
+
+
+def urdf_of_mjcf(root: Element, path: Path) -> Element:
+    """Return the bodies, joints and geoms of an MJCF file as URDF.
+
+    A joint that an equality ties to another mimics it. Planes are left out: they are floors.
+    Speeds are not known: MJCF has none.
+
+    Args:
+        root: of its XML.
+        path: the file.
+
+    Raises:
+        RobotModelError: it cannot be read, or holds what URDF has no words for.
+    """
+    _include(root, path, 0)
+    _prepare(root, path)
+    with tempfile.TemporaryDirectory() as folder:
+        plain = Path(folder, "plain.xml")
+        plain.write_bytes(ElementTree.tostring(root))
+        try:
+            model = pinocchio.buildModelFromMJCF(str(plain))
+            shapes = {
+                tag: pinocchio.buildGeomFromMJCF(model, str(plain), kind)
+                for tag, kind in (
+                    ("collision", pinocchio.GeometryType.COLLISION),
+                    ("visual", pinocchio.GeometryType.VISUAL),
+                )
+            }
+        except (ValueError, RuntimeError) as error:
+            said = str(error).partition("message:")[2] or str(error)
+            raise RobotModelError(
+                f"{path} cannot be read as MJCF: {' '.join(said.split())}"
+            ) from None
+    urdf = Element("robot", name=root.get("model", path.stem))
+    frames = _links(urdf, model, path)
+    for tag, geometry in shapes.items():
+        for item in geometry.geometryObjects:
+            link, frame = frames[item.parentFrame]
+            pose = inverse(frame) @ item.placement.homogeneous
+            _write_shape(link, tag, item, pose, path)
+    _tie(urdf, root, path)
+    return urdf
+
+
+def _include(root: Element, path: Path, depth: int) -> None:
+    """Put the content of included files where they are named."""
+    for element in list(root.iter()):
+        for at, child in reversed(list(enumerate(element))):
+            if child.tag != "include":
+                continue
+            if depth >= _MOST_INCLUDES:
+                raise RobotModelError(f"{path} includes itself")
+            other = path.parent / child.get("file", "")
+            content = read_xml(other)
+            _include(content, path, depth + 1)
+            element.remove(child)
+            for number, part in enumerate(content):
+                element.insert(at + number, part)
+
+
+def _prepare(root: Element, path: Path) -> None:
+    """Take out what is looks only, and name meshes by where they are."""
+    bodies = root.findall("worldbody/body")
+    if not bodies:
+        raise RobotModelError(f"{path} has no <body> in its <worldbody>")
+    for body in bodies:  # a thing that may be anywhere is put somewhere here
+        for joint in (*body.findall("freejoint"), *body.findall("joint")):
+            if joint.tag == "freejoint" or joint.get("type") == "free":
+                body.remove(joint)
+    for element in root.iter():
+        if element.tag in ("geom", "site"):
+            element.attrib.pop("material", None)
+    folder = path.parent
+    for compiler in root.findall("compiler"):
+        place = compiler.get("meshdir") or compiler.get("assetdir") or ""
+        folder = folder / place
+        for key in ("meshdir", "assetdir", "texturedir"):
+            compiler.attrib.pop(key, None)
+    for asset in root.findall("asset"):
+        for child in list(asset):
+            if child.tag in ("texture", "material"):
+                asset.remove(child)
+            elif child.tag == "mesh":
+                _complete(child, folder, path)
+
+
+def _complete(mesh: Element, folder: Path, path: Path) -> None:
+    name = mesh.get("file", "")
+    file = folder / name
+    if not name or not is_file(file):
+        raise RobotModelError(
+            f"{path}: mesh {name or mesh.get('name')!r} was not found in {folder}"
+        )
+    mesh.attrib.setdefault("name", Path(name).stem)
+    mesh.set("file", str(file.resolve()))
+
+
+def _links(urdf: Element, model: Any, path: Path) -> dict[int, tuple[Element, Array]]:
+    """Write links and joints.
+
+    Returns:
+        By the number of pinocchio's frame: the link, and the pose of its frame in the frame of the
+        joint that moves it.
+    """
+    at_rest = np.eye(4)
+    out = {0: (SubElement(urdf, "link", name=_WORLD), at_rest)}
+    for number, frame in enumerate(model.frames):
+        if frame.type != _FRAMES.BODY:
+            continue
+        above = model.frames[frame.parentFrame]
+        pose, name = frame.placement.homogeneous, frame.name
+        parent = above.parentFrame if above.type == _FRAMES.JOINT else frame.parentFrame
+        carrier, offset = out[parent]
+        if above.type == _FRAMES.JOINT:
+            index = above.parentJoint
+            placed = model.jointPlacements[index].homogeneous
+            level = bool(np.allclose(pose, at_rest))
+            moved = name if level else f"{name}.moved"
+            link = SubElement(urdf, "link", name=moved)
+            joint = _add_joint(
+                urdf, above.name, carrier, link, inverse(offset) @ placed
+            )
+            _describe(joint, model, index, path)
+            carrier, offset = link, at_rest
+            if level:
+                out[number] = link, at_rest
+                continue
+        link = SubElement(urdf, "link", name=name)
+        joint = _add_joint(urdf, f"{name}.fixed", carrier, link, inverse(offset) @ pose)
+        joint.set("type", "fixed")
+        out[number] = link, pose
+    return out
+
+
+def _add_joint(
+    urdf: Element, name: str, parent: Element, child: Element, pose: Transform
+) -> Element:
+    joint = SubElement(urdf, "joint", name=name)
+    SubElement(joint, "parent", link=str(parent.get("name")))
+    SubElement(joint, "child", link=str(child.get("name")))
+    write_pose(joint, pose)
+    return joint
+
+
+def _describe(joint: Element, model: Any, index: int, path: Path) -> None:
+    """Write kind, axis and range of a joint."""
+    own = model.joints[index]
+    kind = own.shortname()
+    if "Composite" in kind:
+        raise RobotModelError(
+            f"{path}: a body has several joints ({joint.get('name')}); give each a body of its own"
+        )
+    if own.nv != 1:
+        joint.set("type", "floating")
+        return
+    data = own.createData()
+    own.calc(data, pinocchio.neutral(model)[own.idx_q : own.idx_q + own.nq])
+    column = np.asarray(data.S, dtype=np.float64).reshape(6)
+    slides = bool(np.any(column[:3] != 0.0))
+    axis = column[:3] if slides else column[3:]
+    SubElement(joint, "axis", xyz=_text(axis))
+    low, high = (
+        float(limits[own.idx_q])
+        for limits in (model.lowerPositionLimit, model.upperPositionLimit)
+    )
+    limited = own.nq == 1 and low > -_UNLIMITED and high < _UNLIMITED
+    joint.set(
+        "type", "prismatic" if slides else "revolute" if limited else "continuous"
+    )
+    if limited:
+        SubElement(joint, "limit", lower=repr(low), upper=repr(high))
+
+
+def _write_shape(
+    link: Element, tag: str, item: Any, pose: Transform, path: Path
+) -> None:
+    for shape, keys, at in _primitives(item, path, tag):
+        element = SubElement(link, tag)
+        write_pose(element, pose @ at)
+        SubElement(SubElement(element, "geometry"), shape, keys)
+        if tag == "visual":
+            red, green, blue, alpha = (float(v) for v in item.meshColor)
+            material = SubElement(element, "material", name="")
+            SubElement(material, "color", rgba=f"{red} {green} {blue} {alpha}")
+
+
+def _primitives(
+    item: Any, path: Path, tag: str
+) -> Iterator[tuple[str, dict[str, str], Transform]]:
+    """Yield the URDF shapes of a geom, each with its pose in the geom's frame."""
+    shape, here = item.geometry, np.eye(4)
+    kind = type(shape).__name__
+    if kind == "Box":
+        yield "box", {"size": _text(2.0 * np.asarray(shape.halfSide))}, here
+    elif kind == "Sphere":
+        yield "sphere", {"radius": repr(float(shape.radius))}, here
+    elif kind in ("Cylinder", "Capsule"):
+        radius, half = repr(float(shape.radius)), float(shape.halfLength)
+        yield "cylinder", {"radius": radius, "length": repr(2.0 * half)}, here
+        for end in (-half, half) if kind == "Capsule" else ():
+            yield "sphere", {"radius": radius}, translation(0.0, 0.0, end)
+    elif hasattr(shape, "vertices"):
+        scale = _text(np.asarray(item.meshScale))
+        yield "mesh", {"filename": item.meshPath, "scale": scale}, here
+    elif kind not in ("Halfspace", "Plane") and tag == "collision":
+        raise RobotModelError(
+            f"{path}: geom {item.name!r} is of a kind that cannot be read ({kind}); give it another, or"
+            " contype and conaffinity 0",
+            choices=("box", "sphere", "cylinder", "capsule", "mesh"),
+        )
+
+
+def _tie(urdf: Element, root: Element, path: Path) -> None:
+    """Write the joints that an equality ties to another one as joints that mimic it."""
+    joints = {str(joint.get("name")): joint for joint in urdf.findall("joint")}
+    for tie in root.findall("equality/joint"):
+        first, second = tie.get("joint1", ""), tie.get("joint2", "")
+        if second not in joints or first not in joints:
+            continue
+        factors = [*map(float, tie.get("polycoef", "0 1 0 0 0").split())]
+        if any(factors[2:]):
+            raise RobotModelError(
+                f"{path}: joint {first!r} follows {second!r} along a curve; only straight lines can be"
+                " followed"
+            )
+        offset, factor = (*factors, 0.0, 0.0)[:2]
+        SubElement(
+            joints[first],
+            "mimic",
+            joint=second,
+            multiplier=repr(factor),
+            offset=repr(offset),
+        )
+
+
+def _text(values: Array) -> str:
+    return " ".join(repr(float(value)) for value in values)

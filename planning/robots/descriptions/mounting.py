@@ -1,0 +1,264 @@
+"""Fits a robot out for a cell: one description of arm and tool, in which only the arm moves.
+
+Everything that reads descriptions, the audit's engines and the recorder among them, reads this
+one like that of a vendor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from planning.errors import FittingError, RobotModelError
+from planning.robots.descriptions.fitting import Fitting, Limits, Tool
+from planning.robots.descriptions.flange import flange_link, tip_link
+from planning.robots.descriptions.held_joints import (
+    free_kinds,
+    hold_all,
+    hold_joints,
+    pose_of,
+    write_pose,
+)
+from planning.robots.descriptions.mesh_files import find_mesh_of_package, search_folders
+from planning.robots.descriptions.read_description import read_description
+from planning.robots.descriptions.urdf_file import (
+    UrdfOptions,
+    checked_tree,
+    moving_order,
+    serial_chain,
+)
+from planning.robots.descriptions.written_options import write_options, written_options
+from planning.robots.descriptions.xml_reading import without_prefixes
+from planning.transforms import Transform, rotation
+
+_KEPT = ("link", "joint", "material")
+
+
+def fitted_description(
+    path: Path, options: UrdfOptions, fitting: Fitting, package_dirs: tuple[Path, ...]
+) -> Element:
+    """Return one description of an arm and what a cell adds to it.
+
+    Args:
+        path: description of the arm.
+        options: what is known of it besides.
+        fitting: what the cell adds.
+        package_dirs: where its meshes are looked up, besides the usual places.
+
+    Raises:
+        RobotModelError: the arm or the tool cannot be used, or they do not fit each other.
+    """
+    root = read_description(path)
+    dirs = search_folders(path, package_dirs)
+    known = written_options(root) or options
+    checked_tree(root, path, dirs, free_kinds(root))
+    with _at_fault("joints", bool(fitting.held)):
+        hold_joints(root, path, {**known.frozen, **fitting.held})
+    _name_limits_plainly(root)
+    with _at_fault("limits", fitting.limits != Limits()):
+        _write_limits(root, path, known, fitting.limits)
+    arm = serial_chain(root, path, package_dirs)
+    with _at_fault("flange", fitting.flange is not None):
+        flange = flange_link(arm, fitting.flange or known.flange_link)
+    if fitting.flange in (None, known.flange_link):
+        flange = _with_offset(root, flange, known.flange_offset)
+    else:  # what is known of the tool is told in the frame of another flange
+        known = replace(known, frames=None)
+    _meshes_in_full(root, dirs)
+    if fitting.tool is not None:
+        with _at_fault("tool", True):
+            _take_off(root, frozenset(known.tool_links or ()), flange, path)
+            links, frames = _mount(root, flange, fitting.tool)
+        grip = fitting.tool.grip
+        known = replace(known, tool_links=links, frames=frames, grip=grip)
+    if known.home is not None and len(known.home) != len(arm.joints):
+        known = replace(known, home=None)
+    if fitting.limits.payload is not None:
+        known = replace(known, payload=fitting.limits.payload)
+    _tidy(root)
+    write_options(root, replace(known, flange_link=flange))
+    return root
+
+
+@contextmanager
+def _at_fault(key: str, given: bool) -> Iterator[None]:
+    """Say of errors which key of the cell is at fault, where it is given."""
+    try:
+        yield
+    except RobotModelError as error:
+        if not given:
+            raise
+        raise FittingError(error.message, key=key, choices=error.choices) from None
+
+
+def _tidy(root: Element) -> None:
+    """Leave out what is for other programs, and inertias that are not whole."""
+    for child in list(root):
+        if child.tag not in _KEPT:
+            root.remove(child)
+    for link in root.findall("link"):
+        inertial = link.find("inertial")
+        if inertial is not None and (
+            inertial.find("mass") is None or inertial.find("inertia") is None
+        ):
+            link.remove(inertial)
+    without_prefixes(root)
+
+
+def _write_limits(
+    root: Element, path: Path, options: UrdfOptions, limits: Limits
+) -> None:
+    given = dict(limits.by_joint())
+    if options.velocity is not None:
+        given.setdefault("velocity", options.velocity)
+    if not given:
+        return
+    order = moving_order(root, path)
+    joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
+    for key, values in given.items():
+        if len(values) not in (1, len(order)):
+            raise RobotModelError(
+                f"{path}: limits of {key} are {len(values)} values; the robot has {len(order)} joints"
+                f" ({', '.join(order)}): give one for each, or one for all"
+            )
+        each = values * len(order) if len(values) == 1 else values
+        for name, value in zip(order, each, strict=True):
+            limit = joints[name].find("limit")
+            if limit is None:
+                limit = SubElement(joints[name], "limit")
+            for old in [k for k in limit.attrib if k.rpartition(":")[2] == key]:
+                del limit.attrib[old]
+            limit.set(key, repr(float(value)))
+
+
+def _name_limits_plainly(root: Element) -> None:
+    """Give limits that are told with a prefix, such as drake:acceleration, the name that URDF has."""
+    for limit in root.findall("joint/limit"):
+        for key in [key for key in limit.attrib if ":" in key]:
+            limit.set(key.rpartition(":")[2], limit.attrib.pop(key))
+
+
+def _with_offset(root: Element, flange: str, offset: Transform) -> str:
+    """Return a link whose frame is the flange, made where an offset leaves none."""
+    if np.array_equal(offset, np.eye(4)):
+        return flange
+    name = f"{flange}.flange"
+    SubElement(root, "link", name=name)
+    _join(root, flange, name, offset)
+    return name
+
+
+def _meshes_in_full(root: Element, dirs: Sequence[Path]) -> None:
+    """Name the meshes by where they are; what is only looked at may be missing."""
+    for link in root.findall("link"):
+        for shape in (*link.findall("collision"), *link.findall("visual")):
+            mesh = shape.find(".//mesh")
+            if mesh is None:
+                continue
+            found = find_mesh_of_package(mesh.get("filename", ""), dirs)
+            if found is not None:
+                mesh.set("filename", str(found.resolve()))
+            else:
+                link.remove(shape)
+
+
+def _take_off(root: Element, links: frozenset[str], flange: str, path: Path) -> None:
+    """Remove the tool that a robot comes with, and what hangs on it."""
+    below = set(links)
+    joints = root.findall("joint")
+    grown = True
+    while grown:
+        hanging = {_end(j, "child") for j in joints if _end(j, "parent") in below}
+        grown = not hanging <= below
+        below |= hanging
+    if flange in below:
+        raise RobotModelError(
+            f"{path}: {flange!r} is of the tool that the robot comes with, which the other tool replaces"
+        )
+    for element in list(root):
+        name = str(element.get("name"))
+        joint = element.tag == "joint" and _end(element, "child") in below
+        if joint or (element.tag == "link" and name in below):
+            root.remove(element)
+
+
+def _mount(
+    root: Element, flange: str, tool: Tool
+) -> tuple[tuple[str, ...], dict[str, Transform]]:
+    """Add a tool to an arm; return its links and its frames in the frame of the flange."""
+    path = tool.description
+    body = read_description(path)
+    dirs = search_folders(path)
+    tree = checked_tree(body, path, dirs, free_kinds(body))
+    hold_all(body, path, tool.held)
+    _meshes_in_full(body, dirs)
+    without_prefixes(body)
+    tcp = _tcp(body, tree.root, tool)
+    _rename(body, f"{tool.name}.")
+    for child in body:
+        if child.tag in ("link", "joint", "material"):
+            root.append(child)
+    links = tuple(str(link.get("name")) for link in body.findall("link"))
+    if not body.findall("link/collision"):
+        raise RobotModelError(
+            f"{path}: the tool {tool.name!r} has no collision geometry: nothing would keep it from"
+            " other things"
+        )
+    _join(root, flange, f"{tool.name}.{tree.root}", tool.mount)
+    quarter = rotation("z", np.pi / 2) if tool.closing == "x" else np.eye(4)
+    frames = {"tool": tool.mount @ tcp @ quarter}
+    frames |= {name: tool.mount @ pose for name, pose in tool.frames.items()}
+    return links, frames
+
+
+def _tcp(body: Element, top: str, tool: Tool) -> Transform:
+    """Return the point at which a tool works, in the frame of its root link."""
+    if tool.tcp is not None:
+        return tool.tcp
+    names = tuple(str(link.get("name")) for link in body.findall("link"))
+    tip = tip_link(names)
+    if tip is None:
+        raise RobotModelError(
+            f"the tool {tool.name!r} needs a 'tcp', the point between its fingers or at its end as seen"
+            f" from link {top!r}: no link of {tool.description} is named as one"
+        )
+    joints = {_end(joint, "child"): joint for joint in body.findall("joint")}
+    pose = np.eye(4)
+    while tip in joints:
+        origin = joints[tip].find("origin")
+        pose = pose_of(origin, str(tool.description)) @ pose
+        tip = _end(joints[tip], "parent")
+    return pose
+
+
+def _rename(body: Element, prefix: str) -> None:
+    """Put a prefix before all names, so that they are those of no link of the arm."""
+    shared = {material.get("name") for material in body.findall("material")}
+    for link in body.findall("link"):
+        link.set("name", prefix + str(link.get("name")))
+    for joint in body.findall("joint"):
+        joint.set("name", prefix + str(joint.get("name")))
+        for tag in ("parent", "child"):
+            end = joint.find(tag)
+            if end is not None:
+                end.set("link", prefix + str(end.get("link")))
+    for material in body.iter("material"):
+        if material.get("name") in shared:
+            material.set("name", prefix + str(material.get("name")))
+
+
+def _join(root: Element, parent: str, child: str, pose: Transform) -> None:
+    joint = SubElement(root, "joint", name=f"{child}.mount", type="fixed")
+    SubElement(joint, "parent", link=parent)
+    SubElement(joint, "child", link=child)
+    write_pose(joint, pose)
+
+
+def _end(joint: Element, tag: str) -> str:
+    end = joint.find(tag)
+    return "" if end is None else str(end.get("link"))

@@ -1,0 +1,349 @@
+"""The joints of a URDF file, checked before anything is built from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+from planning.cell.robot_model import ToolGrip
+from planning.errors import RobotModelError
+from planning.robots.descriptions.mesh_files import search_folders
+from planning.robots.descriptions.urdf_checks import (
+    attribute,
+    check_meshes,
+    check_numbers,
+    number,
+)
+from planning.robots.descriptions.xml_reading import read_xml
+from planning.transforms import Transform, identity
+
+_MOVING = ("revolute", "continuous", "prismatic")
+_CONTINUOUS_LIMIT = 2.0 * math.pi
+
+
+@dataclass(frozen=True, kw_only=True)
+class UrdfOptions:
+    """Properties of a robot that its description leaves open, or that replace it.
+
+    Attributes:
+        name: of the robot type; the file's stem by default.
+        home: HOME, joint by joint; by default zero, clamped to the limits [rad or m].
+        frozen: joints to hold still, such as gripper fingers, and their values [rad or m].
+        flange_link: link whose frame is the flange; by default the link called ``flange`` or
+            ``tool0``, else the last moved link.
+        flange_offset: pose of the flange in that link.
+        tool_links: links that are the tool; by default those that hang on the flange.
+        frames: tool frames in the flange frame; by default ``tool``, the frame of the last
+            link that hangs on the flange.
+        velocity: joint speed limits in place of the file's [rad/s or m/s].
+        grip: how the tool holds; None where nothing is known.
+        payload: the most that it may carry, its tool included; None where nothing is known [kg].
+    """
+
+    name: str | None = None
+    home: tuple[float, ...] | None = None
+    frozen: Mapping[str, float] = field(default_factory=dict)
+    flange_link: str | None = None
+    flange_offset: Transform = field(default_factory=identity)
+    tool_links: tuple[str, ...] | None = None
+    frames: Mapping[str, Transform] | None = None
+    velocity: tuple[float, ...] | None = None
+    grip: ToolGrip | None = None
+    payload: float | None = None
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A moving joint as written: limits [rad or m] and speed [rad/s or m/s].
+
+    Acceleration, jerk and effort are those of its drive in SI units, infinite where the file
+    does not tell them.
+    """
+
+    name: str
+    kind: str
+    axis: tuple[float, float, float]
+    lower: float
+    upper: float
+    velocity: float
+    acceleration: float = math.inf
+    jerk: float = math.inf
+    effort: float = math.inf
+
+
+@dataclass(frozen=True)
+class UrdfFile:
+    """The serial chain of a description.
+
+    Attributes:
+        path: the file.
+        package_dirs: where ``package://`` and relative paths are looked up.
+        joints: the moving joints, base to tip; frozen ones left out.
+        parents: link to (parent link, joint between them), the root left out.
+        fixed: names of the joints that do not move, the frozen ones among them.
+    """
+
+    path: Path
+    package_dirs: tuple[Path, ...]
+    joints: tuple[UrdfJoint, ...]
+    parents: Mapping[str, tuple[str, str]]
+    fixed: frozenset[str]
+
+    def fixed_below(self, link: str) -> tuple[str, ...]:
+        """Return the links that hang on ``link`` by fixed joints only, itself included."""
+        out = [link]
+        for other in out:  # grows while it is walked
+            out += [
+                child
+                for child, (parent, joint) in self.parents.items()
+                if parent == other and joint in self.fixed
+            ]
+        return tuple(out)
+
+    def child_of(self, joint: str) -> str:
+        """Return the link that a joint moves."""
+        return next(c for c, (_, name) in self.parents.items() if name == joint)
+
+
+def read_urdf(
+    path: Path,
+    package_dirs: tuple[Path, ...] = (),
+    frozen: frozenset[str] = frozenset(),
+) -> UrdfFile:
+    """Read and check a URDF file.
+
+    Args:
+        path: the file.
+        package_dirs: searched for meshes after the file's own folder.
+        frozen: names of joints to treat as fixed.
+
+    Raises:
+        RobotModelError: the file is missing, is not URDF, has no moving joint, branches, lacks
+            a limit or a speed, or names a mesh that is not there.
+    """
+    return serial_chain(read_xml(path), path, package_dirs, frozen)
+
+
+def serial_chain(
+    root: Element,
+    path: Path,
+    package_dirs: tuple[Path, ...] = (),
+    frozen: frozenset[str] = frozenset(),
+) -> UrdfFile:
+    """Check a description of an arm and return its serial chain.
+
+    Args:
+        root: of its XML.
+        path: its file, for messages and for its folder.
+        package_dirs: searched for meshes after the file's own folder.
+        frozen: names of joints to treat as fixed.
+
+    Raises:
+        RobotModelError: as ``read_urdf``.
+    """
+    dirs = search_folders(path, package_dirs)
+    if root.tag == "robot" and not root.findall("joint"):
+        raise RobotModelError(f"{path} has no joints")
+    tree = checked_tree(root, path, dirs, frozen)
+    if not tree.moving:
+        raise RobotModelError(f"{path} has no moving joint")
+    order = _chain_order(tree.parents, tree.moving, path)
+    joints = tuple(_joint(tree.moving[name], name, path) for name in order)
+    return UrdfFile(path, dirs, joints, tree.parents, tree.fixed)
+
+
+@dataclass(frozen=True)
+class LinkTree:
+    """The links of a description and the joints between them.
+
+    Attributes:
+        root: the link that hangs on no other.
+        parents: link to (parent link, joint between them), the root left out.
+        moving: the joints that move, as written.
+        fixed: names of the joints that do not.
+    """
+
+    root: str
+    parents: Mapping[str, tuple[str, str]]
+    moving: Mapping[str, Element]
+    fixed: frozenset[str]
+
+
+def checked_tree(
+    root: Element, path: Path, dirs: Sequence[Path], frozen: frozenset[str]
+) -> LinkTree:
+    """Check all that descriptions of arms and of tools have in common, and return the links.
+
+    Args:
+        root: of the XML.
+        path: its file, for messages.
+        dirs: where meshes are looked up.
+        frozen: names of joints to treat as fixed.
+
+    Raises:
+        RobotModelError: it is not URDF, no tree, or names a mesh that is not there.
+    """
+    if root.tag != "robot":
+        raise RobotModelError(f"{path} is not URDF: its root element is <{root.tag}>")
+    _reject_xacro(root, path)
+    check_numbers(root, path)
+    check_meshes(root, path, dirs)
+    names = [attribute(element, "name", path) for element in root.findall("link")]
+    links = set(_unique(names, "link", path))
+    _unique([str(e.get("name")) for e in root.findall("joint")], "joint", path)
+    parents: dict[str, tuple[str, str]] = {}
+    moving: dict[str, Element] = {}
+    fixed: set[str] = set()
+    for element in root.findall("joint"):
+        name = attribute(element, "name", path)
+        parent, child = (
+            _joined(element, tag, links, f"{path}: joint {name!r}")
+            for tag in ("parent", "child")
+        )
+        if child in parents:
+            raise RobotModelError(f"{path}: link {child!r} has two parent joints")
+        parents[child] = (parent, name)
+        kind = element.get("type")
+        if kind == "fixed" or name in frozen:
+            fixed.add(name)
+        elif kind in _MOVING:
+            moving[name] = element
+        else:
+            raise RobotModelError(
+                f"{path}: joint {name!r} is of type {kind!r}; hold it at 0 with 'joints', or make it"
+                " another one",
+                choices=(*_MOVING, "fixed"),
+            )
+    missing = sorted(frozen - fixed)
+    if missing:
+        raise RobotModelError(f"{path} has no joint {missing[0]!r} to freeze")
+    roots = links - set(parents)
+    if len(roots) != 1:
+        raise RobotModelError(
+            f"{path} needs one root link, has {', '.join(sorted(roots)) or 'none'}"
+        )
+    _require_rooted(parents, path)
+    return LinkTree(roots.pop(), parents, moving, frozenset(fixed))
+
+
+def moving_order(root: Element, path: Path) -> tuple[str, ...]:
+    """Return the names of the moving joints of a checked description, base to tip."""
+    tree = checked_tree(root, path, search_folders(path), frozenset())
+    return tuple(_chain_order(tree.parents, tree.moving, path))
+
+
+def _unique(names: Sequence[str], what: str, path: Path) -> Sequence[str]:
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise RobotModelError(f"{path} has two {what}s called {twice!r}")
+    return names
+
+
+def _joined(element: Element, tag: str, links: Collection[str], where: str) -> str:
+    """Return the link at one end of a joint."""
+    found = element.find(tag)
+    if found is None or found.get("link") not in links:
+        raise RobotModelError(
+            f"{where} has no valid {tag} link", choices=tuple(sorted(links))
+        )
+    return str(found.get("link"))
+
+
+def _require_rooted(parents: Mapping[str, tuple[str, str]], path: Path) -> None:
+    rooted: set[str] = set()
+    for link in parents:
+        seen: list[str] = []
+        while link in parents and link not in rooted:
+            if link in seen:
+                raise RobotModelError(f"{path}: link {link!r} is its own ancestor")
+            seen.append(link)
+            link = parents[link][0]
+        rooted.update(seen)
+
+
+def _reject_xacro(root: Element, path: Path) -> None:
+    for element in root.iter():
+        left_in = element.tag.startswith("xacro:")
+        if left_in or any(
+            "${" in value or "$(" in value for value in element.attrib.values()
+        ):
+            raise RobotModelError(
+                f"{path} still holds xacro macros; expand it to plain URDF first "
+                "(xacro robot.urdf.xacro > robot.urdf)"
+            )
+
+
+def _chain_order(
+    parents: Mapping[str, tuple[str, str]],
+    moving: Mapping[str, Element],
+    path: Path,
+) -> list[str]:
+    above: dict[str, str | None] = {}
+    for parent, joint in parents.values():
+        if joint not in moving:
+            continue
+        while parent in parents and parents[parent][1] not in moving:
+            parent = parents[parent][0]
+        above[joint] = parents[parent][1] if parent in parents else None
+    order: list[str] = []
+    last: str | None = None
+    while len(order) < len(above):
+        following = [joint for joint, upper in above.items() if upper == last]
+        if len(following) > 1:
+            raise RobotModelError(
+                f"{path}: the chain branches at joints "
+                + " and ".join(repr(joint) for joint in following[:2])
+                + "; only serial arms are supported: hold what is not of the arm, such as fingers,"
+                f" with 'joints: {{{following[-1]}: 0.0}}'"
+            )
+        last = following[0]
+        order.append(last)
+    return order
+
+
+def _joint(element: Element, name: str, path: Path) -> UrdfJoint:
+    kind = str(element.get("type"))
+    where = f"{path}: joint {name!r}"
+    if element.find("mimic") is not None:
+        raise RobotModelError(
+            f"{where} mimics another joint, which an arm cannot do here; hold the joint that it"
+            " mimics with 'joints', and it follows"
+        )
+    axis_element = element.find("axis")
+    text = "1 0 0" if axis_element is None else axis_element.get("xyz", "1 0 0")
+    axis = [number(part, f"{where}, axis") for part in text.split()]
+    norm = math.hypot(*axis)
+    if len(axis) != 3 or norm == 0.0:
+        raise RobotModelError(f"{where} has no direction: axis {text!r}")
+    limit = element.find("limit")
+    if limit is None:
+        raise RobotModelError(
+            f"{where} has no <limit>: give it lower, upper and velocity"
+        )
+    velocity = number(limit.get("velocity", "0"), f"{where}, velocity limit")
+    if velocity <= 0.0:
+        raise RobotModelError(
+            f"{where} needs a velocity limit above zero, has {velocity:g}; give the robot"
+            " 'limits: {velocity: ...}'"
+        )
+    lower, upper = -_CONTINUOUS_LIMIT, _CONTINUOUS_LIMIT
+    if kind != "continuous":
+        lower = number(limit.get("lower", "0"), f"{where}, lower limit")
+        upper = number(limit.get("upper", "0"), f"{where}, upper limit")
+    if not lower < upper:
+        raise RobotModelError(f"{where} has an empty range: {lower:g} to {upper:g}")
+    x, y, z = (value / norm for value in axis)
+    drive = [_drive(limit, key, where) for key in ("acceleration", "jerk", "effort")]
+    return UrdfJoint(name, kind, (x, y, z), lower, upper, velocity, *drive)
+
+
+def _drive(limit: Element, key: str, where: str) -> float:
+    """Return what a drive can do, infinite where nothing is said; any prefix will do."""
+    for name, text in limit.items():
+        if name.rpartition(":")[2] == key:
+            value = number(text, f"{where}, {key} limit")
+            return value if value > 0.0 else math.inf
+    return math.inf

@@ -1,0 +1,71 @@
+"""Robot models as a scenario fits them out: with tools, flanges, limits and joints that are held."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from planning.cell.robot_model import RobotModel, ToolGrip
+from planning.robots.descriptions.fitting import Fitting, Limits, Tool
+from planning.robots.registry import robot_model, with_tool
+from twin.scenario.sections.cell import RobotSection
+from twin.scenario.sections.poses import build_transform
+from twin.scenario.sections.tools import LimitsSection, ToolSection
+
+
+def fitted_model(
+    robot: RobotSection, tools: Mapping[str, ToolSection], folder: Path
+) -> RobotModel:
+    """Return the type of a robot with what the cell adds to it.
+
+    Args:
+        robot: of the cell.
+        tools: of the cell, by name.
+        folder: where relative paths start.
+
+    Raises:
+        FittingError: what is added does not fit; it says which key is at fault.
+        RobotModelError: the description of the robot cannot be used.
+    """
+    own = tools.get(robot.tool or "")
+    if own is None and robot.tool is not None:
+        robot_model(robot.model, folder)  # a model that there is not is said first
+    model = robot.model if own else with_tool(robot.model, robot.tool, tuple(tools))
+    fitting = Fitting(
+        tool=build_tool(str(robot.tool), own, folder) if own else None,
+        flange=robot.flange,
+        held=robot.joints,
+        limits=build_limits(robot.limits),
+    )
+    return robot_model(model, folder, fitting)
+
+
+def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:
+    """Return a tool of a cell as planning knows it."""
+    opening = section.opening
+    holds = section.suction or opening is not None
+    return Tool(
+        name=name,
+        description=Path(folder, section.description).resolve(),
+        held=section.joints,
+        mount=build_transform(section.mount),
+        tcp=None if section.tcp is None else build_transform(section.tcp),
+        closing=section.closing,
+        frames={key: build_transform(pose) for key, pose in section.frames.items()},
+        grip=ToolGrip(opening, name) if holds else None,
+    )
+
+
+def build_limits(section: LimitsSection) -> Limits:
+    """Return the limits of a robot as planning knows them."""
+
+    def listed(value: tuple[float, ...] | float | None) -> tuple[float, ...] | None:
+        return (value,) if isinstance(value, float) else value
+
+    return Limits(
+        velocity=listed(section.velocity),
+        acceleration=listed(section.acceleration),
+        jerk=listed(section.jerk),
+        effort=listed(section.effort),
+        payload=section.payload_kg,
+    )

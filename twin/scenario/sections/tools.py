@@ -1,0 +1,80 @@
+"""Tools of a scenario, apart from the robots that carry them, and limits of joints."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from twin.scenario.document.section import Name, Section, Several
+from twin.scenario.sections.poses import Coordinate, PoseSection
+
+Opening = Annotated[float, Field(ge=0, le=10)]
+JointName = Annotated[str, Field(min_length=1, max_length=256)]
+HeldJoints = dict[JointName, Coordinate]
+
+_Limit = Annotated[float, Field(gt=0, le=1e6)]
+
+
+class ToolSection(Section):
+    """A tool: what it looks like, where it sits on a flange, where it works, and how it holds.
+
+    Attributes:
+        description: path of a URDF or MJCF file, relative to the scenario's.
+        mount: pose of its root link in the flange frame of the robot that carries it.
+        tcp: pose of the point at which it works in the frame of its root link: z out of the hand,
+            between the fingers; default: its link that is named as one, such as tcp.
+        joints: values of its joints [rad or m], at which they are held; what mimics one follows, and
+            what is left out is held at zero, or at the limit that is nearest to it.
+        closing: axis of the tcp along which its fingers close.
+        opening_m: farthest that its fingers open, or least and farthest.
+        suction: whether it holds by suction, at one face.
+        frames: further frames by name, each a pose in the frame of its root link.
+    """
+
+    description: Annotated[str, Field(min_length=1, max_length=4096)]
+    mount: PoseSection = PoseSection(xyz_m=(0.0, 0.0, 0.0))
+    tcp: PoseSection | None = None
+    joints: HeldJoints = Field(default_factory=dict)
+    closing: Literal["x", "y"] = "y"
+    opening_m: Several[Opening] | Opening | None = None
+    suction: bool = False
+    frames: dict[Name, PoseSection] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_way_to_hold(self) -> ToolSection:
+        if self.suction and self.opening_m is not None:
+            raise ValueError("give opening_m or suction, not both")
+        if isinstance(self.opening_m, tuple):
+            if len(self.opening_m) != 2 or self.opening_m[0] >= self.opening_m[1]:
+                raise ValueError(
+                    "opening_m is one number, or two: the least and the largest"
+                )
+        elif self.opening_m == 0.0:
+            raise ValueError("opening_m must be greater than 0")
+        return self
+
+    @property
+    def opening(self) -> tuple[float, float] | None:
+        """Least and largest distance of its fingers [m]; None where it has none."""
+        if isinstance(self.opening_m, tuple):
+            return self.opening_m[0], self.opening_m[1]
+        return None if self.opening_m is None else (0.0, self.opening_m)
+
+
+class LimitsSection(Section):
+    """Limits of a robot in place of what its description says: one for all joints, or a list.
+
+    Attributes:
+        velocity: of joints [rad/s or m/s].
+        acceleration: of joints [rad/s^2 or m/s^2].
+        jerk: of joints [rad/s^3 or m/s^3].
+        effort: of joints [N m or N].
+        payload_kg: the most that the robot may carry, its tool included.
+    """
+
+    velocity: Several[_Limit] | _Limit | None = None
+    acceleration: Several[_Limit] | _Limit | None = None
+    jerk: Several[_Limit] | _Limit | None = None
+    effort: Several[_Limit] | _Limit | None = None
+    payload_kg: Annotated[float, Field(gt=0, le=1e6)] | None = None
