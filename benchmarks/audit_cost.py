@@ -35,7 +35,8 @@ try:
     from twin.audit import wanted
     from twin.planning.kind import assembly_kind
     from twin.scenario.manifest import read_manifest
-    told["wanted"] = assembly_kind(read_manifest(folder, "run")[0].assembly).wanted()
+    scenario = read_manifest(folder, "run")[0]
+    told["wanted"] = assembly_kind(scenario.assembly).wanted(scenario.cell)
 except ImportError:
     pass
 def seconds():

@@ -19,12 +19,14 @@ class PlacedRobot:
         model: the robot type.
         base: pose of its base in the world.
         home: its HOME configuration, shape (n,).
+        tool: name of its tool, None where none is named.
     """
 
     name: str
     model: RobotModel
     base: Transform
     home: Array
+    tool: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +38,14 @@ class Fixture:
         size: edge lengths, shape (3,) [m].
         pose: of the box centre in the world.
         body: hull and capsules in the box frame.
+        frames: places on it where processes are done, by name, each in the box frame.
     """
 
     name: str
     size: Array
     pose: Transform
     body: ConvexBody
+    frames: Mapping[str, Transform] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Assemblies of parts as data: where every part goes, in which order, and the grips on it."""
+"""Assemblies of parts as data: where every part goes, the steps in order, and the grips on it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from itertools import product
 
 import numpy as np
 
+from planning.parts.steps import Place, Work, placed_parts
 from planning.transforms import Array, Transform, readonly
 
 DOWN = (0.0, 0.0, -1.0)
@@ -46,11 +47,11 @@ class GripRules:
 
 @dataclass(frozen=True)
 class PartAssembly:
-    """An assembly of parts: goal poses of parts, in order.
+    """An assembly of parts: goal poses of parts, and the steps in order.
 
     Attributes:
         goals: pose of the centre of every part that is placed, in the world.
-        steps: names of the parts in the order in which they are placed.
+        steps: what is done, in this order.
         approach: way straight towards a part before it is gripped, and straight down with it
             before it is put in place [m].
         leave: way straight up with a part after it is gripped, and straight back from it after
@@ -60,11 +61,16 @@ class PartAssembly:
     """
 
     goals: Mapping[str, Transform]
-    steps: tuple[str, ...]
+    steps: tuple[Place | Work, ...]
     approach: float = 0.06
     leave: float = 0.06
     touch: float = 0.002
     grips: GripRules = field(default_factory=GripRules)
+
+    @property
+    def placed(self) -> tuple[str, ...]:
+        """Names of the parts that are placed, in the order of the steps."""
+        return placed_parts(self.steps)
 
 
 _AXES = "xyz"

@@ -2,98 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import product
 
-from planning.cell.workcell import (
-    Attachment,
-    CellObject,
-    PlacedRobot,
-    Workcell,
-    WorldState,
-)
-from planning.errors import InfeasibleStepError
-from planning.geometry.scene_checker import SceneChecker
-from planning.kinematics.kinematics import frame_in_flange
-from planning.motion.sequential import MARGIN
-from planning.parts.assembly import Grip, PartAssembly, box_grips
-from planning.parts.contact_graph import near_to, standing
-from planning.parts.targets import pick_targets, place_targets
-from planning.skills.contacts import NOTHING, SkillContacts, gripped, touching
+import numpy as np
+
+from planning.cell.workcell import PlacedRobot, Workcell
+from planning.parts.assembly import PartAssembly
+from planning.parts.part_skills import PartSkills
+from planning.parts.part_steps import PartStep, WorkStep, part_steps
+from planning.parts.targets import process_targets
 from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
-from planning.skills.subgoals import SkillTargets
-from planning.skills.surroundings import SkillScene, resolve_skill
-from planning.tasks.assignment import AssignmentProblem, PrimaryCandidate, Rejection
-from planning.transforms import Array, Transform, inverse, readonly
+from planning.tasks.assignment import (
+    AssignmentProblem,
+    PrimaryCandidate,
+    Rejection,
+    StepChoice,
+    SupportCandidate,
+)
 
-MOST_OVERLAP = 0.002
-"""Deepest that a goal may be in what it touches: rounding of poses in files [m]."""
+_MOST_HOLDS = 8
+"""Ways to hold a part that are kept for each robot."""
 
+_ENOUGH = 4
+"""So many pairs of a robot's ways to do a step and another's ways to hold are looked for."""
 
-@dataclass(frozen=True)
-class PartStep:
-    """One step, known before anything is assigned, as it has a part of its own.
-
-    Attributes:
-        part: what is placed; it is picked at its ``start``.
-        goal: pose of its centre in its place, in the world.
-        around: all other parts: those of earlier steps in place, the others where they were.
-        grips: ways to hold it; the number of a grip is its place here.
-        at_start: what it touches before it is picked, with the distances [m].
-        at_goal: what it touches once it is in place, with the distances [m].
-    """
-
-    part: CellObject
-    goal: Transform
-    around: Mapping[str, tuple[CellObject, Attachment]]
-    grips: list[Grip]
-    at_start: Mapping[str, float]
-    at_goal: Mapping[str, float]
-
-
-def part_steps(cell: Workcell, assembly: PartAssembly) -> tuple[PartStep, ...]:
-    """Return the steps of an assembly, every part of which comes to lie on something.
-
-    Args:
-        cell: its objects are the parts.
-        assembly: goals and steps.
-
-    Raises:
-        InfeasibleStepError: a part would hang in the air, or goes where something is.
-    """
-    out = []
-    where = {item.name: item.start for item in cell.objects}
-    for number, name in enumerate(assembly.steps, start=1):
-        part, goal = cell.object(name), assembly.goals[name]
-        around = {
-            item.name: (item, Attachment(None, where[item.name]))
-            for item in cell.objects
-            if item.name != name
-        }
-        lying = standing(cell) | {
-            k: (item, at.pose) for k, (item, at) in around.items()
-        }
-        at_goal = near_to((part, goal), lying, assembly.touch)
-        _require_standing(f"step {number} ({name})", at_goal)
-        at_start = near_to((part, part.start), lying, assembly.touch)
-        grips = box_grips(part.size, part.start, goal, assembly.grips)
-        out.append(PartStep(part, goal, around, grips, at_start, at_goal))
-        where[name] = goal
-    return tuple(out)
-
-
-def _require_standing(step: str, touched: Mapping[str, float]) -> None:
-    if not touched:
-        raise InfeasibleStepError(
-            f"{step} would leave it in the air: it touches neither a fixture nor a part that is"
-            " there by then"
-        )
-    other, gap = min(touched.items(), key=lambda entry: entry[1])
-    if gap < -MOST_OVERLAP:
-        raise InfeasibleStepError(
-            f"{step} goes where {other} is: they would overlap by {-gap * 1e3:.1f} mm"
-        )
+_Way = tuple[int, str, int]
+"""Step, robot, and number of a grip or of a turn."""
 
 
 @dataclass(frozen=True)
@@ -103,26 +38,48 @@ class PartCandidates:
     Attributes:
         cell: its objects are the parts.
         frame: name of the tool frame that grips.
-        steps: part, grips and surroundings of each step.
+        steps: what is done, with the surroundings.
         problem: what the solver needs.
-        paths: pick and place by step, robot and number of the grip.
+        paths: pick and place, or a process, by step, robot and number of the grip or turn.
+        holds: how a part is held, by step, robot and number of the grip.
+        beside: the place or the process of a way beside a way to hold.
     """
 
     cell: Workcell
     frame: str
-    steps: tuple[PartStep, ...]
+    steps: tuple[PartStep | WorkStep, ...]
     problem: AssignmentProblem
-    paths: Mapping[tuple[int, str, int], tuple[SkillPath, SkillPath]] = field(
-        repr=False
-    )
+    paths: Mapping[_Way, tuple[SkillPath, ...]] = field(repr=False)
+    holds: Mapping[_Way, SkillPath] = field(repr=False)
+    beside: Mapping[tuple[_Way, _Way], SkillPath] = field(repr=False)
+
+    def paths_of(self, choice: StepChoice) -> tuple[SkillPath, ...]:
+        """Return pick and place of a choice, or its process, beside what is held."""
+        way = (choice.step, choice.robot, choice.grasp)
+        paths = self.paths[way]
+        if choice.support is None:
+            return paths
+        last = self.beside[way, _hold_way(choice.support)]
+        return (*paths[:-1], last)
+
+    def hold_of(self, choice: StepChoice) -> SkillPath | None:
+        """Return how a choice holds a part meanwhile, None if it holds none."""
+        if choice.support is None:
+            return None
+        return self.holds[_hold_way(choice.support)]
+
+
+def _hold_way(support: SupportCandidate) -> _Way:
+    return support.step, support.robot, support.pose
 
 
 def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
-    """Find every robot and grip that can do a step, with its cost.
+    """Find every robot and grip or turn that can do a step, with its cost.
 
-    Both skills are reachable in one posture each and free of contacts among the parts as they
-    are at that step, with all other robots at HOME; the robot can stand at HOME with the part.
-    Costs are L1 joint distances, HOME to pick plus HOME to place.
+    All skills are reachable in one posture each and free of contacts among the parts as they
+    are at that step, with all other robots at HOME, or holding a part; who carries a part can
+    stand at HOME with it. Costs are L1 joint distances: HOME to pick plus HOME to place, HOME to
+    where a process is done, HOME to where a part is held.
 
     Args:
         cell: its objects are the parts.
@@ -132,99 +89,183 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
         InfeasibleStepError: a part would hang in the air, or goes where something is.
     """
     steps = part_steps(cell, assembly)
-    primaries: list[PrimaryCandidate] = []
-    rejections: list[Rejection] = []
-    paths: dict[tuple[int, str, int], tuple[SkillPath, SkillPath]] = {}
-    for (number, step), robot in product(enumerate(steps, start=1), cell.robots):
+    collector = _Collector(cell, PartSkills(cell, assembly))
+    for number, step in enumerate(steps, start=1):
+        collector.add(number, step)
+    problem = AssignmentProblem(
+        robots=tuple(robot.name for robot in cell.robots),
+        steps=tuple(step.words for step in assembly.steps),
+        needs_support=tuple(step.hold is not None for step in assembly.steps),
+        primaries=tuple(collector.primaries),
+        supports=tuple(collector.supports),
+        incompatible=frozenset(collector.incompatible),
+        rejections=tuple(collector.rejections),
+    )
+    return PartCandidates(
+        cell,
+        assembly.grips.frame,
+        steps,
+        problem,
+        collector.paths,
+        collector.holds,
+        collector.beside,
+    )
+
+
+class _Collector:
+    """Gathers candidates step by step."""
+
+    def __init__(self, cell: Workcell, skills: PartSkills) -> None:
+        self._cell, self._skills = cell, skills
+        self.primaries: list[PrimaryCandidate] = []
+        self.supports: list[SupportCandidate] = []
+        self.incompatible: set[tuple[int, int]] = set()
+        self.rejections: list[Rejection] = []
+        self.paths: dict[_Way, tuple[SkillPath, ...]] = {}
+        self.holds: dict[_Way, SkillPath] = {}
+        self.beside: dict[tuple[_Way, _Way], SkillPath] = {}
+
+    def add(self, number: int, step: PartStep | WorkStep) -> None:
+        """Add the candidates of a step, counted from 1."""
+        first, held_first = len(self.primaries), len(self.supports)
+        for robot in self._cell.robots:
+            if not step.step.done_by(robot.name):
+                only = ", ".join(step.step.robots or ())
+                self._reject(number, f"{robot.name} does it", f"it is for {only} only")
+            elif isinstance(step, PartStep):
+                self._add_places(number, step, robot)
+            else:
+                self._add_works(number, step, robot)
+        if step.held is not None:
+            for robot in self._cell.robots:
+                self._add_holds(number, step, robot)
+            self._pair(
+                step,
+                range(first, len(self.primaries)),
+                range(held_first, len(self.supports)),
+            )
+
+    def _add_places(self, number: int, step: PartStep, robot: PlacedRobot) -> None:
         part, name = step.part.name, robot.name
         if not step.grips:
             reason = "no face can be gripped both at its start and at its goal"
-            rejections.append(Rejection(number, f"{name} grips {part}", reason))
+            self._reject(number, f"{name} grips {part}", reason)
         for k, grip in enumerate(step.grips):
-            found = _GripOption(cell, assembly, step, robot, grip.pose).paths()
-            if isinstance(found[1], Obstruction):
-                what = f"{name} {found[0]}, {grip.words}"
-                rejections.append(Rejection(number, what, found[1].words))
+            place = self._skills.place(robot, step, grip.pose)
+            if isinstance(place, Obstruction):
+                self._reject(number, f"{name} places, {grip.words}", place.words)
                 continue
-            paths[number, name, k] = found
-            cost = sum(joint_distance(robot.home, path.contact) for path in found)
-            primaries.append(PrimaryCandidate(number, name, part, k, cost))
-    problem = AssignmentProblem(
-        robots=tuple(robot.name for robot in cell.robots),
-        steps=tuple(f"pick and place {name}" for name in assembly.steps),
-        needs_support=(False,) * len(assembly.steps),
-        primaries=tuple(primaries),
-        rejections=tuple(rejections),
-    )
-    return PartCandidates(cell, assembly.grips.frame, steps, problem, paths)
+            pick = self._skills.pick(robot, step, grip.pose)
+            if isinstance(pick, Obstruction):
+                self._reject(number, f"{name} picks, {grip.words}", pick.words)
+                continue
+            blocked = self._skills.carried_home(robot, step, grip.pose)
+            if blocked is not None:
+                self._reject(number, f"{name} at HOME, {grip.words}", blocked.words)
+                continue
+            self.paths[number, name, k] = pick, place
+            cost = sum(joint_distance(robot.home, p.contact) for p in (pick, place))
+            self.primaries.append(PrimaryCandidate(number, name, part, k, cost))
 
+    def _add_works(self, number: int, step: WorkStep, robot: PlacedRobot) -> None:
+        process, name = step.step.process, robot.name
+        if process.frame not in {"flange", *robot.model.frames}:
+            reason = f"it has no frame {process.frame!r}"
+            self._reject(number, f"{name} does it", reason)
+            return
+        if process.tool not in (None, robot.tool):
+            has = "none is named" if robot.tool is None else f"it has {robot.tool}"
+            reason = f"the tool must be {process.tool}: {has}"
+            self._reject(number, f"{name} does it", reason)
+            return
+        for k, turn in enumerate(process.turns):
+            found = self._skills.work(robot, step, turn)
+            if isinstance(found, Obstruction):
+                what = f"{name} turned by {np.degrees(turn):.0f} deg"
+                self._reject(number, what, found.words)
+                continue
+            self.paths[number, name, k] = (found,)
+            # What is worked at can be worked at again: each process is a thing of its own.
+            thing = f"{step.step.words}, step {number}"
+            at = process_targets(process, step.place, turn).first
+            cost = joint_distance(robot.home, [*found.lead, *found.path][at])
+            self.primaries.append(PrimaryCandidate(number, name, thing, k, cost))
 
-def held_pose(robot: PlacedRobot, frame: str, grip: Transform) -> Transform:
-    """Return the pose of a part in the flange frame of the robot that holds it.
+    def _add_holds(
+        self, number: int, step: PartStep | WorkStep, robot: PlacedRobot
+    ) -> None:
+        held = step.held
+        assert held is not None
+        if not held.grips:
+            reason = "no face can be gripped where it lies"
+            self._reject(number, f"{robot.name} holds {held.part.name}", reason)
+        count = 0
+        for k in self._far_first(step):
+            if count == _MOST_HOLDS:
+                break
+            grip = held.grips[k]
+            path = self._skills.hold(robot, step, held, grip.pose)
+            if isinstance(path, Obstruction):
+                what = f"{robot.name} holds {held.part.name}, {grip.words}"
+                self._reject(number, what, path.words)
+                continue
+            count += 1
+            self.holds[number, robot.name, k] = path
+            cost = joint_distance(robot.home, path.path[-1])
+            self.supports.append(SupportCandidate(number, robot.name, k, cost))
 
-    Args:
-        robot: who holds it.
-        frame: name of the tool frame.
-        grip: pose of that frame in the frame of the part.
-    """
-    tool = frame_in_flange(robot.model, frame)
-    return readonly(tool @ inverse(grip))
+    def _far_first(self, step: PartStep | WorkStep) -> list[int]:
+        """Return the grips on what is held, those first that leave most room for the other."""
+        assert step.held is not None
+        work = (step.goal if isinstance(step, PartStep) else step.place)[:3, 3]
 
+        def near(k: int) -> float:
+            assert step.held is not None
+            at = (step.held.pose @ step.held.grips[k].pose)[:3, 3]
+            return -round(float(np.linalg.norm(at - work)), 6)
 
-@dataclass(frozen=True)
-class _GripOption:
-    """How one robot does one step with one of its grips, a pose in the frame of the part."""
+        return sorted(range(len(step.held.grips)), key=near)
 
-    cell: Workcell
-    assembly: PartAssembly
-    step: PartStep
-    robot: PlacedRobot
-    grip: Transform
+    def _pair(
+        self, step: PartStep | WorkStep, primaries: range, supports: range
+    ) -> None:
+        """Find ways to do a step beside ways to hold; what is not found cannot go together."""
+        found: dict[tuple[str, str], int] = {}
+        for p, s in self._pairs(primaries, supports):
+            first, second = self.primaries[p], self.supports[s]
+            robots = first.robot, second.robot
+            if found.get(robots, 0) >= _ENOUGH:
+                self.incompatible.add((p, s))
+                continue
+            way = first.step, first.robot, first.grasp
+            by = second.step, second.robot, second.pose
+            path = self._beside(step, way, by)
+            if isinstance(path, Obstruction):
+                self.incompatible.add((p, s))
+                what = f"{first.robot} beside {second.robot} that holds"
+                self._reject(first.step, what, path.words)
+                continue
+            self.beside[way, by] = path
+            found[robots] = found.get(robots, 0) + 1
 
-    def paths(self) -> tuple[SkillPath, SkillPath] | tuple[str, Obstruction]:
-        """Return pick and place; or what cannot be done, and why."""
-        step, part, name = self.step, self.step.part, self.step.part.name
-        frame, held = self.assembly.grips.frame, gripped(self.robot.name, name)
-        approach, leave = self.assembly.approach, self.assembly.leave
-        in_hand = Attachment(self.robot.name, held_pose(self.robot, frame, self.grip))
-        place = self._resolve(
-            place_targets(frame, step.goal @ self.grip, approach, leave),
-            SkillContacts(held, held | touching(name, step.at_goal), NOTHING),
-            in_hand,
-            Attachment(None, step.goal),
-        )
-        if isinstance(place, Obstruction):
-            return "places", place
-        pick = self._resolve(
-            pick_targets(frame, part.start @ self.grip, approach, leave),
-            SkillContacts(NOTHING, held | touching(name, step.at_start), held),
-            Attachment(None, part.start),
-            in_hand,
-        )
-        if isinstance(pick, Obstruction):
-            return "picks", pick
-        attachments = {k: at for k, (_, at) in step.around.items()} | {name: in_hand}
-        state = WorldState(self._home, attachments)
-        checker = SceneChecker(self.cell, self.robot.name, state, held, margin=MARGIN)
-        contact = checker.contact(self.robot.home)
-        return (
-            (pick, place) if contact is None else ("at HOME", Obstruction(str(contact)))
-        )
+    def _pairs(self, primaries: range, supports: range) -> Iterator[tuple[int, int]]:
+        """Yield pairs of different robots, the cheaper ways to do the step first."""
+        cheap = sorted(primaries, key=lambda p: (self.primaries[p].cost, p))
+        for s in supports:
+            for p in cheap:
+                if self.primaries[p].robot != self.supports[s].robot:
+                    yield p, s
 
-    def _resolve(
-        self,
-        targets: SkillTargets,
-        contacts: SkillContacts,
-        before: Attachment,
-        after: Attachment,
+    def _beside(
+        self, step: PartStep | WorkStep, way: _Way, by: _Way
     ) -> SkillPath | Obstruction:
-        """Return a skill, given where the part is before and after it changes hands."""
-        part = self.step.part
-        objects = {**self.step.around, part.name: (part, before)}
-        scene = SkillScene(self.cell, objects, self._home, contacts, (part.name, after))
-        found = resolve_skill(self.robot, targets, scene)
-        return found if isinstance(found, Obstruction) else found.path
+        """Return the place or process of a way beside a robot that holds."""
+        robot, known = self._cell.robot(way[1]), self.paths[way][-1]
+        skills = self._skills.beside(by[1], self.holds[by].path[-1])
+        if isinstance(step, WorkStep):
+            turn = step.step.process.turns[way[2]]
+            return skills.work(robot, step, turn, known)
+        return skills.place(robot, step, step.grips[way[2]].pose, known)
 
-    @property
-    def _home(self) -> dict[str, Array]:
-        return {robot.name: robot.home for robot in self.cell.robots}
+    def _reject(self, step: int, what: str, reason: str) -> None:
+        self.rejections.append(Rejection(step, what, reason))

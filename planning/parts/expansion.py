@@ -1,16 +1,25 @@
-"""From choices to tasks: pick, carry over HOME, place, for every step (APEX-MR IV-A)."""
+"""From choices to tasks: pick, carry over HOME, place, or a process, for every step (APEX-MR IV-A)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 
-from planning.parts.candidates import PartCandidates, held_pose
+import numpy as np
+
+from planning.geometry.robot_bodies import entity
+from planning.parts.candidates import PartCandidates
+from planning.parts.part_skills import held_pose
+from planning.parts.part_steps import PartStep, WorkStep
+from planning.parts.targets import process_targets
+from planning.parts.waits import waiting_tasks
 from planning.skills.contacts import gripped, touching
+from planning.skills.joint_paths import SkillPath
 from planning.skills.step_builder import StepBuilder
-from planning.tasks.assignment import TaskPlan
-from planning.tasks.task import StepTasks, Task
+from planning.tasks.assignment import StepChoice, TaskPlan
+from planning.tasks.task import STRAIGHT, StepTasks
 from planning.tasks.work import AssemblyWork
+from planning.transforms import Array
 
 
 def part_work(candidates: PartCandidates) -> AssemblyWork:
@@ -18,7 +27,7 @@ def part_work(candidates: PartCandidates) -> AssemblyWork:
     return AssemblyWork(
         candidates.problem,
         partial(_expand_step, candidates),
-        partial(_waits, candidates),
+        partial(waiting_tasks, candidates.steps),
     )
 
 
@@ -30,60 +39,98 @@ def _expand_step(
     Every transit ends at the configuration that the next skill starts from, or at HOME, where
     robots stop between pick and place and after it.
     """
-    choice, handled = plan[step], candidates.steps[step - 1]
-    robot, part = candidates.cell.robot(choice.robot), choice.object
-    grip = handled.grips[choice.grasp].pose
-    pick, place = candidates.paths[step, choice.robot, choice.grasp]
-    build = StepBuilder(step, first_index)
-    build.lead_in(pick, f"to {part}", None)
-    held = held_pose(robot, candidates.frame, grip)
-    picked = build.skill(pick, f"pick {part}", part, robot.name, held)
-    build.transit(robot.name, robot.home, f"HOME with {part}", part)
-    build.lead_in(place, f"{part} to its place", part)
-    placed = build.skill(place, f"place {part}", part, None, handled.goal)
-    build.transit(robot.name, robot.home, "HOME", None)
-    carrying = build.of_robot(robot.name, picked, placed)
-    build.allow(gripped(robot.name, part), *carrying)
-    build.allow(touching(part, handled.at_start), picked)
-    build.allow(touching(part, handled.at_goal), placed)
-    return build.build()
+    expander = _Expander(candidates, plan[step], StepBuilder(step, first_index))
+    handled = candidates.steps[step - 1]
+    if isinstance(handled, PartStep):
+        expander.place(handled)
+    else:
+        expander.work(handled)
+    return expander.build.build()
 
 
-def _waits(
-    candidates: PartCandidates, steps: Sequence[StepTasks]
-) -> Iterator[tuple[Task, Task]]:
-    """Yield what waits for what.
+class _Expander:
+    """Writes the tasks of one step into a builder."""
 
-    A part is placed after those that it touches in its place, and picked after those that it
-    touched in the stock and that were placed before it. Steps that do not touch need not wait
-    for each other: what else must be kept in order follows from collisions.
-    """
-    done: dict[str, dict[str, Task]] = {"pick": {}, "place-down": {}}
-    start_contacts = _stock_contacts(candidates)
-    for step in steps:
-        for task in step.tasks:
-            if task.object is None or task.kind not in done:
-                continue
-            touched = (
-                start_contacts[task.object]
-                if task.kind == "pick"
-                else candidates.steps[step.step - 1].at_goal
-            )
-            before = done[task.kind]
-            for name in touched:
-                if name in before:
-                    yield before[name], task
-            before[task.object] = task
+    def __init__(
+        self, candidates: PartCandidates, choice: StepChoice, build: StepBuilder
+    ) -> None:
+        self.candidates, self.choice, self.build = candidates, choice, build
 
+    def place(self, step: PartStep) -> None:
+        """Write pick, the hold if any, place, and the ways back."""
+        choice, build = self.choice, self.build
+        robot, part = self.candidates.cell.robot(choice.robot), choice.object
+        pick, place = self.candidates.paths_of(choice)
+        grip = step.grips[choice.grasp].pose
+        build.lead_in(pick, f"to {part}", None)
+        in_hand = held_pose(robot, self.candidates.frame, grip)
+        picked = build.skill(pick, f"pick {part}", part, robot.name, in_hand)
+        build.transit(robot.name, robot.home, f"HOME with {part}", part)
+        held = self._hold(step)
+        build.lead_in(place, f"{part} to its place", part)
+        placed = build.skill(place, f"place {part}", part, None, step.goal)
+        build.transit(robot.name, robot.home, "HOME", None)
+        carrying = build.of_robot(robot.name, picked, placed)
+        build.allow(gripped(robot.name, part), *carrying)
+        build.allow(touching(part, step.at_start), picked)
+        build.allow(touching(part, step.at_goal), placed)
+        if held is not None:
+            self._let_go(step, held, placed, placed)
 
-def _stock_contacts(candidates: PartCandidates) -> dict[str, frozenset[str]]:
-    """Return what each part touches at the start, whichever of the two is picked first."""
-    parts = [step.part.name for step in candidates.steps]
-    touched = {
-        step.part.name: {other for other in step.at_start if other in parts}
-        for step in candidates.steps
-    }
-    return {
-        name: frozenset(touched[name] | {k for k in parts if name in touched[k]})
-        for name in parts
-    }
+    def work(self, step: WorkStep) -> None:
+        """Write the hold if any, approach, process, and the ways back."""
+        choice, build, process = self.choice, self.build, step.step.process
+        robot = self.candidates.cell.robot(choice.robot)
+        (path,) = self.candidates.paths_of(choice)
+        words, part = step.step.words, step.step.owner
+        if part not in step.around:
+            part = None
+        targets = process_targets(process, step.place, process.turns[choice.grasp])
+        way = [*path.lead, *path.path]
+        held = self._hold(step)
+        build.lead_in(path, f"to {words}", None)
+        first = self._along(STRAIGHT, way[: targets.first + 1], words, part)
+        done = self._along(
+            process.name, way[targets.first : targets.last + 1], words, part
+        )
+        back = self._along(STRAIGHT, way[targets.last :], f"back from {words}", part)
+        tool = entity(robot.name, "tool")
+        build.allow(touching(tool, step.touched), first, done, back)
+        build.transit(robot.name, robot.home, "HOME", None)
+        if held is not None:
+            self._let_go(step, held, first, done)
+
+    def _along(
+        self, kind: str, way: Sequence[Array], label: str, part: str | None
+    ) -> int:
+        """Write a motion through configurations, the first of which is where it starts."""
+        rest = way[1:] or way  # a process that stays where it is
+        path = SkillPath(kind, self.choice.robot, np.array(way[:1]), np.array(rest))
+        return self.build.skill(path, label, part)
+
+    def _hold(self, step: PartStep | WorkStep) -> int | None:
+        """Write how another robot grips what is held; return that task, None if nothing is."""
+        path = self.candidates.hold_of(self.choice)
+        if path is None or step.held is None:
+            return None
+        part = step.held.part.name
+        self.build.lead_in(path, f"to hold {part}", None)
+        return self.build.skill(path, f"hold {part}", part)
+
+    def _let_go(
+        self, step: PartStep | WorkStep, held: int, begun: int, done: int
+    ) -> None:
+        """Write the way back of who holds, once the other has done its work."""
+        path, build = self.candidates.hold_of(self.choice), self.build
+        assert path is not None
+        assert step.held is not None
+        part = step.held.part.name
+        way_back = SkillPath(
+            STRAIGHT, path.robot, path.path[-1:], path.waypoints[-2::-1]
+        )
+        back = build.skill(way_back, f"let go of {part}", part)
+        home = self.candidates.cell.robot(path.robot).home
+        build.transit(path.robot, home, "HOME", None)
+        build.depend(held, begun)
+        build.depend(done, back)
+        build.allow(gripped(path.robot, part), held, back)

@@ -1,18 +1,30 @@
-"""Pick and place-down of a box as sequences of subgoals."""
+"""Pick, place-down, hold and processes as sequences of subgoals."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from planning.parts.steps import Process
 from planning.skills.subgoals import SkillTargets, Subgoal
-from planning.transforms import Transform, translation
+from planning.tasks.task import HOLD
+from planning.transforms import Transform, rotation, translation
 
 STRIDE = 0.03
 """Longest straight way between two subgoals [m]: between them a robot moves on a straight line in
 joint space, which then strays from the straight line in the world by a fraction of a
 millimetre."""
+
+SMALL_STRIDE = 0.01
+"""The same on the path of a process, where the tool is at work [m]."""
+
+SMALL_TURN = math.radians(5.0)
+"""Most that the tool turns between two subgoals of such a path [rad]."""
 
 
 def pick_targets(
@@ -53,6 +65,73 @@ def place_targets(
         *_straight(frame, "leave", back, grip)[::-1],
     ]
     return SkillTargets("place-down", tuple(subgoals), change_at=_index(subgoals))
+
+
+def hold_targets(frame: str, grip: Transform, approach: float) -> SkillTargets:
+    """Return the subgoals of gripping a part where it lies: approach, hold.
+
+    Args:
+        frame: name of the tool frame.
+        grip: pose of that frame in the world where it grips the part.
+        approach: length of the straight way along the tool before that [m].
+    """
+    back = grip @ translation(0.0, 0.0, -approach)
+    subgoals = [*_straight(frame, "approach", back, grip), Subgoal(HOLD, frame, grip)]
+    return SkillTargets(HOLD, tuple(subgoals))
+
+
+@dataclass(frozen=True)
+class ProcessTargets:
+    """One execution of a process as poses to reach, and which of them are the process itself.
+
+    Attributes:
+        targets: approach, process and the way back.
+        first, last: indices of the subgoals at which the process begins and ends.
+    """
+
+    targets: SkillTargets
+    first: int
+    last: int
+
+
+def process_targets(process: Process, place: Transform, turn: float) -> ProcessTargets:
+    """Return the subgoals of a process: approach, its path, back.
+
+    Args:
+        process: what is done.
+        place: pose in the world of the frame at which it is done, z out of the surface.
+        turn: of the tool about that axis [rad].
+    """
+    frame, name = process.frame, process.name
+    facing = rotation("z", turn) @ rotation("x", np.pi)
+    poses = [place @ at @ facing for at in process.path or (np.eye(4),)]
+    back = translation(0.0, 0.0, -process.approach)
+    way = [Subgoal(name, frame, pose) for pose in _along(poses)]
+    approach = _straight(frame, "approach", poses[0] @ back, poses[0])
+    leave = _straight(frame, "leave", poses[-1] @ back, poses[-1])[::-1]
+    first, last = len(approach), len(approach) + len(way) - 1
+    subgoals = (*approach, *way, *leave)
+    return ProcessTargets(SkillTargets(name, subgoals), first, last)
+
+
+def _along(poses: Sequence[Transform]) -> list[Transform]:
+    """Return poses on the straight lines through some poses, ends included, in small steps."""
+    out = [poses[0]]
+    for near, far in pairwise(poses):
+        turn = Rotation.from_matrix(near[:3, :3].T @ far[:3, :3]).as_rotvec()
+        way = far[:3, 3] - near[:3, 3]
+        steps = max(
+            np.linalg.norm(way) / SMALL_STRIDE, np.linalg.norm(turn) / SMALL_TURN
+        )
+        count = max(1, math.ceil(float(steps) - 1e-9))
+        for k in range(1, count + 1):
+            pose = near.copy()
+            pose[:3, :3] = (
+                near[:3, :3] @ Rotation.from_rotvec(turn * k / count).as_matrix()
+            )
+            pose[:3, 3] += way * k / count
+            out.append(pose)
+    return out
 
 
 def _straight(frame: str, name: str, far: Transform, near: Transform) -> list[Subgoal]:

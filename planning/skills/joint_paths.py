@@ -24,7 +24,7 @@ class SkillPath:
     """A skill of one robot in joint space.
 
     Attributes:
-        skill: a name from ``task.SKILLS``.
+        skill: its name.
         robot: who does it.
         lead: goals of the transits before it, shape (l, n); the skill starts from the last.
         path: its reference path after the start, shape (w, n).

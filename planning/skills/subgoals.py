@@ -27,7 +27,7 @@ class SkillTargets:
     """One execution of a skill as poses to reach, in order.
 
     Attributes:
-        skill: a name from ``task.SKILLS``.
+        skill: its name.
         subgoals: poses in order; the robot comes to each in turn.
         change_at: index of the subgoal at which the object changes hands, None if none does: the
             robot takes it, lets go of it, or hands it to the receiver.

@@ -10,6 +10,14 @@ from planning.transforms import Array, Transform
 
 TRANSIT = "transit"
 SKILLS = ("pick", "place-down", "place-up", "handover", "support-bottom", "support-top")
+"""Skills with timings of their own in the package; further ones have any other name."""
+
+STRAIGHT = "straight"
+"""Kind of a motion on a given path that takes as long as the robot's speed lets it, such as the
+way to where a process begins."""
+
+HOLD = "hold"
+"""Skill of gripping a part where it lies while another robot works at it."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +46,8 @@ class Task:
     Attributes:
         index: position in the sequential plan; the task's identity everywhere.
         robot: who does it.
-        kind: ``"transit"`` or a name from SKILLS.
+        kind: ``"transit"``, ``"straight"``, or the name of a skill: one of SKILLS, ``"hold"``,
+            or a process that the scenario names.
         step: assembly step it serves, counted from 1.
         label: short text for people, such as ``"pick b2_4"``.
         path: joint waypoints after the start, shape (w, n): the goal alone for a transit, the

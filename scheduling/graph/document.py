@@ -40,7 +40,7 @@ def _keys(kind: type, *arrays: str, **renamed: str) -> dict[str, str]:
     return {renamed.get(name, name): name for name in names}
 
 
-_FIXTURE = _keys(Fixture, "size", "pose")
+_FIXTURE = _keys(Fixture, "size", "pose", "frames")
 _OBJECT = _keys(CellObject, "size", "start", mass="mass_kg")
 _CLEARANCE = _keys(
     Clearances,

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from planning.errors import OutputError
-from planning.tasks.task import SKILLS, TRANSIT
 
 Index = Annotated[int, Field(ge=0, lt=2**31)]
 Metres = Annotated[float, Field(ge=0, le=1000)]
@@ -64,7 +63,7 @@ class _Handling(_Entry):
 class _Task(_Entry):
     index: Index
     robot: str
-    kind: Literal[TRANSIT, *SKILLS]  # type: ignore[valid-type]
+    kind: Annotated[str, Field(min_length=1, max_length=64)]
     step: Index
     label: str
     object: str | None

@@ -30,6 +30,7 @@ from twin.audit.motion.pairs import Asked, gaps
 from twin.audit.motion.reach import travel_of_points
 from twin.audit.motion.sampling import Stretch, stretches
 from twin.audit.places import helpers_left, place_violations, start_violations
+from twin.audit.processes import process_violations
 from twin.audit.resting import RestWatch
 from twin.audit.supports import support_violations
 from twin.audit.violation import Violation
@@ -122,7 +123,7 @@ def audit_run(
     tpg = load_plan(folder)
     recording = read_recording(folder, tpg.cell)
     with Auditor(tpg, engine, wanted) as auditor:
-        report = auditor.audit(recording, progress, ordered=ordered)
+        report = auditor.audit(recording, progress, ordered=ordered, finished=finished)
     found = [*report.violations, *start_violations(tpg.cell, recording)]
     if finished and wanted is not None:
         found += place_violations(tpg.cell, recording, wanted)
@@ -168,6 +169,7 @@ class Auditor(AbstractContextManager["Auditor"]):
         *,
         within: float = math.inf,
         ordered: bool = True,
+        finished: bool = True,
     ) -> AuditReport:
         """Audit an execution.
 
@@ -181,6 +183,7 @@ class Auditor(AbstractContextManager["Auditor"]):
             within: robots further apart than this are not measured; the least distance in the
                 report is at most this [m].
             ordered: whether type-2 edges had to be kept.
+            finished: whether it came to its end, so that all processes must be done.
         """
         rule = self._rule.during(recording)
         watch = _Watch(self._world, rule, self._exempt, within)
@@ -199,6 +202,8 @@ class Auditor(AbstractContextManager["Auditor"]):
             found += other.violations()
         if wanted is not None:
             found += support_violations(self._world, self._tpg, recording, wanted)
+            if finished:
+                found += process_violations(self._world, self._tpg, recording, wanted)
         if ordered:
             moved = moved_spans(self._tpg, recording.robots)
             found += edge_violations(self._tpg, moved, "trajectory.parquet")

@@ -72,7 +72,7 @@ def support_violations(
         if row.holder is not None:
             yield from _handed_over(recording, change)
         elif row.object in held:
-            yield from _supported(world, recording, change)
+            yield from _supported(world, recording, change, wanted.opening_m)
 
 
 def _held_objects(
@@ -102,7 +102,8 @@ def _node_span(rows: RobotRows, k: int) -> tuple[float, float]:
     return float(rows.t[own[0]]), float(rows.t[own[-1] + 1])
 
 
-def _stands(rows: RobotRows, begin: float, end: float) -> bool:
+def stands_still(rows: RobotRows, begin: float, end: float) -> bool:
+    """Tell whether a robot stands from one time to another [s]."""
     inside = rows.t[(rows.t > begin) & (rows.t < end)]
     q = rows.at(np.concatenate([[begin], inside, [end]]))
     return bool(np.all(np.abs(q - q[0]) <= STANDING))
@@ -113,25 +114,27 @@ def _handed_over(recording: Recording, change: _Change) -> Iterator[Violation]:
     assert taker is not None
     rows = recording.robots
     other = _change(rows[taker], row, taker)
-    still = _stands(rows[taker], change.begin, change.end)
-    if not still and not _stands(rows[change.giver], other.begin, other.end):
+    still = stands_still(rows[taker], change.begin, change.end)
+    if not still and not stands_still(rows[change.giver], other.begin, other.end):
         detail = f"{row.object} changes hands while both move"
         yield Violation(row.t, row.t, change.giver, taker, 0.0, detail, "support")
 
 
 def _supported(
-    world: AuditWorld, recording: Recording, change: _Change
+    world: AuditWorld, recording: Recording, change: _Change, opening: float
 ) -> Iterator[Violation]:
     row = change.row
-    least, nearest = _FAR, "nobody"
+    least, nearest, closing = _FAR, "nobody", 0.0
     for index, robot in enumerate(world.cell.robots):
         rows = recording.robots[robot.name]
-        if robot.name == change.giver or not _stands(rows, change.begin, change.end):
+        if robot.name == change.giver or not stands_still(
+            rows, change.begin, change.end
+        ):
             continue
-        gap = _gap_to_objects(world, recording, index, change)
-        if gap < least:
-            least, nearest = gap, robot.name
-    if least > SUPPORT:
+        gap, closes = _gap_to_objects(world, recording, index, change, opening)
+        if gap - closes < least - closing:
+            least, nearest, closing = gap, robot.name, closes
+    if least > SUPPORT + closing:
         detail = "is put down without its support: nobody else stands still meanwhile"
         if nearest != "nobody":
             detail = (
@@ -145,19 +148,26 @@ def _supported(
 
 
 def _gap_to_objects(
-    world: AuditWorld, recording: Recording, robot: int, change: _Change
-) -> float:
-    """Return how far a robot's tool is from the nearest object at rest [m]."""
+    world: AuditWorld, recording: Recording, robot: int, change: _Change, opening: float
+) -> tuple[float, float]:
+    """Return how far a robot's tool is from the nearest object at rest, and how far it closes [m].
+
+    Fingers that stand open by ``opening`` close on the thinnest edge.
+    """
     name = world.cell.robots[robot].name
     q: Array = recording.robots[name].at(np.array([change.begin]))[0]
     world.configure(robot, q)
     there = rows_at(world.cell, recording, change.row.t)
     tool = tool_shapes(world, robot)
-    least = _FAR
+    least, closing = _FAR, 0.0
     for shape in world.objects:
         at = there.get(shape.entity)
         if at is None or at.holder is not None:
             continue
         world.place(shape, at.pose)
-        least = min(least, *(world.distance(part, shape, _FAR) for part in tool))
-    return least
+        gap = min(world.distance(part, shape, _FAR) for part in tool)
+        edge = float(np.min(world.cell.object(shape.entity).size))
+        closes = max(0.0, 0.5 * (opening - edge))
+        if gap - closes < least - closing:
+            least, closing = gap, closes
+    return least, closing

@@ -15,6 +15,7 @@ ViolationKind = Literal[
     "grip",
     "place",
     "support",
+    "process",
 ]
 
 
@@ -30,7 +31,8 @@ class Violation:
             its joint; of an ``edge-order`` the robots, the one that must be complete first; of
             ``hanging`` the object and the nearest thing that stands; of a ``grip`` the object
             and its holder; of a ``place`` the object and its place; of a ``support`` the object
-            and who is nearest to being its support, or the two robots of a handover.
+            and who is nearest to being its support, or the two robots of a handover; of a ``process`` what was to be done and the thing at
+            which, or two steps of which the first began too early.
         depth_m: greatest overlap, 0 for robots that just touch; of a jump its length; of what
             hangs, a grip or a support the distance; of a place how far off; 0 for kinds that are
             no lengths [m].

@@ -5,6 +5,7 @@ The audit takes nothing of this from the plan that it judges.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -28,6 +29,8 @@ class Place:
         kind: of the object.
         object: its name; None if any of its kind will do, turned by half a turn or not.
         held: whether another robot must hold what it is put on or under meanwhile.
+        name: of the step that puts it there, where others refer to it.
+        after: names of the steps that must be complete before that.
     """
 
     words: str
@@ -35,6 +38,37 @@ class Place:
     kind: str
     object: str | None = None
     held: bool = False
+    name: str | None = None
+    after: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class WantedProcess:
+    """A process that is to be done once.
+
+    Attributes:
+        words: what it is, for people.
+        process: its name, the kind of its task.
+        owner: object in whose frame ``pose`` is, None for the world.
+        pose: of the place.
+        path: poses in the frame of the place that the tool comes to, in order.
+        frame: tool frame that does.
+        robots: who may do it, None for anyone.
+        hold: object that another robot holds meanwhile, None for nothing.
+        name: of the step, where others refer to it.
+        after: names of the steps that must be complete before it.
+    """
+
+    words: str
+    process: str
+    owner: str | None
+    pose: Transform
+    path: tuple[Transform, ...]
+    frame: str = "tool"
+    robots: tuple[str, ...] | None = None
+    hold: str | None = None
+    name: str | None = None
+    after: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -49,6 +83,7 @@ class Wanted:
         opening_m: how far fingers stand open in the geometry of tools: they close on what they
             hold from there; 0 for tools that do not close [m].
         helpers: whether further objects may stay where they only help, such as temporary bricks.
+        processes: that are to be done, in any order but for what they are to come after.
     """
 
     places: tuple[Place, ...] = ()
@@ -56,3 +91,12 @@ class Wanted:
     touch_m: float = TOUCH
     opening_m: float = 0.0
     helpers: bool = False
+    processes: tuple[WantedProcess, ...] = ()
+
+    def order(self) -> Iterator[tuple[str, str]]:
+        """Yield pairs of steps of which the first begins after the end of the second."""
+        named = [(place.name, place.after) for place in self.places]
+        named += [(process.name, process.after) for process in self.processes]
+        for name, after in named:
+            if name is not None:
+                yield from ((name, before) for before in after)

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from planning.parts.candidates import MOST_OVERLAP
 from planning.parts.contact_graph import Lying, near_to, standing
+from planning.parts.part_steps import MOST_OVERLAP
 from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, Subject, millimetres
 from twin.scenario.sections.parts import PartsSection
@@ -62,7 +62,7 @@ def check_goals(subject: Subject) -> Findings:
 
     cell, goals = subject.cell, build_assembly(section).goals
     where: dict[str, Transform] = {item.name: item.start for item in cell.objects}
-    for name in section.steps:
+    for name in section.placed:
         lying: dict[str, Lying] = standing(cell)
         lying |= {
             item.name: (item, where[item.name])

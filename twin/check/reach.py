@@ -76,7 +76,7 @@ def _check_parts(subject: Subject, section: PartsSection) -> Findings:
     ]
     if len(robots) < len(cell.robots):
         return  # said elsewhere: a robot has no such frame
-    for name in dict.fromkeys(assembly.steps):
+    for name in dict.fromkeys(assembly.placed):
         part, goal = cell.object(name), assembly.goals[name]
         grips = box_grips(part.size, part.start, goal, assembly.grips)
         if not grips:

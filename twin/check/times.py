@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from twin.check.finding import Finding, Findings, Subject
-from twin.durations import Packaged, Skill
+from twin.durations import Packaged, PackagedSkill
 
-_SKILLS: dict[str, tuple[Skill, ...]] = {
+_SKILLS: dict[str, tuple[PackagedSkill, ...]] = {
     "assembly": ("pick", "place-down"),
     "construction": ("pick", "place-down"),
 }

@@ -33,7 +33,7 @@ def check_grips(subject: Subject) -> Findings:
     from twin.planning.parts import build_assembly
 
     assembly = build_assembly(section)
-    for name in dict.fromkeys(assembly.steps):
+    for name in dict.fromkeys(assembly.placed):
         part = subject.cell.object(name)
         least, opening = float(np.min(part.size)), assembly.grips.opening
         if least > opening:

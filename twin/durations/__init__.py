@@ -13,7 +13,7 @@ from twin.durations.composed import (
 )
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
 from twin.durations.measured import Empirical, Measured, Packaged, packaged_timings
-from twin.durations.model import DurationModel, Skill
+from twin.durations.model import DurationModel, PackagedSkill, Skill
 from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.durations.normal import Lognormal, TruncatedNormal
 
@@ -30,6 +30,7 @@ __all__ = [
     "Measured",
     "Nanoseconds",
     "Packaged",
+    "PackagedSkill",
     "Pert",
     "Retries",
     "Shifted",

@@ -13,7 +13,7 @@ from pydantic import Field
 from planning.errors import ScenarioError
 from planning.files import is_file
 from planning.transforms import Array, readonly
-from twin.durations.model import DurationModel, Skill
+from twin.durations.model import DurationModel, PackagedSkill
 from twin.durations.timing_files import read_durations
 
 
@@ -89,7 +89,7 @@ class Packaged(_Sample):
     """Drawn from the synthetic timings that ship with the package, those of a skill."""
 
     kind: Literal["packaged"] = "packaged"
-    skill: Skill
+    skill: PackagedSkill
 
     @property
     def values_s(self) -> Array:
@@ -99,7 +99,7 @@ class Packaged(_Sample):
 
 def packaged_timings() -> dict[str, DurationModel]:
     """Return the synthetic LEGO timings that ship with the package, one model a skill."""
-    return {skill: Packaged(skill=skill) for skill in get_args(Skill)}
+    return {skill: Packaged(skill=skill) for skill in get_args(PackagedSkill)}
 
 
 @cache

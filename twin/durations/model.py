@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field
 
 from planning.transforms import Array
-from twin.scenario.document.section import Section
+from twin.scenario.document.section import Name, Section
 
-Skill = Literal[
+PackagedSkill = Literal[
     "pick",
     "place-down",
     "place-up",
@@ -19,6 +19,10 @@ Skill = Literal[
     "support-bottom",
     "support-top",
 ]
+"""Skills with timings in the package."""
+
+Skill = Name
+"""Name of a skill: a packaged one, or a process of the scenario's own."""
 
 Seconds = Annotated[float, Field(ge=0, le=1e6)]
 PositiveSeconds = Annotated[float, Field(gt=0, le=1e6)]

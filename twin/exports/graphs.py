@@ -24,7 +24,7 @@ from scheduling.graph.temporal_plan_graph import (
 )
 from twin.durations import NANOSECONDS
 from twin.exports.recorded_run import RecordedRun
-from twin.run.activities import CAUSES, LANE_COLOURS, OTHER_COLOUR
+from twin.run.activities import CAUSES, lane_colour
 
 if TYPE_CHECKING:
     Graph = nx.DiGraph[str]
@@ -155,7 +155,7 @@ def _dot(graph: Graph, name: str) -> str:
 
 
 def _node_style(node: str, data: Mapping[str, Any]) -> str:
-    colour = LANE_COLOURS.get(data["kind"], OTHER_COLOUR)
+    colour = lane_colour(data["kind"])
     text = data["label"] if "node" not in data else f"{data['label']}\n{node}"
     hint = f"{data['kind']}, step {data['step']}, {data['duration_s']:.2f} s"
     return f'label={_quoted(text)}, tooltip={_quoted(hint)}, fillcolor="{colour}"'

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from planning.errors import RequestError
-from planning.tasks.task import TRANSIT
+from planning.tasks.task import STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.run.events import Event, EventLogError, parse_event, read_log
@@ -76,7 +76,7 @@ def skills_in_log(log: Path, tpg: TemporalPlanGraph) -> list[LoggedSkill]:
         total_ns[task] += busy_ns
         left[task] -= 1
         about = tpg.tasks[task]
-        if left[task] == 0 and about.kind != TRANSIT:
+        if left[task] == 0 and about.kind not in (TRANSIT, STRAIGHT):
             kind = "" if about.object is None else kinds.get(about.object, "")
             seconds = total_ns[task] / NANOSECONDS
             found.append(LoggedSkill(about.kind, about.robot, kind, seconds))

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from planning.errors import ScenarioError
-from planning.tasks.task import SKILLS
+from planning.tasks.task import SKILLS, STRAIGHT, TRANSIT
 from planning.transforms import Array, readonly
 from twin.durations.timing_files import Columns, csv_rows, read_durations
 from twin.fit.logged_skills import is_log, logged_skills
+from twin.scenario.document.section import NAME
 
 LABELS = ("skill", "robot", "object")
 """Columns that can tell groups apart."""
@@ -80,8 +82,8 @@ def read_samples(
     for name in by:
         if name not in LABELS:
             raise ScenarioError(f"cannot group by {name!r}", choices=LABELS)
-    if skill is not None and skill not in SKILLS:
-        raise ScenarioError(f"no skill {skill!r}", choices=SKILLS)
+    if skill is not None and not _is_skill(skill):
+        raise ScenarioError(f"{skill!r} cannot be the name of a skill", choices=SKILLS)
     logs = [is_log(path) for path in paths]
     if any(logs) and not all(logs):
         raise ScenarioError("give CSV files or event logs, not both at once")
@@ -112,6 +114,11 @@ def read_samples(
         for labels, values in groups.items()
     )
     return samples, left_out
+
+
+def _is_skill(name: str) -> bool:
+    """Tell whether a skill may have a name: a packaged one, or a process of a scenario."""
+    return re.fullmatch(NAME, name) is not None and name not in (TRANSIT, STRAIGHT)
 
 
 def _skill_of_names(paths: Sequence[Path]) -> str | None:
@@ -145,7 +152,7 @@ def _sample(
     where = (
         f"{path}: {', '.join(f'{k} {v!r}' for k, v in labels.items()) or 'the file'}"
     )
-    if "skill" in labels and labels["skill"] not in SKILLS:
+    if "skill" in labels and not _is_skill(labels["skill"]):
         raise ScenarioError(f"{where} is no skill", choices=SKILLS)
     for name, label in labels.items():
         if not label:

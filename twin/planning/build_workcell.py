@@ -61,7 +61,9 @@ def _robot(
         x, y = section.parked.at_m
         stand = (x, y, np.deg2rad(section.parked.facing_deg))
         home = readonly((*stand, *home[3:]))
-    return PlacedRobot(section.name, model, build_transform(section.base), home)
+    return PlacedRobot(
+        section.name, model, build_transform(section.base), home, tool=section.tool
+    )
 
 
 def _fixture(section: FixtureSection) -> Fixture:
@@ -69,4 +71,5 @@ def _fixture(section: FixtureSection) -> Fixture:
 
     size = readonly(section.size_m)
     pose = build_transform(section.pose)
-    return Fixture(section.name, size, pose, box_body(section.name, size))
+    frames = {name: build_transform(at) for name, at in section.frames.items()}
+    return Fixture(section.name, size, pose, box_body(section.name, size), frames)

@@ -17,6 +17,7 @@ from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.section import plain_values
 from twin.scenario.document.yaml_text import KeyPath
+from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.construction import (
     ConstructionPartSection,
     ConstructionSection,
@@ -95,7 +96,7 @@ class ConstructionKind(AssemblyKind):
         supply = self.section.supply
         return part_objects(self.parts, supply_layout(supply), starts, near=supply.near)
 
-    def wanted(self) -> Wanted:
+    def wanted(self, _cell: CellSection) -> Wanted:
         """Return the places of the parts, which whatever they are joined to holds."""
         kinds = {item.name: item.kind for item in self.objects()}
         places = tuple(

@@ -12,6 +12,7 @@ from twin.audit.wanted import Wanted
 from twin.host.progress import StageWatch
 from twin.scenario.document.problems import Problem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.scenario import AssemblySection
 
 if TYPE_CHECKING:
@@ -89,8 +90,12 @@ class AssemblyKind(Protocol):
         """Return the objects it brings."""
         return ()
 
-    def wanted(self) -> Wanted:
-        """Return where everything is to stand at the end, as the section says, for the audit."""
+    def wanted(self, cell: CellSection) -> Wanted:
+        """Return what the run is to come to, as the section says, for the audit.
+
+        Args:
+            cell: what the file says of the robots and fixtures around it.
+        """
         return Wanted()
 
     def plan(

@@ -24,6 +24,7 @@ from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.problems import Problem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.drawn_structure import read_structure
 from twin.scenario.sections.lego import (
     LegoSection,
@@ -109,7 +110,7 @@ class LegoKind(AssemblyKind):
 
         return stock_objects(build_lego(self.section))
 
-    def wanted(self) -> Wanted:
+    def wanted(self, _cell: CellSection) -> Wanted:
         """Return the places of all bricks, of any brick of the type, and which steps are held."""
         from planning.lego.bricks.grid import box_pose
         from planning.lego.sequencing.remedies import on_plinth

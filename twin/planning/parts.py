@@ -10,14 +10,23 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, Workcell
 from planning.parts.assembly import GripRules, PartAssembly
-from planning.transforms import readonly
-from twin.audit.wanted import Place, Wanted
+from planning.parts.steps import Place, Process, Work
+from planning.transforms import Transform, readonly
+from twin.audit.wanted import Place as WantedPlace
+from twin.audit.wanted import Wanted, WantedProcess
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
-from twin.scenario.document.problems import Problem, mark_problems, unknown_name
+from twin.planning.part_problems import check_steps
+from twin.scenario.document.problems import Problem, mark_problems
 from twin.scenario.document.section import plain_values
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
-from twin.scenario.sections.parts import PartSection, PartsSection
+from twin.scenario.sections.cell import CellSection
+from twin.scenario.sections.parts import (
+    PartSection,
+    PartsSection,
+    PlaceOfWork,
+    StepSection,
+)
 from twin.scenario.sections.poses import build_transform
 
 if TYPE_CHECKING:
@@ -35,7 +44,7 @@ class PartKind(AssemblyKind):
     section: PartsSection
 
     def steps(self) -> int:
-        """Return the number of parts."""
+        """Return the number of steps."""
         return len(self.section.steps)
 
     def supply(self) -> str:
@@ -48,23 +57,42 @@ class PartKind(AssemblyKind):
             yield ("assembly", "parts", i, "name"), part.name
 
     def problems(self, document: YamlDocument) -> list[Problem]:
-        """Return the problems of the section: each step moves a part of its own."""
-        return mark_problems(document, self._check_steps())
+        """Return the problems of the section: steps name what there is, and no part twice."""
+        return mark_problems(document, check_steps(self.section))
 
     def objects(self) -> tuple[CellObject, ...]:
         """Return the parts where they are at the start."""
-        return tuple(_part(part, self.section.steps) for part in self.section.parts)
+        return tuple(_part(part, self.section.placed) for part in self.section.parts)
 
-    def wanted(self) -> Wanted:
-        """Return the goals of the parts that are placed, and how far fingers stand open."""
+    def wanted(self, cell: CellSection) -> Wanted:
+        """Return the goals of the parts, the processes, and how far fingers stand open."""
+        assembly, section = build_assembly(self.section), self.section
         objects = {item.name: item for item in self.objects()}
-        goals = build_assembly(self.section).goals
         places = tuple(
-            Place(f"goal of step {k}", goals[name], objects[name].kind, name)
-            for k, name in enumerate(self.section.steps, start=1)
+            WantedPlace(
+                f"goal of step {k}",
+                assembly.goals[step.part],
+                objects[step.part].kind,
+                step.part,
+                held=step.hold is not None,
+                name=step.name,
+                after=step.after,
+            )
+            for k, step in enumerate(assembly.steps, start=1)
+            if isinstance(step, Place)
         )
-        section = self.section
-        return Wanted(places, "weight", section.touch_m, section.grips.opening_m)
+        processes = tuple(
+            _wanted_process(cell, step, k)
+            for k, step in enumerate(assembly.steps, start=1)
+            if isinstance(step, Work)
+        )
+        return Wanted(
+            places,
+            "weight",
+            section.touch_m,
+            section.grips.opening_m,
+            processes=processes,
+        )
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
@@ -79,18 +107,27 @@ class PartKind(AssemblyKind):
             work = part_work(find_candidates(cell, assembly))
         return plan_in_turns(cell, assembly, work, settings, watch)
 
-    def _check_steps(self) -> Iterator[tuple[KeyPath, str]]:
-        parts = {part.name: part for part in self.section.parts}
-        seen: dict[str, int] = {}
-        for k, name in enumerate(self.section.steps):
-            at: KeyPath = ("assembly", "steps", k)
-            if name not in parts:
-                yield at, unknown_name("part", name, tuple(parts))
-            elif name in seen:
-                yield at, f"{name} is already placed in step {seen[name]}"
-            elif parts[name].goal is None:
-                yield at, f"{name} has no goal"
-            seen.setdefault(name, k + 1)
+
+def _wanted_process(cell: CellSection, step: Work, number: int) -> WantedProcess:
+    owner, pose = step.owner, step.pose
+    for fixture in cell.fixtures:
+        if fixture.name == owner:
+            frame = fixture.frames.get(step.frame) if step.frame else None
+            inside = np.eye(4) if frame is None else build_transform(frame)
+            owner = None
+            pose = build_transform(fixture.pose) @ inside @ step.pose
+    return WantedProcess(
+        words=step.words,
+        process=step.process.name,
+        owner=owner,
+        pose=pose,
+        path=step.process.path or (readonly(np.eye(4)),),
+        frame=step.process.frame,
+        robots=step.robots,
+        hold=step.hold,
+        name=step.name or f"step {number}",
+        after=step.after,
+    )
 
 
 def build_assembly(section: PartsSection) -> PartAssembly:
@@ -104,9 +141,68 @@ def build_assembly(section: PartsSection) -> PartAssembly:
             for part in section.parts
             if part.goal is not None
         },
+        steps=tuple(_step(section, step) for step in section.steps),
         grips=GripRules(**grips),
-        **plain_values(section, without=("kind", "parts", "grips")),
+        **plain_values(
+            section, without=("kind", "parts", "processes", "steps", "grips")
+        ),
     )
+
+
+def _step(section: PartsSection, step: StepSection) -> Place | Work:
+    if step.place is not None:
+        return Place(
+            name=step.known_as,
+            after=step.after,
+            robots=step.robots,
+            hold=step.hold,
+            part=step.place,
+        )
+    assert step.process is not None
+    assert step.at is not None
+    owner = step.at.part or step.at.fixture
+    frames = {part.name: part.frames for part in section.parts}
+    pose: Transform = np.eye(4)
+    if step.at.part is not None and step.at.frame is not None:
+        pose = build_transform(frames[step.at.part][step.at.frame])
+    if step.at.pose is not None:
+        pose = pose @ build_transform(step.at.pose)
+    return Work(
+        name=step.name,
+        after=step.after,
+        robots=step.robots,
+        hold=step.hold,
+        process=_process(section, step),
+        at=_words(step.at),
+        owner=owner,
+        frame=step.at.frame if step.at.fixture is not None else None,
+        pose=readonly(pose),
+    )
+
+
+def _process(section: PartsSection, step: StepSection) -> Process:
+    """Return the process of a step, with what the step says of it."""
+    assert step.process is not None
+    own = section.processes[step.process]
+    turn = own.turn_deg if step.turn_deg is None else step.turn_deg
+    turns = np.arange(own.turns) * 360.0 / own.turns if turn is None else [turn]
+    path = own.path if step.path is None else step.path
+    return Process(
+        name=step.process,
+        tool=own.tool,
+        frame=own.frame,
+        approach=own.approach_m,
+        path=tuple(readonly(build_transform(pose)) for pose in path),
+        turns=tuple(np.deg2rad(turns).tolist()),
+    )
+
+
+def _words(at: PlaceOfWork) -> str:
+    """Return a place of work in words: its owner and frame, else where it is."""
+    named = [name for name in (at.part or at.fixture, at.frame) if name is not None]
+    if at.pose is not None and at.frame is None:
+        named.append("(" + ", ".join(f"{v:g}" for v in at.pose.xyz_m) + ")")
+    return "/".join(named)
 
 
 def _part(part: PartSection, steps: tuple[str, ...]) -> CellObject:

@@ -8,8 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
+from zlib import crc32
 
-from planning.tasks.task import TRANSIT
+from planning.tasks.task import HOLD, STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
@@ -26,12 +27,14 @@ IDLE = "idle"
 
 LANE_COLOURS: dict[str, str] = {
     TRANSIT: "#97a6ba",
+    STRAIGHT: "#7688a2",
     "pick": "#eeaa33",
     "place-down": "#2e8b57",
     "place-up": "#6fbe6e",
     "handover": "#b254a0",
     "support-bottom": "#2f6fb2",
     "support-top": "#69aade",
+    HOLD: "#4b8fc8",
     WAITING: "#e2e5e9",
     STALLED: "#ce3630",
     STOPPED: "#78161e",
@@ -39,13 +42,27 @@ LANE_COLOURS: dict[str, str] = {
     FAILED: "#1c1c20",
     IDLE: "#f2f3f5",
 }
-"""Colour of every state of a lane, #rrggbb."""
+"""Colours of the states of a lane that are there in any run, and of skills, #rrggbb."""
 
 CAUSES = {TASK_DEPENDENCY: "task dependency", MOTION_CONFLICT: "motion conflict"}
 """Causes of type-2 edges in words."""
 
-OTHER_COLOUR = "#8c7864"
-"""Colour of a task kind without one of its own."""
+_OTHER_COLOURS = (
+    "#8c7864",
+    "#c0648c",
+    "#4c8f96",
+    "#a08c2e",
+    "#7d6fb8",
+    "#b5703f",
+    "#5f8a5a",
+    "#94596a",
+)
+
+
+def lane_colour(state: str) -> str:
+    """Return the colour of a state of a lane, #rrggbb; a name always has the same."""
+    known = LANE_COLOURS.get(state)
+    return known or _OTHER_COLOURS[crc32(state.encode()) % len(_OTHER_COLOURS)]
 
 
 STANDING = frozenset({WAITING, STALLED, STOPPED, RETRYING, FAILED})

@@ -10,14 +10,15 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
+from planning.tasks.task import STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.host.pictures import INK, style_axes
 from twin.run.activities import (
     LANE_COLOURS,
-    OTHER_COLOUR,
     WAITING,
     Activity,
+    lane_colour,
     robot_activities,
 )
 from twin.run.events import Event
@@ -158,14 +159,14 @@ def _draw_lane(
 
 def _label(tpg: TemporalPlanGraph, span: Activity) -> str:
     """Return the step that a skill serves; motions and waits carry none."""
-    if span.task < 0 or span.state == "transit":
+    if span.task < 0 or span.state in (TRANSIT, STRAIGHT):
         return ""
     task = tpg.tasks[span.task]
     return str(task.step) if span.state == task.kind else ""
 
 
 def _colour(state: str) -> str:
-    return LANE_COLOURS.get(state, OTHER_COLOUR)
+    return lane_colour(state)
 
 
 def _dark(state: str) -> bool:

@@ -8,14 +8,20 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from planning.errors import FittingError, RobotModelError, ScenarioError
+from planning.tasks.task import HOLD, SKILLS, STRAIGHT, TRANSIT
 from twin.durations import DurationModel, Empirical
 from twin.planning.kind import assembly_kind
+from twin.planning.part_problems import unknown_frame
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
+from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
 
 Found = Iterator[tuple[KeyPath, str]]
+
+_STATES = ("waiting", "stalled", "stopped", "retrying", "failed", "idle")
+"""States of a robot in charts, beside the skills."""
 
 
 def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
@@ -34,10 +40,16 @@ def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
     found += _check_robots(scenario.cell, folder)
     found += _check_names(scenario)
     found += _check_durations(scenario.execution, ("execution",), folder)
+    found += _check_processes(scenario)
+    found += _check_work(scenario)
     found += _check_overrides(scenario)
     found += _check_robot_names(scenario)
     assembly = assembly_kind(scenario.assembly)
-    return mark_problems(document, found) + assembly.problems(document)
+    unknown = [
+        Problem(document.mark_of(path, key=path[-1] != "skill"), message)
+        for path, message in _check_skills(scenario)
+    ]
+    return [*mark_problems(document, found), *unknown, *assembly.problems(document)]
 
 
 def _check_names(scenario: Scenario) -> Found:
@@ -147,6 +159,64 @@ def _parts(value: object) -> Iterator[tuple[str | int, object]]:
         yield from value.items()
     elif isinstance(value, tuple):
         yield from enumerate(value)
+
+
+def _check_skills(scenario: Scenario) -> Found:
+    """Durations and failures are of skills that there are."""
+    execution = scenario.execution
+    valid = (*SKILLS, HOLD, *scenario.processes)
+    named: list[tuple[KeyPath, str]] = [
+        *((("skills", name), name) for name in execution.skills),
+        *((("failures", name), name) for name in execution.failures),
+        *(
+            (("skill_overrides", i, "skill"), item.skill)
+            for i, item in enumerate(execution.skill_overrides)
+        ),
+    ]
+    for path, name in named:
+        if name not in valid:
+            yield ("execution", *path), unknown_name("skill", name, valid)
+
+
+def _check_processes(scenario: Scenario) -> Found:
+    """Every process has a name that nothing else has, and takes some time."""
+    for name in scenario.processes:
+        at: KeyPath = ("assembly", "processes", name)
+        if name in (*SKILLS, HOLD, STRAIGHT, TRANSIT, *_STATES):
+            yield at, f"a process cannot be called {name!r}: that means something else"
+        elif name not in scenario.execution.skills:
+            yield at, f"how long does {name} take? Give it a duration"
+
+
+def _check_work(scenario: Scenario) -> Found:
+    """Processes have robots that can do them, at fixtures and frames that there are."""
+    assembly, robots = scenario.assembly, scenario.cell.robots
+    if not isinstance(assembly, PartsSection):
+        return
+    tools = tuple(dict.fromkeys(robot.tool for robot in robots if robot.tool))
+    for name, process in assembly.processes.items():
+        if process.tool is not None and process.tool not in tools:
+            at: KeyPath = ("assembly", "processes", name, "tool")
+            words = f"no robot has the tool {process.tool!r}"
+            yield at, words + (f" (valid: {', '.join(tools)})" if tools else "")
+    fixtures = {item.name: item for item in scenario.cell.fixtures}
+    names = [robot.name for robot in robots]
+    for k, step in enumerate(assembly.steps):
+        at = ("assembly", "steps", k)
+        for i, name in enumerate(step.robots or ()):
+            if name not in names:
+                yield (*at, "robots", i), unknown_name("robot", name, names)
+        if step.hold is not None and len(robots) == 1:
+            yield (*at, "hold"), "another robot has to hold it, and there is only one"
+        if step.at is None or step.at.fixture is None:
+            continue
+        fixture = fixtures.get(step.at.fixture)
+        if fixture is None:
+            words = unknown_name("fixture", step.at.fixture, tuple(fixtures))
+            yield (*at, "at", "fixture"), words
+        elif step.at.frame is not None and step.at.frame not in fixture.frames:
+            words = unknown_frame(step.at.frame, tuple(fixture.frames))
+            yield (*at, "at", "frame"), words
 
 
 def _check_overrides(scenario: Scenario) -> Found:

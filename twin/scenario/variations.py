@@ -6,6 +6,7 @@ lists have their position or their name: ``cell.robots.left.base.xyz_m.0``.
 
 from __future__ import annotations
 
+import copy
 import itertools
 import json
 from collections.abc import Mapping, Sequence
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from planning.errors import ScenarioError
+from planning.tasks.task import HOLD
 from twin.scenario.document.problems import InvalidScenarioError
 from twin.scenario.document.validation import parsed, validated
 from twin.scenario.file import scenario_schema
@@ -118,7 +120,7 @@ def assign_variant(content: dict[str, Any], variant: Variant) -> None:
                 )
             choose_robots(content["cell"], value)
         elif is_of_execution(key):
-            _make_entries(content["execution"], key)
+            _make_entries(content, key)
             _assign(content["execution"], key, value, "execution")
         else:
             _assign(content, key, value, "")
@@ -132,15 +134,22 @@ class _FreeSection(dict[str, Any]):
     """A section whose keys are left to its checks, as they depend on its kind."""
 
 
-def _make_entries(execution: dict[str, Any], key: str) -> None:
+def _make_entries(content: dict[str, Any], key: str) -> None:
     """Give what is drawn or fails in a skill a section, where the scenario leaves it out."""
     section, _, rest = key.partition(".")
     skill = rest.partition(".")[0]
+    execution = content["execution"]
+    processes = content["assembly"].get("processes", {})
+    if section in ("skills", "failures") and rest:
+        known = (*execution["skills"], HOLD, *processes)
+        if skill not in known:
+            raise ScenarioError(
+                f"cannot vary {key}: there is no skill {skill!r}", choices=known
+            )
     if section == "skills" and rest:
-        # A skill without a section has the packaged timings.
-        own = execution["skills"].setdefault(
-            skill, {"kind": "packaged", "skill": skill}
-        )
+        # A process without a section takes what it says itself.
+        said = processes.get(skill, {}).get("duration") or {}
+        own = execution["skills"].setdefault(skill, copy.deepcopy(said))
         execution["skills"][skill] = _FreeSection(own)
     if section == "failures" and rest:
         own = execution["failures"].setdefault(skill, {"probability": 0.0})

@@ -14,6 +14,7 @@ from planning.transforms import Array
 from twin.host.progress import Report, report_nothing
 from twin.study.replications.experiment import Block
 from twin.study.replications.workload import Engines, Workload
+from twin.uncertainty.chain_draws import moving_nodes
 
 SHARE = 0.2
 """Inputs are made this much smaller and larger."""
@@ -178,7 +179,11 @@ def _with_skill(load: Workload, factor: float, *, skill: str) -> Workload:
 
 def _with_motions(load: Workload, factor: float, *, robot: str) -> Workload:
     chains = tuple(
-        replace(chain, duration=np.where(chain.skill, 1.0, factor) * chain.duration)
+        replace(
+            chain,
+            duration=np.where(moving_nodes(load.tpg, chain), factor, 1.0)
+            * chain.duration,
+        )
         if chain.robot == robot
         else chain
         for chain in load.tpg.chains

@@ -324,7 +324,7 @@ def audit_execution(
         folder,
         progress,
         ordered=ordered,
-        wanted=assembly_kind(scenario.assembly).wanted(),
+        wanted=assembly_kind(scenario.assembly).wanted(scenario.cell),
         finished=finished,
         engine=engine,
     )

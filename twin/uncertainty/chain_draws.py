@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.kernels import kernel
+from planning.tasks.task import STRAIGHT
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations import (
@@ -46,6 +47,12 @@ class Standstills:
     duration_ns: Nanoseconds
 
 
+def moving_nodes(tpg: TemporalPlanGraph, chain: NodeChain) -> npt.NDArray[np.bool_]:
+    """Tell of each node of a robot whether it is a plain motion, as quick as its controller."""
+    straight = [task.index for task in tpg.tasks if task.kind == STRAIGHT]
+    return np.asarray(~chain.skill | np.isin(chain.task, straight))
+
+
 class TaskNodes:
     """Nodes of every task of one robot.
 
@@ -55,10 +62,12 @@ class TaskNodes:
         kinds: kind of each task.
         first: first node of each task and the number of nodes, shape (tasks + 1,).
         of_node: place in ``tasks`` of every node's task, shape (nodes,).
+        moves: whether a node is a plain motion, shape (nodes,).
     """
 
     def __init__(self, tpg: TemporalPlanGraph, chain: NodeChain) -> None:
         self.chain = chain
+        self.moves = moving_nodes(tpg, chain)
         opens = np.flatnonzero(np.diff(chain.task, prepend=-1) != 0)
         self.tasks: Indices = chain.task[opens]
         self.kinds = [tpg.tasks[task].kind for task in self.tasks.tolist()]
@@ -125,7 +134,7 @@ class ChainDraws:
         if speed is not None:
             factor = speed.ppf(self.draw(np.arange(len(own.tasks)), "speed"))
             slowed = to_nanoseconds(chain.duration[:, None] / factor[own.of_node])
-            out = np.where(chain.skill[:, None], out, slowed)
+            out = np.where(own.moves[:, None], slowed, out)
         if self.disturbances.jitter is not None:
             index = np.arange(len(chain)) - own.first[own.of_node]
             u = self.draw(own.of_node, "jitter", index)

@@ -128,9 +128,9 @@ class NodeTimeSampler:
         self._chains = [TaskNodes(tpg, chain) for chain in tpg.chains]
         # A transit that is drawn quicker than planned stays within its joints' speed limits.
         self._floor = [
-            np.where(chain.skill, 0, np.minimum(least, nominal))
+            np.where(chain.moves, np.minimum(least, nominal), 0)
             for chain, least, nominal in zip(
-                tpg.chains, least_ns(tpg), nominal_ns(tpg), strict=True
+                self._chains, least_ns(tpg), nominal_ns(tpg), strict=True
             )
         ]
         nodes = max((len(chain) for chain in tpg.chains), default=1)

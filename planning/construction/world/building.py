@@ -24,7 +24,7 @@ class PlannedTask:
 
     Attributes:
         robot: who does it.
-        kind: ``"transit"`` or a name from ``planning.tasks.task.SKILLS``.
+        kind: ``"transit"`` or the name of a skill.
         time: of the waypoints, rising, shape (w,) [s].
         path: waypoints, the first where the robot is when the task starts, shape (w, n).
         step: number of the part that it serves in the order of planning, from 1.

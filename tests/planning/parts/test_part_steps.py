@@ -14,6 +14,7 @@ from planning.kinematics.kinematics import frame_pose
 from planning.parts.assembly import GripRules, PartAssembly
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.expansion import part_work
+from planning.parts.steps import Place
 from planning.robots.registry import robot_model
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.highs_solver import assign_steps
@@ -59,7 +60,10 @@ def two_arms() -> Workcell:
 def crossing(*steps: str) -> PartAssembly:
     return PartAssembly(
         goals={k: pose(v[2], v[3]) for k, v in RODS.items()},
-        steps=steps or ("south", "north", "across", "aside"),
+        steps=tuple(
+            Place(part=name, name=name)
+            for name in steps or ("south", "north", "across", "aside")
+        ),
         grips=GripRules(positions=3),
     )
 

@@ -170,9 +170,9 @@ BAD = {
     "infinite": ("duration_s\n1\ninf\n", (), ":3: duration_s is 'inf'"),
     "too few": ("duration_s\n" + "1\n" * 9, (), "9 durations; at least 10"),
     "unknown skill": (
-        "skill,duration_s\n" + "pik,1\n" * 10,
+        "skill,duration_s\n" + "screw it,1\n" * 10,
         ("--by", "skill"),
-        f"skill 'pik' is no skill (valid: {', '.join(SKILLS)})",
+        f"skill 'screw it' is no skill (valid: {', '.join(SKILLS)})",
     ),
     "no skill": (
         "skill,duration_s\n" + ",1\n" * 10,
@@ -199,7 +199,7 @@ BAD = {
         ("--by", "colour"),
         "cannot group by 'colour' (valid: skill, robot, object)",
     ),
-    "not a skill": ("duration_s\n1\n", ("--skill", "dance"), "no skill 'dance'"),
+    "not a skill": ("duration_s\n1\n", ("--skill", "transit"), "'transit' cannot be"),
 }
 
 

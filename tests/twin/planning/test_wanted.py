@@ -16,15 +16,17 @@ SCENARIOS = Path(__file__).parents[3] / "scenarios"
 
 
 def wanted(name: str) -> Wanted:
-    return assembly_kind(load_scenario(SCENARIOS / name).assembly).wanted()
+    scenario = load_scenario(SCENARIOS / name)
+    return assembly_kind(scenario.assembly).wanted(scenario.cell)
 
 
 @pytest.mark.parametrize(
     "path", sorted(SCENARIOS.glob("*/*.yaml")), ids=lambda p: str(p.stem)
 )
 def test_every_step_has_its_place(path: Path) -> None:
-    kind = assembly_kind(load_scenario(path).assembly)
-    places = kind.wanted().places
+    scenario = load_scenario(path)
+    kind = assembly_kind(scenario.assembly)
+    places = kind.wanted(scenario.cell).places
     moves_only = path.stem == "multi_goal"
     assert len(places) == (0 if moves_only else kind.steps())
     spots = {tuple(np.round(place.pose[:3, 3], 6)) for place in places}

@@ -23,10 +23,10 @@ from twin.durations import (
     Gamma,
     Lognormal,
     Packaged,
+    PackagedSkill,
     Pert,
     Retries,
     Shifted,
-    Skill,
     SkillOverride,
     Triangular,
     TruncatedNormal,
@@ -338,7 +338,7 @@ def test_what_a_file_leaves_out_is_packaged_and_can_be_scaled(tmp_path: Path) ->
     path = tmp_path / "small.yaml"
     path.write_text(SMALL)
     scenario = load_scenario(path)
-    assert set(scenario.execution.skills) == set(SKILLS) == set(get_args(Skill))
+    assert set(scenario.execution.skills) == set(SKILLS) == set(get_args(PackagedSkill))
     content = resolved(scenario)
     assert content["execution"]["skills"]["handover"] == {
         "kind": "packaged",

@@ -170,11 +170,12 @@ def test_the_audit_holds_a_run_to_its_scenario_not_to_its_plan(
 
     from planning.transforms import translation
     from twin.planning.parts import PartKind
+    from twin.scenario.sections.cell import CellSection
 
     told = PartKind.wanted
 
-    def further(self: PartKind) -> object:
-        wanted = told(self)
+    def further(self: PartKind, cell: CellSection) -> object:
+        wanted = told(self, cell)
         places = wanted.places
         aside = translation(0.008, 0.0, 0.0)
         return replace(

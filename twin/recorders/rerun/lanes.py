@@ -15,10 +15,9 @@ from twin.recorders.rerun.time_and_pose import time_column
 from twin.recorders.rerun.words import PlanWords
 from twin.run.activities import (
     IDLE,
-    LANE_COLOURS,
-    OTHER_COLOUR,
     WAITING,
     Activity,
+    lane_colour,
     robot_activities,
 )
 from twin.run.events import Event
@@ -33,7 +32,7 @@ def draw_lane(rec: rr.RecordingStream, robot: str, states: Mapping[str, str]) ->
         robot: whose lane.
         states: the state that each text of the lane tells of.
     """
-    colours = [LANE_COLOURS.get(state, OTHER_COLOUR) for state in states.values()]
+    colours = [lane_colour(state) for state in states.values()]
     opaque = [int(f"{colour[1:]}ff", 16) for colour in colours]
     entity = entity_path(layout.LANES, robot)
     texts = list(states)

@@ -168,7 +168,7 @@ def _unknown_kind(kind: str, valid: list[str]) -> str:
 def _describe(value: Any) -> str:
     if isinstance(value, dict):
         return "a mapping"
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return "a list"
     if isinstance(value, bool):
         return "true" if value else "false"
@@ -216,6 +216,8 @@ def _node_at(schema: dict[str, Any], path: KeyPath) -> dict[str, Any]:
             node = _follow(schema, {"$ref": ref})
         elif isinstance(entry, int) and "items" in node:
             node = _follow(schema, node["items"])
+        elif named := node.get("patternProperties"):
+            node = _follow(schema, next(iter(named.values())))
         elif isinstance(node.get("additionalProperties"), dict):
             node = _follow(schema, node["additionalProperties"])
         else:

@@ -143,11 +143,20 @@ class TeamSection(Section):
 
 
 class FixtureSection(Section):
-    """An immovable box; ``pose`` is that of its centre in the world."""
+    """An immovable box; ``pose`` is that of its centre in the world.
+
+    Attributes:
+        name: unique among fixtures and objects.
+        size_m: edge lengths.
+        pose: of its centre in the world.
+        frames: places on it where processes are done, by name: poses in the frame of its centre;
+            their z axes point out of it.
+    """
 
     name: Name
     size_m: Size3
     pose: PoseSection
+    frames: dict[Name, PoseSection] = Field(default_factory=dict)
 
 
 class ClearanceSection(Section):

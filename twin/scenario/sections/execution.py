@@ -9,7 +9,14 @@ from typing import Annotated, Literal, get_args
 from pydantic import Field, field_validator
 
 from planning.errors import ScenarioError
-from twin.durations import Distribution, DurationModel, Packaged, Skill, SkillOverride
+from twin.durations import (
+    Distribution,
+    DurationModel,
+    Packaged,
+    PackagedSkill,
+    Skill,
+    SkillOverride,
+)
 from twin.scenario.document.section import Section
 from twin.scenario.document.yaml_text import KeyPath
 from twin.uncertainty.disturbances import Disturbances
@@ -41,7 +48,8 @@ class ExecutionSection(Disturbances):
         latency_s: time that a message takes between a robot and the dispatcher [s].
         report_latency_s: the same from robot to dispatcher only [s].
         release_latency_s: the same from dispatcher to robot only [s].
-        skills: duration models by skill; the packaged synthetic timings where not given.
+        skills: duration models by skill; where not given, a process takes what it says itself
+            and other skills the packaged synthetic timings.
         skill_overrides: exceptions from ``skills`` for robots and types of objects.
     """
 
@@ -61,7 +69,7 @@ class ExecutionSection(Disturbances):
     @classmethod
     def _all_skills(cls, given: dict[Skill, SkillSection]) -> dict[Skill, SkillSection]:
         """Spell out what is drawn from where the file says nothing."""
-        names: tuple[Skill, ...] = get_args(Skill)
+        names: tuple[PackagedSkill, ...] = get_args(PackagedSkill)
         packaged: dict[Skill, SkillSection] = {
             name: Packaged(skill=name) for name in names
         }

@@ -1,11 +1,12 @@
-"""Assemblies of kind ``assembly``: boxes, beams and rods, each put in its place by one robot."""
+"""Assemblies of kind ``assembly``: parts put in their places, and what is done to them there."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
+from twin.durations import AnyDuration
 from twin.scenario.document.section import Name, Section, Several, Three
 from twin.scenario.sections.poses import Mass, PoseSection, Size3, Vector3
 
@@ -23,6 +24,8 @@ class PartSection(Section):
         goal: pose of its centre once it is in place; a part without one stays where it is.
         mass_kg: its mass.
         colour: red, green, blue.
+        frames: places on it where processes are done, by name: poses in the frame of its centre;
+            their z axes point out of the part.
     """
 
     name: Name
@@ -31,6 +34,7 @@ class PartSection(Section):
     goal: PoseSection | None = None
     mass_kg: Mass = 0.0
     colour: Colour = (190, 140, 90)
+    frames: dict[Name, PoseSection] = Field(default_factory=dict)
 
 
 class GripSection(Section):
@@ -64,13 +68,132 @@ class GripSection(Section):
         return self
 
 
+class ProcessSection(Section):
+    """A process that robots do at parts, fixtures or places of the world.
+
+    The tool comes to a frame with its own z axis opposite to the frame's, straight along it, then
+    follows the path if there is one, and stays or moves for as long as the process takes.
+
+    Attributes:
+        duration: how long it takes, from when the tool is there until it goes back;
+            ``execution.skills`` may say another.
+        tool: name of the tool that a robot must have; any when not given.
+        frame: tool frame that comes to the place.
+        approach_m: straight way to the place, and back from it.
+        path: poses in the frame of the place that the tool goes through in straight lines, z
+            pointing out of the surface; the first is where it comes to, the last where it leaves.
+        turn_deg: turn of the tool about the frame's z axis; any when not given.
+        turns: how many turns are tried where any will do.
+    """
+
+    duration: AnyDuration | None = None
+    tool: Name | None = None
+    frame: Name = "tool"
+    approach_m: Distance = 0.05
+    path: tuple[PoseSection, ...] = ()
+    turn_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
+    turns: Annotated[int, Field(ge=1, le=72)] = 8
+
+
+class PlaceOfWork(Section):
+    """A frame at which a process is done: of a part, of a fixture, or of the world.
+
+    Attributes:
+        part: part to which it belongs.
+        fixture: fixture to which it belongs; the world where neither is given.
+        frame: name of one of the frames of that part or fixture.
+        pose: a pose in that frame, or in the frame of the part, of the fixture or of the world.
+    """
+
+    part: Name | None = None
+    fixture: Name | None = None
+    frame: Name | None = None
+    pose: PoseSection | None = None
+
+    @model_validator(mode="after")
+    def _one_place(self) -> PlaceOfWork:
+        if self.part is not None and self.fixture is not None:
+            raise ValueError("give part or fixture, not both")
+        if self.frame is not None and self.part is None and self.fixture is None:
+            raise ValueError(
+                "of which part or fixture is this frame? Give part or fixture, or a pose in the"
+                " world"
+            )
+        if self.frame is None and self.pose is None:
+            raise ValueError("give a frame, a pose or both")
+        return self
+
+
+class StepSection(Section):
+    """A step: a part is put in its place, or a process is done.
+
+    Attributes:
+        place: name of the part that is put in its place.
+        process: name of the process that is done.
+        at: where it is done.
+        name: what other steps call it in ``after``; the name of the part that it places.
+        after: names of steps that must be complete before its part is put down, or its process
+            begins.
+        robots: who may do it; anyone when not given.
+        hold: part that another robot grips, where it lies, for as long as this is done.
+        path: of this step, in place of that of the process.
+        turn_deg: of this step, in place of that of the process.
+    """
+
+    place: Name | None = None
+    process: Name | None = None
+    at: PlaceOfWork | None = None
+    name: Name | None = None
+    after: tuple[Name, ...] = ()
+    robots: Several[Name] | None = None
+    hold: Name | None = None
+    path: tuple[PoseSection, ...] | None = None
+    turn_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
+
+    @model_validator(mode="after")
+    def _place_or_process(self) -> StepSection:
+        if (self.place is None) == (self.process is None):
+            raise ValueError("give place, the name of a part, or process, not both")
+        if self.process is not None and self.at is None:
+            raise ValueError(
+                f"where is {self.process} done? Give at: {{part: NAME, frame: NAME}}"
+            )
+        for key in ("at", "path", "turn_deg"):
+            if self.place is not None and getattr(self, key) is not None:
+                raise ValueError(f"{key} is of a process, and this step places a part")
+        return self
+
+    @property
+    def known_as(self) -> str | None:
+        """What other steps call it."""
+        return self.name or self.place
+
+
+def _spelt_out(step: Any) -> Any:
+    """Return a step in full: a name alone is that of a part to be placed."""
+    return {"place": step} if isinstance(step, str) else _with_tuples(step)
+
+
+def _with_tuples(value: Any) -> Any:
+    """Return what was read from JSON with tuples for lists, which strict sections ask for."""
+    if isinstance(value, dict):
+        return {key: _with_tuples(entry) for key, entry in value.items()}
+    return tuple(map(_with_tuples, value)) if isinstance(value, list) else value
+
+
+Step = Annotated[
+    StepSection, BeforeValidator(_spelt_out, json_schema_input_type=StepSection | Name)
+]
+
+
 class PartsSection(Section):
-    """Parts, where they go, and in which order.
+    """Parts, where they go, what is done to them, and in which order.
 
     Attributes:
         kind: ``assembly``.
         parts: everything that can be handled.
-        steps: names of the parts in the order in which they are put in place.
+        processes: what robots do besides placing parts, by name.
+        steps: names of parts that are put in place, and steps in full.
         approach_m: straight way towards a part before it is gripped, and straight down with
             it before it is put in place.
         leave_m: straight way up with a part, and back from it once it is in place.
@@ -81,8 +204,14 @@ class PartsSection(Section):
 
     kind: Literal["assembly"]
     parts: Several[PartSection]
-    steps: Several[Name]
+    processes: dict[Name, ProcessSection] = Field(default_factory=dict)
+    steps: Several[Step]
     approach_m: Distance = 0.06
     leave_m: Distance = 0.06
     touch_m: Annotated[float, Field(gt=0, le=0.05)] = 0.002
     grips: GripSection = GripSection()
+
+    @property
+    def placed(self) -> tuple[str, ...]:
+        """Names of the parts that are put in place, in the order of the steps."""
+        return tuple(step.place for step in self.steps if step.place is not None)

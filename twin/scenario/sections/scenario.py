@@ -11,7 +11,11 @@ import json
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import (
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 from planning.errors import ScenarioError
 from twin.scenario.document.section import Name, Section
@@ -23,7 +27,7 @@ from twin.scenario.sections.execution import ExecutionSection as ExecutionSectio
 from twin.scenario.sections.execution import ReferenceDuration
 from twin.scenario.sections.goals import GoalsSection
 from twin.scenario.sections.lego import LegoSection
-from twin.scenario.sections.parts import PartsSection
+from twin.scenario.sections.parts import PartsSection, ProcessSection
 
 AssemblySection = Annotated[
     LegoSection | PartsSection | GoalsSection | ConstructionSection,
@@ -82,6 +86,26 @@ class Scenario(Section):
     execution: ExecutionSection = ExecutionSection()
 
     @model_validator(mode="after")
+    def _with_processes(self) -> Scenario:
+        """Add the durations that processes have of themselves to those of the skills."""
+        own = {
+            name: process.duration
+            for name, process in self.processes.items()
+            if process.duration is not None
+        }
+        if own.keys() <= self.execution.skills.keys():
+            return self
+        skills = {**own, **self.execution.skills}
+        execution = self.execution.model_copy(update={"skills": skills})
+        return self.model_copy(update={"execution": execution})
+
+    @property
+    def processes(self) -> Mapping[str, ProcessSection]:
+        """The processes that the assembly names."""
+        own = self.assembly
+        return own.processes if isinstance(own, PartsSection) else {}
+
+    @model_validator(mode="after")
     def _slots_to_execute(self) -> Scenario:
         if (
             self.execution.policy == "synchronous"
@@ -103,12 +127,15 @@ class Scenario(Section):
 
 
 def follow_references(scenario: Scenario) -> Scenario:
-    """Return a scenario in which every skill takes as long as its reference path.
+    """Return a scenario in which every skill but processes takes as long as its reference path.
 
     That is how APEX-MR V-A executes skills in simulation: without force control, the same each time.
     """
     reference = ReferenceDuration(kind="reference")
-    skills = dict.fromkeys(scenario.execution.skills, reference)
+    own = scenario.execution.skills
+    skills = {
+        name: own[name] if name in scenario.processes else reference for name in own
+    }
     execution = scenario.execution.model_copy(
         update={"skills": skills, "skill_overrides": ()}
     )
@@ -117,7 +144,12 @@ def follow_references(scenario: Scenario) -> Scenario:
 
 def resolved(scenario: Scenario) -> dict[str, Any]:
     """Return the scenario with every default filled in, ready for JSON."""
-    return scenario.model_dump(mode="json", by_alias=True)
+    content = scenario.model_dump(mode="json", by_alias=True)
+    skills = scenario.execution.skills
+    for name, process in scenario.processes.items():
+        if skills.get(name) == process.duration:  # said by the process itself
+            content["execution"]["skills"].pop(name, None)
+    return content
 
 
 def restored(content: Mapping[str, Any]) -> Scenario:

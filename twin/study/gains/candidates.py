@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.tasks.task import SKILLS, TRANSIT, Task
+from planning.tasks.task import STRAIGHT, TRANSIT, Task
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
 from twin.durations import Nanoseconds
 from twin.engine.bulk.max_plus import Completions
@@ -22,22 +22,24 @@ class Most(NamedTuple):
     """Most candidates of each kind, those that were critical for the longest time.
 
     Attributes:
-        tasks, waits: single ones.
+        tasks, skills, waits: single ones.
         robots: all that a robot does, or one cause of its standstills; 0 for none of these.
     """
 
     tasks: int
+    skills: int
     waits: int
     robots: int
 
     @property
     def levers(self) -> int:
         """Most candidates of all kinds."""
-        groups = self.robots + len(SKILLS) + 1 + 3 * (self.robots + 1)
+        groups = self.robots + self.skills + 3 * (self.robots + 1)
         return self.tasks + self.waits + groups + 5
 
 
-MANY, FEW = Most(tasks=20, waits=12, robots=8), Most(tasks=6, waits=0, robots=2)
+MANY = Most(tasks=20, skills=7, waits=12, robots=8)
+FEW = Most(tasks=6, skills=7, waits=0, robots=2)
 """By longest paths, and by events, which take a thousand times as long."""
 
 WAIT_NAMES = {
@@ -50,6 +52,7 @@ _STANDS: dict[Cause, str] = {
     "retry": "failed attempts",
 }
 _EVERYONE = "all robots"
+_SKILL_NAMES = {TRANSIT: "every motion", STRAIGHT: "every straight way"}
 
 Scored = Iterator[tuple[float, Lever]]
 
@@ -71,7 +74,7 @@ def candidates(
     work = np.where(found.critical, replay.draws.work_ns, 0).mean(axis=1)
     levers = _best(_tasks(replay, work), most.tasks)
     levers += _best(_robots(replay, work), most.robots)
-    levers += _best(_skills(replay, work), len(SKILLS) + 1)
+    levers += _best(_skills(replay, work), most.skills)
     if replay.eases_waits:
         levers += _best(_waits(replay, found), most.waits)
         for cause, name in WAIT_NAMES.items():
@@ -119,9 +122,12 @@ def _tasks(replay: Replay, work: Nanoseconds) -> Scored:
 def _skills(replay: Replay, work: Nanoseconds) -> Scored:
     task = np.concatenate([chain.task for chain in replay.tpg.chains])
     kind = np.array([item.kind for item in replay.tpg.tasks])[task]
-    for skill in (*SKILLS, TRANSIT):
+    names = dict.fromkeys(
+        item.kind for item in replay.tpg.tasks if item.kind != TRANSIT
+    )
+    for skill in (*names, TRANSIT):
         rows = np.flatnonzero(kind == skill)
-        name = "every motion" if skill == TRANSIT else f"every {skill}"
+        name = _SKILL_NAMES.get(skill, f"every {skill}")
         yield float(work[rows].sum()), Lever("skill", name, rows=rows)
 
 

@@ -1,0 +1,255 @@
+"""Two arms place a cover, screw it on while it is held, and seal an edge: from the file to a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from planning.errors import ScenarioError
+from planning.tasks.task import HOLD
+from planning.transforms import from_rpy, translation
+from scheduling.graph.rollout import earliest_times
+from scheduling.verification.verify import verify_plan
+from twin.audit.audit import audit_run
+from twin.audit.wanted import Wanted, WantedProcess
+from twin.cli import app
+from twin.planning.kind import assembly_kind
+from twin.planning.pipeline import Planned, plan_scenario
+from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.file import load_scenario
+from twin.scenario.sections.scenario import Scenario, resolved, restored
+from twin.scenario.variations import varied
+from twin.trial.trial import Trial, try_plan
+
+SCENARIO = """\
+version: 1
+name: cover
+cell:
+  robots:
+    - {name: left, model: panda, frames: {driver: {xyz_m: [0, 0, 0.114]}}, base: {xyz_m: [-0.55, 0, 0]}}
+    - name: right
+      model: panda
+      frames: {driver: {xyz_m: [0, 0, 0.114]}}
+      base: {xyz_m: [0.55, 0, 0], rpy_deg: [0, 0, 180]}
+  fixtures:
+    - name: table
+      size_m: [1.6, 1.2, 0.04]
+      pose: {xyz_m: [0, 0, -0.02]}
+      frames: {corner: {xyz_m: [0.1, 0.3, 0.02]}}
+    - {name: jig, size_m: [0.18, 0.12, 0.04], pose: {xyz_m: [0, 0, 0.02]}}
+assembly:
+  kind: assembly
+  grips: {positions: 3, depth_m: 0.012}
+  parts:
+    - name: cover
+      size_m: [0.16, 0.036, 0.02]
+      start: {xyz_m: [-0.3, 0.3, 0.01]}
+      goal: {xyz_m: [0, 0, 0.05]}
+      frames:
+        hole1: {xyz_m: [-0.05, 0, 0.01]}
+        hole2: {xyz_m: [0.05, 0, 0.01]}
+    - name: pin
+      size_m: [0.03, 0.03, 0.06]
+      start: {xyz_m: [0.3, 0.3, 0.03]}
+      goal: {xyz_m: [0.06, 0.04, 0.07]}
+  processes:
+    screw: {duration: {kind: lognormal, median_s: 3, p95_s: 4}, frame: driver}
+    seal:
+      duration: {kind: fixed, value_s: 4}
+      frame: driver
+      path: [{xyz_m: [-0.04, 0, 0]}, {xyz_m: [0.04, 0, 0]}]
+  steps:
+    - cover
+    - {process: screw, at: {part: cover, frame: hole1}, hold: cover, after: [cover], name: first}
+    - {process: screw, at: {part: cover, frame: hole2}, hold: cover, robots: [right], after: [first]}
+    - {process: seal, at: {fixture: table, frame: corner}}
+    - {place: pin, hold: cover, after: [first]}
+planning: {speed_model: joint}
+execution:
+  skills:
+    pick: {kind: fixed, value_s: 1.5}
+    place-down: {kind: lognormal, median_s: 1.5, p95_s: 2.0}
+  stalls: {rate_per_h: 120, duration_s: [1, 3]}
+"""
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("cover") / "cover.yaml"
+    file.write_text(SCENARIO)
+    return file
+
+
+@pytest.fixture(scope="module")
+def scenario(file: Path) -> Scenario:
+    return load_scenario(file)
+
+
+@pytest.fixture(scope="module")
+def planned(scenario: Scenario) -> Planned:
+    return plan_scenario(scenario)
+
+
+@pytest.fixture(scope="module")
+def trial(scenario: Scenario, planned: Planned, file: Path) -> Trial:
+    out = file.parent / "run"
+    out.mkdir()
+    return try_plan(scenario, planned.tpg, out, recording=False)
+
+
+def test_the_plan_is_safe_by_the_other_proof(planned: Planned) -> None:
+    assert verify_plan(planned.tpg).problems == ()
+    kinds = [task.kind for task in planned.tpg.tasks]
+    assert kinds.count("screw") == 2
+    assert kinds.count("seal") == 1
+    assert kinds.count(HOLD) == 3
+
+
+def test_a_run_with_stalls_does_what_the_scenario_says(trial: Trial) -> None:
+    """The audit takes its places from the scenario and measures with an engine of its own."""
+    assert trial.passed
+    assert trial.summary["audit"]["violations"] == []
+
+
+def test_pins_and_precedence_are_kept(planned: Planned) -> None:
+    tasks = {(task.kind, task.step): task for task in planned.tpg.tasks}
+    assert tasks["screw", 3].robot == "right"
+    assert tasks[HOLD, 3].robot == "left"
+    assert tasks[HOLD, 2].robot != tasks["screw", 2].robot
+    times = earliest_times(planned.tpg)
+    begin, end = {}, {}
+    for k, chain in enumerate(planned.tpg.chains):
+        for index in set(chain.task.tolist()):
+            nodes = (chain.task == index).nonzero()[0]
+            begin[index] = times.start[k][nodes[0]]
+            end[index] = times.end[k][nodes[-1]]
+    for earlier, later in (
+        (("place-down", 1), ("screw", 2)),
+        (("screw", 2), ("screw", 3)),
+        (("screw", 2), ("place-down", 5)),
+        ((HOLD, 2), ("screw", 2)),
+        ((HOLD, 5), ("place-down", 5)),
+    ):
+        assert end[tasks[earlier].index] <= begin[tasks[later].index] + 1e-9
+
+
+def test_processes_take_their_own_time_in_studies_and_plans(
+    scenario: Scenario, planned: Planned
+) -> None:
+    models = scenario.execution.skill_models()
+    assert models["seal"].mean == pytest.approx(4.0)
+    (seal,) = (task for task in planned.tpg.tasks if task.kind == "seal")
+    chain = planned.tpg.chains[planned.tpg.chain_index[seal.robot]]
+    assert chain.duration[chain.task == seal.index].sum() == pytest.approx(4.0)
+    assert len(seal.path) > 5  # the tool moves along its path meanwhile
+
+
+def moved(process: WantedProcess) -> WantedProcess:
+    return replace(process, pose=translation(0.0, 0.003, 0.0) @ process.pose)
+
+
+def leaning(process: WantedProcess) -> WantedProcess:
+    lean = from_rpy((0.0, 0.0, 0.0), (0.05, 0.0, 0.0))
+    return replace(process, pose=process.pose @ lean)
+
+
+Change = Callable[[WantedProcess], WantedProcess]
+
+
+@pytest.mark.parametrize(
+    ("step", "change", "kind", "says"),
+    [
+        (0, moved, "process", "no nearer than 3.00 mm"),
+        (0, leaning, "process", "leans by 2.9 deg"),
+        (2, moved, "process", "no nearer than"),
+        (1, lambda p: replace(p, robots=("left",)), "process", "was done by right"),
+        (2, lambda p: replace(p, hold="cover"), "support", "is not held"),
+        (0, lambda p: replace(p, after=("pin",)), "process", "before pin"),
+        (2, lambda p: replace(p, process="glue"), "process", "was not done"),
+    ],
+)
+def test_the_audit_finds_what_was_not_done_as_wanted(
+    scenario: Scenario, trial: Trial, step: int, change: Change, kind: str, says: str
+) -> None:
+    """The run is as it was; the scenario is said to have wanted something else."""
+    wanted = assembly_kind(scenario.assembly).wanted(scenario.cell)
+    processes = list(wanted.processes)
+    processes[step] = change(processes[step])
+    other: Wanted = replace(wanted, processes=tuple(processes))
+    report = audit_run(trial.folder, wanted=other)
+    assert [v.kind for v in report.violations] == [kind]
+    assert says in report.violations[0].detail
+
+
+@pytest.mark.parametrize(
+    ("change", "with_", "says"),
+    [
+        ("process: seal", "process: seel", "unknown process 'seel'; did you mean"),
+        ("frame: hole1}", "frame: hole}", "unknown frame 'hole'; did you mean"),
+        ("frame: corner}", "frame: edge}", "unknown frame 'edge' (valid: corner)"),
+        ("fixture: table, f", "fixture: tabel, f", "unknown fixture 'tabel'"),
+        ("{part: cover, frame: hole2}", "{frame: hole2}", "of which part or fixture"),
+        ("robots: [right]", "robots: [wright]", "unknown robot 'wright'"),
+        ("after: [cover]", "after: [pin]", "pin is listed later, as step 5"),
+        ("after: [cover]", "after: [lid]", "unknown step 'lid'"),
+        ("place: pin, hold: cover", "place: pin, hold: pin", "is in the hand of who"),
+        ("duration: {kind: fixed, value_s: 4}", "approach_m: 0.04", "Give it a dur"),
+        ("screw: {duration", "pick: {duration", "cannot be called 'pick'"),
+        ("    seal:\n", "    seal:\n      tool: gun\n", "no robot has the tool 'gun'"),
+        ("at: {fixture: table, frame: corner}", "name: x", "where is seal done?"),
+        ("{process: seal, at", "{process: seal, att", "unknown key 'att'"),
+        ("pick: {kind", "screwed: {kind", "unknown skill 'screwed'; did you mean"),
+    ],
+)
+def test_what_cannot_be_is_said(
+    tmp_path: Path, change: str, with_: str, says: str
+) -> None:
+    assert SCENARIO.count(change) == 1
+    file = tmp_path / "bad.yaml"
+    file.write_text(SCENARIO.replace(change, with_))
+    with pytest.raises(InvalidScenarioError) as caught:
+        load_scenario(file)
+    assert says in str(caught.value)
+
+
+def test_a_circle_of_steps_is_named(tmp_path: Path) -> None:
+    content = yaml.safe_load(SCENARIO)
+    content["assembly"]["steps"][0] = {"place": "cover", "after": ["pin"]}
+    file = tmp_path / "circle.yaml"
+    file.write_text(yaml.safe_dump(content))
+    with pytest.raises(InvalidScenarioError, match="cover after pin after first after"):
+        load_scenario(file)
+
+
+def test_durations_can_be_given_in_either_place(tmp_path: Path) -> None:
+    file = tmp_path / "other.yaml"
+    file.write_text(
+        SCENARIO.replace(
+            "  skills:\n", "  skills:\n    seal: {kind: fixed, value_s: 9}\n"
+        )
+    )
+    assert load_scenario(file).execution.skill_models()["seal"].mean == 9.0
+
+
+def test_both_ways_to_say_a_duration_can_be_varied(scenario: Scenario) -> None:
+    for key in ("skills.seal.value_s", "assembly.processes.seal.duration.value_s"):
+        other = varied(scenario, {key: 7.0})
+        assert other.execution.skill_models()["seal"].mean == 7.0
+    assert varied(scenario, {"seed": 3}).execution == scenario.execution
+    with pytest.raises(ScenarioError, match="no skill 'seel'"):
+        varied(scenario, {"skills.seel.value_s": 7.0})
+
+
+def test_what_is_written_down_reads_as_the_same_scenario(scenario: Scenario) -> None:
+    assert restored(resolved(scenario)) == scenario
+
+
+def test_validate_counts_the_steps(file: Path) -> None:
+    result = CliRunner().invoke(app, ["validate", str(file)])
+    assert result.exit_code == 0, result.output
+    assert "ok (2 robots, 5 steps, 2 parts)" in result.output
