@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
+from typing import Any
 
 import numpy as np
 
@@ -26,11 +27,19 @@ class AssemblyWork:
         expand: returns the tasks of a step of a plan: given the plan, the step (from 1) and the
             index of its first task.
         waits: yields pairs of tasks, given those of all steps: the second waits for the first.
+        assembly: what is built, such as a ``LegoAssembly``, with its steps in their order; None
+            where nobody asks.
+        order: of the steps, by the numbers that they had at first; empty for that order itself.
+        exchanged: returns the work with a step (from 1) and the next one exchanged, None where
+            that cannot be, or nothing is known of it.
     """
 
     problem: AssignmentProblem
     expand: Callable[[TaskPlan, int, int], StepTasks]
     waits: Callable[[Sequence[StepTasks]], Iterable[tuple[Task, Task]]] = lambda _: ()
+    assembly: Any = None
+    order: tuple[int, ...] = ()
+    exchanged: Callable[[int], AssemblyWork | None] = lambda _: None
 
     def link(self, steps: Sequence[StepTasks]) -> Indices:
         """Return all dependencies between tasks, those within the steps included.

@@ -1,8 +1,9 @@
-"""Plans next to a plan: one step done otherwise, or the robots of two steps exchanged."""
+"""Plans next to a plan: a step done otherwise, the robots of two exchanged, or a step moved."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from planning.tasks.assignment import (
     TaskPlan,
     alternatives,
 )
+from planning.tasks.work import AssemblyWork
+from scheduling.improvement.step_order import move_step
 
 _CHEAPEST = 4
 """Of the ways to do a step that differ in the same, only so many are drawn from."""
@@ -19,25 +22,34 @@ _CHEAPEST = 4
 _NEAR = 6
 """Steps whose robots are exchanged are less than this apart."""
 
-ROBOT, SUPPORT, OBJECT, GRASP, EXCHANGE = range(5)
+_PLACES = 3
+"""A step is moved by at most so many places."""
 
-KINDS = (ROBOT, ROBOT, EXCHANGE, EXCHANGE, SUPPORT, OBJECT, GRASP)
+_MOVES = 6
+"""So many steps are tried before no move is drawn."""
+
+ROBOT, SUPPORT, OBJECT, GRASP, EXCHANGE, ORDER = range(6)
+
+KINDS = (ROBOT, ROBOT, EXCHANGE, EXCHANGE, ORDER, ORDER, SUPPORT, OBJECT, GRASP)
 """What may change, each as likely as it stands here."""
 
 
 def draw_neighbour(
-    problem: AssignmentProblem,
+    work: AssemblyWork,
     plan: TaskPlan,
     critical: Sequence[int],
     rng: np.random.Generator,
-) -> TaskPlan | None:
+) -> tuple[AssemblyWork, TaskPlan] | None:
     """Return a plan next to another one, None where the draw leads nowhere.
 
     Args:
-        problem: what the plan is a solution of.
+        work: what the plan is a plan of.
         plan: the plan.
         critical: steps that the makespan hangs on; four of five draws begin with one of them.
         rng: of the draws.
+
+    Returns:
+        The plan, and what it is a plan of: the same work, or one with its steps in another order.
     """
     kind = KINDS[int(rng.integers(len(KINDS)))]
     count = len(plan.choices)
@@ -45,8 +57,31 @@ def draw_neighbour(
         step = int(critical[int(rng.integers(len(critical)))])
     else:
         step = 1 + int(rng.integers(count))
-    if kind != EXCHANGE:
-        return _changed(problem, plan, step, kind, rng)
+    if kind == ORDER:
+        return _moved(work, plan, step, rng)
+    change = _exchanged if kind == EXCHANGE else partial(_changed, kind=kind)
+    found = change(work.problem, plan, step, rng)
+    return None if found is None else (work, found)
+
+
+def _moved(
+    work: AssemblyWork, plan: TaskPlan, step: int, rng: np.random.Generator
+) -> tuple[AssemblyWork, TaskPlan] | None:
+    """Return a plan with a step moved, one way or the other; another step if it cannot be."""
+    for _ in range(_MOVES):
+        places = (1 + int(rng.integers(_PLACES))) * (1 if rng.random() < 0.5 else -1)
+        for way in (places, -places):
+            found = move_step(work, plan, step, way)
+            if found is not None:
+                return found
+        step = 1 + int(rng.integers(len(plan.choices)))
+    return None
+
+
+def _exchanged(
+    problem: AssignmentProblem, plan: TaskPlan, step: int, rng: np.random.Generator
+) -> TaskPlan | None:
+    count = len(plan.choices)
     near = [
         k
         for k in range(max(1, step - _NEAR + 1), min(count, step + _NEAR - 1) + 1)
@@ -70,8 +105,9 @@ def _changed(
     problem: AssignmentProblem,
     plan: TaskPlan,
     step: int,
-    kind: int,
     rng: np.random.Generator,
+    *,
+    kind: int,
 ) -> TaskPlan | None:
     now = plan[step]
     found = _drawn(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,11 +15,11 @@ from planning.motion.sequential import MotionSettings, plan_sequential
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.work import AssemblyWork, StepExpansions
 from scheduling.build_nodes import build_nodes
-from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.rollout import latest_ends
 from scheduling.ordering.beam_search import TaskOrderSearch
 from scheduling.ordering.contents import KnownConflicts
+from scheduling.ordering.known_edges import connect_in_order
 from scheduling.ordering.relations import TaskRelations
 from scheduling.ordering.reordering import find_blocks, put_in_order
 from scheduling.shortcuts.scenery import KnownShortcuts
@@ -37,6 +37,7 @@ class RatedPlan:
     """A plan with its motions, and when everyone would be ready.
 
     Attributes:
+        work: what it is a plan of, with its steps in their order.
         task_plan: who does what.
         motion_plan: how everyone moves.
         by_home_s: makespan of the graph of the best order of its tasks that was found, by way of
@@ -46,6 +47,7 @@ class RatedPlan:
         critical: steps with tasks that this makespan hangs on.
     """
 
+    work: AssemblyWork
     task_plan: TaskPlan
     motion_plan: MotionPlan
     by_home_s: float
@@ -58,7 +60,6 @@ class PlanRater:
 
     Args:
         cell: where it is built.
-        work: what is built.
         settings: how tasks are turned into motions.
         shortcuts: whether paths will be taken past HOME.
     """
@@ -66,39 +67,45 @@ class PlanRater:
     def __init__(
         self,
         cell: Workcell,
-        work: AssemblyWork,
         settings: MotionSettings,
         *,
         shortcuts: bool = True,
     ) -> None:
-        self._cell, self._work, self._settings = cell, work, settings
+        self._cell, self._settings = cell, settings
         self._shortcuts = shortcuts
         self._known = KnownConflicts()
         self._motions = KnownMotions()
         self._boards = KnownBoards(KnownShortcuts(KnownScenes(), settings.seed))
 
-    def rate(self, plan: TaskPlan, worst_s: float = np.inf) -> RatedPlan | None:
+    def rate(
+        self, work: AssemblyWork, plan: TaskPlan, worst_s: float = np.inf
+    ) -> RatedPlan | None:
         """Plan the motions of a plan and rate them; None where there are none.
 
         Args:
+            work: what it is a plan of.
             plan: the plan.
             worst_s: a plan that takes longer than this by way of HOME is not looked at further.
         """
-        steps = StepExpansions(self._work, plan)
+        steps = StepExpansions(work, plan)
         try:
             motions = plan_sequential(
                 self._cell,
                 steps.callables(),
-                self._work.link,
+                work.link,
                 self._settings,
                 known=self._motions,
             )
-            return self.rate_motions(steps.plan, motions, worst_s)
+            return self.rate_motions(work, steps.plan, motions, worst_s)
         except (TransitError, PlanInvariantError):
             return None
 
     def rate_motions(
-        self, plan: TaskPlan, motions: MotionPlan, worst_s: float = np.inf
+        self,
+        work: AssemblyWork,
+        plan: TaskPlan,
+        motions: MotionPlan,
+        worst_s: float = np.inf,
     ) -> RatedPlan:
         """Rate motions that are planned already, see ``rate``.
 
@@ -111,10 +118,10 @@ class PlanRater:
         way = TaskOrderSearch(relations, blocks).best_way(_WIDTH)
         by_home = max(way.clocks, default=0.0)
         if by_home > worst_s:
-            return RatedPlan(plan, motions, by_home, np.inf, ())
+            return RatedPlan(work, plan, motions, by_home, np.inf, ())
         order = [blocks[b] for b in way.order()]
         chains = put_in_order(nodes.chains, relations, order)
-        graph = DerivedTpg(connect_nodes(DerivedTpg(replace(nodes, chains=chains))))
+        graph = DerivedTpg(connect_in_order(chains, relations, order))
         if self._shortcuts:
             speeds, step = self._settings.speeds, self._settings.step
             seed = self._settings.seed
@@ -122,7 +129,8 @@ class PlanRater:
                 graph.tpg, speeds, step=step, seed=seed, known=self._boards
             )
         makespan = float(graph.rollout.makespan)
-        return RatedPlan(plan, motions, by_home, makespan, _critical_steps(graph))
+        critical = _critical_steps(graph)
+        return RatedPlan(work, plan, motions, by_home, makespan, critical)
 
 
 def _critical_steps(graph: DerivedTpg) -> tuple[int, ...]:

@@ -13,7 +13,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from planning.tasks.assignment import AssignmentProblem, TaskPlan
 from scheduling.improvement.neighbours import draw_neighbour
 from scheduling.improvement.rated_plans import PlanRater, RatedPlan
 
@@ -29,7 +28,6 @@ _DRAWS = 200
 
 def improve_plan(
     rater: PlanRater,
-    problem: AssignmentProblem,
     start: RatedPlan,
     *,
     seconds: float,
@@ -42,7 +40,6 @@ def improve_plan(
 
     Args:
         rater: rates plans.
-        problem: what the plans are solutions of.
         start: where to begin.
         seconds: how long to search; a plan found so depends on the machine. 0 for no limit.
         tries: most plans rated; 0 for no limit.
@@ -53,20 +50,21 @@ def improve_plan(
     begin = clock()
     rng = np.random.default_rng([seed, 7])
     best = present = start
-    seen: set[TaskPlan] = {start.task_plan}
+    seen = {(start.work.order, start.task_plan)}
     idle = done = 0
     while (not tries or done < tries) and idle < _DRAWS:
         spent = clock() - begin
         if seconds and spent >= seconds:
             break
-        drawn = draw_neighbour(problem, present.task_plan, present.critical, rng)
-        if drawn is None or drawn in seen:
+        drawn = draw_neighbour(present.work, present.task_plan, present.critical, rng)
+        if drawn is None or (drawn[0].order, drawn[1]) in seen:
             idle += 1
             continue
+        work, plan = drawn
         idle, done = 0, done + 1
-        seen.add(drawn)
+        seen.add((work.order, plan))
         progress(done if tries else spent, tries or seconds)
-        rated = rater.rate(drawn, present.by_home_s * (1.0 + _FAR))
+        rated = rater.rate(work, plan, present.by_home_s * (1.0 + _FAR))
         if rated is None or rated.makespan_s > best.makespan_s * (1.0 + _WORSE):
             continue
         present = rated

@@ -113,6 +113,10 @@ class AssemblyKind(Protocol):
         """
         ...
 
+    def finished(self, motions: PlannedMotions) -> PlannedMotions:
+        """Return motions that were planned otherwise, as ``plan`` would have left them."""
+        return motions
+
 
 _KINDS = {
     "lego": ("twin.planning.lego", "LegoKind"),

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from planning.lego.sequencing.sequencing import Progress, SequencedStructure
     from planning.lego.skills.candidates import LegoCandidates
     from planning.motion.sequential import MotionSettings
+    from planning.tasks.work import AssemblyWork
 
 SEQUENCE = "which brick when"
 """Name of a stage for progress displays."""
@@ -144,43 +145,50 @@ class LegoKind(AssemblyKind):
         """
         from planning.lego.sequencing.reachability import check_reach
         from planning.lego.sequencing.stable_steps import stable_steps
+        from planning.lego.sequencing.step_exchange import movable_work
         from planning.lego.skills.candidates import find_candidates
         from planning.lego.skills.expansion import lego_work
-        from twin.planning.brick_colours import brick_colours, coloured
         from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
 
-        robots = len(cell.robots)
+        robots, checked = len(cell.robots), self.section.rules.check_steps
+        rules = sequencing_rules(
+            self.section, robots=robots, carrier=tool_carrier(cell)
+        )
         if self.section.structure is not None:
-            assembly, candidates = self._sequenced(cell, watch)
+            work = self._sequenced(cell, rules, watch)
         else:
             assembly = build_lego(self.section)
             with watch.stage("assignment", ASSIGNMENT):
-                if self.section.rules.check_steps:
-                    carrier = tool_carrier(cell)
-                    rules = sequencing_rules(
-                        self.section, robots=robots, carrier=carrier
-                    )
+                if checked:
                     assembly = stable_steps(assembly, rules)
                 check_reach(cell, assembly)
                 candidates = find_candidates(cell, assembly)
-        work = lego_work(candidates)
-        motions = plan_in_turns(cell, assembly, work, settings, watch)
-        return coloured(motions, assembly, brick_colours(self.section))
+            # Of steps that are not checked, nobody knows in which order they would do.
+            work = movable_work(candidates, rules) if checked else lego_work(candidates)
+        motions = plan_in_turns(cell, work.assembly, work, settings, watch)
+        return self.finished(motions)
+
+    def finished(self, motions: PlannedMotions) -> PlannedMotions:
+        """Return motions whose bricks have the colours of the places that they go to."""
+        from twin.planning.brick_colours import brick_colours, coloured
+
+        return coloured(motions, motions.assembly, brick_colours(self.section))
 
     def _sequenced(
-        self, cell: Workcell, watch: StageWatch
-    ) -> tuple[LegoAssembly, LegoCandidates]:
+        self, cell: Workcell, rules: SequencingRules, watch: StageWatch
+    ) -> AssemblyWork:
         """Find a sequence whose steps the arms can do.
 
         The sequence knows of tools, not of arms: where these do not get to a support, the brick
         is to go in without, which takes another order, or scaffolding where that is allowed.
         """
         from planning.lego.sequencing.reachability import check_reach
+        from planning.lego.sequencing.step_exchange import movable_work
         from planning.lego.skills.candidates import find_candidates
         from twin.planning.in_turns import ASSIGNMENT
 
         alone: frozenset[str] = frozenset()
-        first: tuple[LegoAssembly, LegoCandidates] | None = None
+        first: AssemblyWork | None = None
         while True:
             try:
                 with watch.stage("sequence", SEQUENCE):
@@ -198,10 +206,12 @@ class LegoKind(AssemblyKind):
             with watch.stage("assignment", ASSIGNMENT):
                 check_reach(cell, assembly)
                 candidates = find_candidates(cell, assembly)
-            first = first or (assembly, candidates)
+            names = [item.name for item in found.sequence]
+            work = movable_work(candidates, replace(rules, alone=alone), names)
+            first = first or work
             more = _out_of_help(found, candidates) - alone
             if not more:
-                return assembly, candidates
+                return work
             alone |= more
 
 

@@ -96,7 +96,8 @@ def plan_scenario(
         planned = _better(scenario, first, planned, watch)
     if first.work is None:
         return planned
-    bound = load_bound_s(first.cell, first.work, first.task_plan, first.settings)
+    work = planned.work or first.work
+    bound = load_bound_s(first.cell, work, planned.task_plan, first.settings)
     return replace(planned, load_bound_s=bound)
 
 
@@ -147,6 +148,7 @@ def _coordinated(
         watch.seconds,
         turns,
         variant,
+        work=first.work,
     )
 
 
@@ -195,11 +197,10 @@ def improved_motions(
     with watch.stage("improve"):
         watch.report(IMPROVEMENT, 0, 1)
         shortcuts = planned_shortcuts(scenario) > 0
-        rater = PlanRater(first.cell, first.work, first.settings, shortcuts=shortcuts)
-        start = rater.rate_motions(first.task_plan, first.motion_plan)
+        rater = PlanRater(first.cell, first.settings, shortcuts=shortcuts)
+        start = rater.rate_motions(first.work, first.task_plan, first.motion_plan)
         best = improve_plan(
             rater,
-            first.work.problem,
             start,
             seconds=section.improve_s,
             tries=section.improve_tries,
@@ -208,7 +209,14 @@ def improved_motions(
         )
     if best is start:
         return None
-    return replace(first, task_plan=best.task_plan, motion_plan=best.motion_plan)
+    found = replace(
+        first,
+        assembly=best.work.assembly or first.assembly,
+        task_plan=best.task_plan,
+        motion_plan=best.motion_plan,
+        work=best.work,
+    )
+    return assembly_kind(scenario.assembly).finished(found)
 
 
 def plan_motions(scenario: Scenario, folder: Path, watch: StageWatch) -> PlannedMotions:

@@ -59,7 +59,7 @@ def stable_steps(
             faults.append(f"{at}: the structure does not stand after it: {why}")
             continue
         site = insertion.at(names, brick.name, up=step.up)
-        choice = _StepChoices(step, site, rules)
+        choice = StepChoices(step, site, rules)
         stable = choice.stable()
         if stable is None:
             faults.append(f"{at}: {choice.why_not()}")
@@ -73,7 +73,7 @@ def stable_steps(
 
 
 @dataclass(frozen=True)
-class _StepChoices:
+class StepChoices:
     """Grips and supports of one step, judged by what the structure bears.
 
     Attributes:
@@ -88,10 +88,12 @@ class _StepChoices:
 
     @property
     def grips(self) -> tuple[Press, ...]:
+        """The grips to choose from."""
         return self.step.presses or presses(self.site.item.brick)
 
     @property
     def supports(self) -> tuple[Support | None, ...]:
+        """The supports to choose from, None for none."""
         return self.step.supports or (None,)
 
     def stable(self) -> LegoStep | None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import permutations, product
 
 from planning.cell.workcell import Workcell
 from planning.kinematics.kinematics import inverse_kinematics
-from planning.lego.bricks.assembly import LegoAssembly
+from planning.lego.bricks.assembly import LegoAssembly, LegoStep
 from planning.lego.bricks.brick_world import BrickWorld, press_of
 from planning.lego.skills.handovers import HandoverOptions
 from planning.lego.skills.options import SkillOption, SkillOptions
@@ -34,12 +34,14 @@ class LegoCandidates:
         problem: what the solver needs.
         skills: picks, places and supports.
         handovers: handovers.
+        alternatives: see ``find_candidates``.
     """
 
     world: BrickWorld
     problem: AssignmentProblem
     skills: SkillOptions = field(repr=False)
     handovers: HandoverOptions = field(repr=False)
+    alternatives: int = 2
 
 
 def find_candidates(
@@ -69,35 +71,81 @@ def find_candidates(
     world = BrickWorld(cell, assembly)
     if alternatives is None:
         alternatives = 2 if len(assembly.steps) <= _MANY_STEPS else 1
-    collector = _Collector(world, alternatives)
+    skills = SkillOptions(world)
+    collector = _Collector(skills, HandoverOptions(skills), alternatives)
     for number in range(1, len(assembly.steps) + 1):
         collector.add(number)
-    problem = AssignmentProblem(
-        robots=tuple(robot.name for robot in cell.robots),
-        steps=tuple(step.words for step in assembly.steps),
-        needs_support=tuple(s.up or s.support is not None for s in assembly.steps),
-        primaries=tuple(collector.primaries),
-        supports=tuple(collector.supports),
-        incompatible=frozenset(collector.incompatible),
-        unlimited=world.stations,
-        rejections=tuple(collector.rejections),
-    )
-    return LegoCandidates(world, problem, collector.skills, collector.handovers)
+    return collector.candidates()
+
+
+def exchange_steps(
+    known: LegoCandidates, steps: tuple[LegoStep, ...], at: int
+) -> LegoCandidates:
+    """Return the candidates where a step and the next one are exchanged.
+
+    Those of other steps find the same around them, and are kept.
+
+    Args:
+        known: the candidates before.
+        steps: all steps in their new order; those exchanged may be done in another way.
+        at: the first of the two, counted from 1.
+    """
+    assembly = replace(known.world.assembly, steps=steps)
+    skills = known.skills.exchanged(BrickWorld(known.world.cell, assembly), at)
+    handovers = known.handovers.exchanged(skills, at)
+    collector = _Collector(skills, handovers, known.alternatives)
+    for number in range(1, len(steps) + 1):
+        if number in (at, at + 1):
+            collector.add(number)
+        else:
+            collector.keep(known.problem, number)
+    return collector.candidates()
 
 
 class _Collector:
     """Gathers candidates step by step."""
 
-    def __init__(self, world: BrickWorld, alternatives: int) -> None:
+    def __init__(
+        self, skills: SkillOptions, handovers: HandoverOptions, alternatives: int
+    ) -> None:
         self._most = alternatives
-        self.world = world
-        self.skills = SkillOptions(world)
-        self.handovers = HandoverOptions(self.skills)
+        self.world, self.skills, self.handovers = skills.world, skills, handovers
         self.primaries: list[PrimaryCandidate] = []
         self.supports: list[SupportCandidate] = []
         self.incompatible: list[tuple[int, int]] = []
         self.rejections: list[Rejection] = []
         self._home = self.skills.home
+
+    def candidates(self) -> LegoCandidates:
+        """Return what was gathered."""
+        steps = self.world.assembly.steps
+        problem = AssignmentProblem(
+            robots=tuple(robot.name for robot in self.world.cell.robots),
+            steps=tuple(step.words for step in steps),
+            needs_support=tuple(s.up or s.support is not None for s in steps),
+            primaries=tuple(self.primaries),
+            supports=tuple(self.supports),
+            incompatible=frozenset(self.incompatible),
+            unlimited=self.world.stations,
+            rejections=tuple(self.rejections),
+        )
+        return LegoCandidates(
+            self.world, problem, self.skills, self.handovers, self._most
+        )
+
+    def keep(self, problem: AssignmentProblem, step: int) -> None:
+        """Add the candidates that a step has in another problem."""
+        primary, support = {}, {}
+        for p in problem.primaries_of.get(step, []):
+            primary[p] = len(self.primaries)
+            self.primaries.append(problem.primaries[p])
+        for s in problem.supports_of.get(step, []):
+            support[s] = len(self.supports)
+            self.supports.append(problem.supports[s])
+        self.incompatible += [
+            (primary[p], support[s]) for p, s in problem.incompatible if p in primary
+        ]
+        self.rejections += [item for item in problem.rejections if item.step == step]
 
     def add(self, step: int) -> None:
         """Add the candidates of a step: primary robot, giver for a place-up, brick and grip."""

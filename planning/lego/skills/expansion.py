@@ -41,6 +41,7 @@ def lego_work(candidates: LegoCandidates) -> AssemblyWork:
         candidates.problem,
         partial(_expand_step, candidates),
         partial(_waits, candidates),
+        candidates.world.assembly,
     )
 
 

@@ -137,6 +137,22 @@ class HandoverOptions:
             cache(self._find)
         )
 
+    def exchanged(self, skills: SkillOptions, step: int) -> HandoverOptions:
+        """Return the handovers where a step and the next one are exchanged.
+
+        Those of other steps are not worked out again.
+        """
+        other = HandoverOptions(skills)
+
+        def handover(
+            giver: str, receiver: str, at: int, grasp: int
+        ) -> HandoverOption | Obstruction:
+            find = other._find if at in (step, step + 1) else self.handover
+            return find(giver, receiver, at, grasp)
+
+        other.handover = cache(handover)
+        return other
+
     def _find(
         self, giver: str, receiver: str, step: int, grasp: int
     ) -> HandoverOption | Obstruction:

@@ -104,6 +104,50 @@ class SkillOptions:
         )
         self.support: Callable[[str, int, int], Found] = cache(self._support)
 
+    def exchanged(self, world: BrickWorld, step: int) -> SkillOptions:
+        """Return the options of a world in which a step and the next one are exchanged.
+
+        What does not depend on their order is not worked out again.
+        """
+        other = SkillOptions(world)
+        number = {step: step + 1, step + 1: step}
+        name = {goal_name(a): goal_name(b) for a, b in number.items()}
+
+        def renamed(found: Found) -> Found:
+            if isinstance(found, Obstruction):
+                return found
+            touched = {name.get(k, k): leans for k, leans in found.touched.items()}
+            latest = found.latest
+            if latest is not None:
+                latest = number.get(latest, latest)
+            return replace(found, touched=touched, latest=latest)
+
+        def pick(robot: str, stock: str, grasp: int) -> Found:
+            found = self.pick(robot, stock, grasp)
+            if isinstance(found, SkillOption) and found.latest == step:
+                # If the next one is in the way as well, it is the first of them now.
+                return other._pick(robot, stock, grasp)
+            return renamed(found)
+
+        def place(
+            robot: str, at: int, grasp: int, beside: SupportCandidate | None
+        ) -> Found:
+            if at in number:
+                return other._place(robot, at, grasp, beside)
+            return renamed(self.place(robot, at, grasp, beside))
+
+        def support(robot: str, at: int, choice: int) -> Found:
+            if at in number:
+                return other._support(robot, at, choice)
+            return renamed(self.support(robot, at, choice))
+
+        other.pick, other.place, other.support = (
+            cache(pick),
+            cache(place),
+            cache(support),
+        )
+        return other
+
     def _pick(self, robot: str, stock: str, grasp: int) -> Found:
         world = self.world
         item, top = world.stock[stock], world.start_top(stock)
