@@ -93,26 +93,26 @@ def plan_scenario(
     first = plan_motions(scenario, folder, watch)
     planned = _coordinated(scenario, first, watch)
     if scenario.planning.improves:
-        planned = _better(scenario, first, planned, watch)
+        first, planned = _better(scenario, first, planned, watch)
     if first.work is None:
         return planned
-    work = planned.work or first.work
-    bound = load_bound_s(first.cell, work, planned.task_plan, first.settings)
+    bound = load_bound_s(first.cell, first.work, first.task_plan, first.settings)
     return replace(planned, load_bound_s=bound)
 
 
 def _better(
     scenario: Scenario, first: PlannedMotions, planned: Planned, watch: StageWatch
-) -> Planned:
+) -> tuple[PlannedMotions, Planned]:
     """Return what a search for better choices leads to; the given plan where that is no better."""
     found = improved_motions(scenario, first, watch)
     if found is None:
-        return planned
+        return first, planned
     try:
         other = _coordinated(scenario, found, watch)
     except PlanInvariantError:
-        return planned
-    return other if nominal_s(other.tpg) < nominal_s(planned.tpg) else planned
+        return first, planned
+    better = nominal_s(other.tpg) < nominal_s(planned.tpg)
+    return (found, other) if better else (first, planned)
 
 
 def _coordinated(
@@ -148,7 +148,6 @@ def _coordinated(
         watch.seconds,
         turns,
         variant,
-        work=first.work,
     )
 
 
