@@ -12,7 +12,12 @@ from twin.check.lying import check_fixtures, check_goals, check_starts
 from twin.check.reach import check_reach
 from twin.check.robots import check_bases, check_homes, check_speeds
 from twin.check.times import check_skill_times
-from twin.check.tools import check_grips, check_tool_frames
+from twin.check.tools import (
+    check_flanges,
+    check_grips,
+    check_openings,
+    check_tool_frames,
+)
 from twin.scenario.document.problems import InvalidScenarioError, Problem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.scenario import Scenario
@@ -24,7 +29,9 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
     check_starts,
     check_goals,
     check_grips,
+    check_flanges,
     check_tool_frames,
+    check_openings,
     check_skill_times,
     check_speeds,
 )

@@ -30,7 +30,8 @@ PICTURE = "cell.png"
 
 _ROBOTS = ("#2f6db5", "#d9822b", "#3d9a50", "#8e5bb5", "#c23b54", "#2a9d9d")
 _FIXTURE, _FIXTURE_EDGE, _GOAL = "#dfe3e8", "#a7afb9", "#5b6470"
-_AXES = ("#d62728", "#2ca02c", "#1f4fd6")
+AXIS_COLOURS = ("#d62728", "#2ca02c", "#1f4fd6")
+"""Of the x, y and z axes of frames."""
 _FIXTURE_NAME = "#6b7480"
 _NAME_SIZE = 6
 _MOST_ASIDE = 12
@@ -190,7 +191,7 @@ def _extent(
 
 
 def _draw_shape(area: Axes, view: _View, shape: _Shape) -> None:
-    outline = _outline(shape.corners[:, [view.right, view.up]])
+    outline = hull_outline(shape.corners[:, [view.right, view.up]])
     area.add_patch(
         Polygon(
             outline,
@@ -207,7 +208,7 @@ def _draw_goals(area: Axes, view: _View, subject: Subject) -> None:
     for _, corners in goal_boxes(subject):
         area.add_patch(
             Polygon(
-                _outline(corners[:, [view.right, view.up]]),
+                hull_outline(corners[:, [view.right, view.up]]),
                 closed=True,
                 fill=False,
                 edgecolor=_GOAL,
@@ -236,7 +237,7 @@ def _draw_robots(
                 )
             )
         tool = frame_pose(robot, robot.home, _frame(robot))
-        for axis, line in enumerate(_AXES):
+        for axis, line in enumerate(AXIS_COLOURS):
             tip = tool[:3, 3] + _ARROW * tool[:3, axis]
             area.plot(
                 [tool[view.right, 3], tip[view.right]],
@@ -323,7 +324,8 @@ def _placed(points: Array, pose: Array) -> Array:
     return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 
 
-def _outline(points: Array) -> Array:
+def hull_outline(points: Array) -> Array:
+    """Return the corners of the hull of points in a plane, in order, shape (c, 2)."""
     try:
         return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:  # seen edge-on

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from planning.cell.body import ConvexBody
 from planning.cell.robot_model import RobotModel
 from planning.geometry.exact import Solid, distance_at
 from planning.parts.assembly import box_grips
+from planning.robots.overview import flange_doubt
 from planning.transforms import Array, readonly
 from twin.check.finding import Finding, Findings, Subject, millimetres
 from twin.scenario.sections.construction import ConstructionSection
@@ -21,6 +23,12 @@ _FAR = 0.02
 
 _IN_FRONT, _SHARE = 0.01, 1.0 / 3.0
 """So much of a tool may be in front of its frame [m], and so much of what is behind it."""
+
+_PLAY = 0.001
+"""Openings that differ by less are the same [m]."""
+
+_ALONG = 0.7
+"""A tool whose z axis is so much along the axis of the last joint points out of its flange."""
 
 _NOWHERE = np.zeros(0)
 
@@ -92,6 +100,78 @@ def _frames(subject: Subject) -> Iterator[tuple[str, str]]:
         frame = section.grips.frame
     for robot in robots:
         yield robot, frame
+
+
+def check_flanges(subject: Subject) -> Findings:
+    """Yield flanges out of which another axis points than z, unless the tool makes up for it."""
+    seen: set[RobotModel] = set()
+    for robot in subject.cell.robots:
+        model = robot.model
+        doubt = None if model in seen else flange_doubt(model)
+        seen.add(model)
+        pose = model.flange @ model.frames.get("tool", np.eye(4))
+        along = abs(float(pose[:3, 2] @ model.chain.axis[-1]))
+        if doubt is not None and along < _ALONG:
+            at = subject.robot_at(robot.name, "flange", "model")
+            yield Finding(at, f"flange of {robot.name} ({model.name}): {doubt}")
+
+
+def check_openings(subject: Subject) -> Findings:
+    """Yield fingers that are held farther apart than they open, or nearer than parts are wide."""
+    seen: set[RobotModel] = set()
+    for robot in subject.cell.robots:
+        model = robot.model
+        if model in seen or model.grip is None or model.grip.opening is None:
+            continue
+        seen.add(model)
+        gap = finger_gap(model, model.frames.get("tool", np.eye(4)))
+        if gap is None:
+            continue
+        least, most = model.grip.opening
+        tool, at = model.grip.tool, subject.robot_at(robot.name, "tool", "model")
+        if gap > most + _PLAY or gap < least - _PLAY:
+            yield Finding(
+                at,
+                f"the fingers of {tool} are held {millimetres(gap)} apart, and opening_m is"
+                f" {millimetres(least)} to {millimetres(most)}: one of the two is wrong, or 'closing' is"
+                " across the fingers",
+            )
+
+
+def finger_gap(model: RobotModel, frame: Array) -> float | None:
+    """Return how far apart the fingers of a tool are held in its description [m].
+
+    Measured along y through the middle of a tool frame, a pose in the flange frame; None where
+    there are no bodies on both sides.
+    """
+    tip = model.flange @ frame
+    before, behind = -np.inf, np.inf
+    for body in tool_bodies(model):
+        span = _span_along(body, tip[:3, 3], tip[:3, 1])
+        if span is None:
+            continue
+        low, high = span
+        if low > 0.0:
+            behind = min(behind, low)
+        elif high < 0.0:
+            before = max(before, high)
+        else:
+            return 0.0  # the frame is in a finger
+    gap = behind - before
+    return float(gap) if np.isfinite(gap) else None
+
+
+def _span_along(body: ConvexBody, at: Array, way: Array) -> tuple[float, float] | None:
+    """Return from where to where a line is in a body, measured from ``at``; None if nowhere."""
+    planes = ConvexHull(body.vertices).equations
+    slope, height = planes[:, :3] @ way, planes[:, :3] @ at + planes[:, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        where = -height / slope
+    if np.any(height[np.abs(slope) < 1e-12] > 0.0):
+        return None
+    low = float(np.max(where[slope < -1e-12], initial=-np.inf))
+    high = float(np.min(where[slope > 1e-12], initial=np.inf))
+    return (low, high) if low <= high else None
 
 
 def misplaced(model: RobotModel, frame: Array) -> Iterator[str]:

@@ -173,5 +173,6 @@ def _fix(joint: Element, value: float, where: str) -> None:
         if child.tag not in ("parent", "child", "origin"):
             joint.remove(child)
     joint.set("type", "fixed")
+    joint.set("held", repr(float(value)))  # for who reads it; programs pass over it
     if kind != "fixed" and not (value == 0.0 and joint.find("origin") is None):
         write_pose(joint, pose)

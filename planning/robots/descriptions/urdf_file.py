@@ -265,15 +265,14 @@ def _require_rooted(parents: Mapping[str, tuple[str, str]], path: Path) -> None:
 
 
 def _reject_xacro(root: Element, path: Path) -> None:
-    for element in root.iter():
-        left_in = element.tag.startswith("xacro:")
-        if left_in or any(
-            "${" in value or "$(" in value for value in element.attrib.values()
-        ):
-            raise RobotModelError(
-                f"{path} still holds xacro macros; expand it to plain URDF first "
-                "(xacro robot.urdf.xacro > robot.urdf)"
-            )
+    macros = [child for child in root if child.tag.startswith("xacro:")]
+    parts = [*root.findall("link"), *root.findall("joint")]
+    values = [v for part in parts for e in part.iter() for v in e.attrib.values()]
+    if macros or any("${" in value or "$(" in value for value in values):
+        raise RobotModelError(
+            f"{path} still holds xacro macros; expand it to plain URDF first "
+            "(xacro robot.urdf.xacro > robot.urdf)"
+        )
 
 
 def _chain_order(
@@ -297,7 +296,7 @@ def _chain_order(
                 f"{path}: the chain branches at joints "
                 + " and ".join(repr(joint) for joint in following[:2])
                 + "; only serial arms are supported: hold what is not of the arm, such as fingers,"
-                f" with 'joints: {{{following[-1]}: 0.0}}'"
+                f" with 'joints: {{{': 0.0, '.join(following)}: 0.0}}'"
             )
         last = following[0]
         order.append(last)
@@ -320,9 +319,10 @@ def _joint(element: Element, name: str, path: Path) -> UrdfJoint:
         raise RobotModelError(f"{where} has no direction: axis {text!r}")
     limit = element.find("limit")
     if limit is None:
-        raise RobotModelError(
-            f"{where} has no <limit>: give it lower, upper and velocity"
-        )
+        remedy = "the robot 'limits: {velocity: ...}'"
+        if kind != "continuous":
+            remedy = "it one with lower, upper and velocity"
+        raise RobotModelError(f"{where} has no <limit>: give {remedy}")
     velocity = number(limit.get("velocity", "0"), f"{where}, velocity limit")
     if velocity <= 0.0:
         raise RobotModelError(

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 from planning.errors import RobotModelError
 from planning.files import is_file, read_file
+
+# Some files begin with comments, and say only then that they are XML.
+_DECLARATION = re.compile(rb"\A((?:\s+|<!--.*?-->)+)<\?xml[^>]*\?>", re.DOTALL)
 
 
 def read_xml(path: Path) -> Element:
@@ -31,7 +35,9 @@ def read_xml(path: Path) -> Element:
     parser.EndElementHandler = builder.end
     parser.CharacterDataHandler = builder.data
     try:
-        parser.Parse(content, True)
+        # Some files end with a byte that is nought.
+        content = content.rstrip(b"\0 \t\r\n")
+        parser.Parse(_DECLARATION.sub(rb"\1", content, count=1), True)
         return builder.close()
     except (expat.ExpatError, ValueError, LookupError, AssertionError) as error:
         raise RobotModelError(f"{path} is not XML: {error}") from None

@@ -1,0 +1,229 @@
+"""What a description holds, in rows: joints with their limits, links with where they are, frames."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from planning.cell.robot_model import RobotModel
+from planning.robots.descriptions.flange import tip_link
+from planning.robots.descriptions.held_joints import pose_of
+from planning.robots.descriptions.urdf_checks import vector
+from planning.robots.descriptions.written_options import written_options
+from planning.robots.descriptions.xml_reading import read_xml
+from planning.transforms import Transform
+
+
+@dataclass(frozen=True)
+class JointRow:
+    """A joint that moves, or that is held.
+
+    Attributes:
+        name: of the joint.
+        kind: as its description has it; ``held`` where it is held.
+        unit: ``rad`` or ``m``.
+        lower, upper: limits [unit]; equal where it is held.
+        velocity: [unit/s].
+        acceleration: [unit/s^2].
+        jerk: [unit/s^3].
+        effort: [N m or N]; like the others infinite where nothing is known.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    lower: float
+    upper: float
+    velocity: float = math.inf
+    acceleration: float = math.inf
+    jerk: float = math.inf
+    effort: float = math.inf
+
+
+@dataclass(frozen=True)
+class LinkRow:
+    """A link of a description.
+
+    Attributes:
+        name: of the link.
+        parent: link that it hangs on, empty for the root.
+        joint: joint in between.
+        group: ``arm`` or ``tool``; ``flange`` for the link whose frame that is.
+        bodies: number of its collision shapes.
+        pose: of its frame in that of the root, joints at HOME.
+    """
+
+    name: str
+    parent: str
+    joint: str
+    group: str
+    bodies: int
+    pose: Transform
+
+
+@dataclass(frozen=True)
+class Overview:
+    """What a description holds.
+
+    Attributes:
+        model: the robot.
+        joints: those that move, base to tip, then those that are held.
+        links: in the order of the file.
+        words: what was chosen for it, and why.
+    """
+
+    model: RobotModel
+    joints: tuple[JointRow, ...]
+    links: tuple[LinkRow, ...]
+    words: tuple[str, ...]
+
+
+def overview(model: RobotModel) -> Overview:
+    """Return what the description of a robot holds."""
+    root = read_xml(model.urdf)
+    values = dict(zip(model.joint_names, model.home.tolist(), strict=True))
+    moving = tuple(_moving(model, k) for k in range(model.dof))
+    held = tuple(
+        row for joint in root.findall("joint") if (row := _held(joint)) is not None
+    )
+    notes = written_options(root)
+    tool = set(notes.tool_links or ()) if notes else set[str]()
+    tool |= {
+        part.body.name.rpartition("_")[0]
+        for part in model.parts
+        if part.group == "tool"
+    }
+    links = _links(root, values, model.urdf, tool, model.flange_link)
+    return Overview(model, moving + held, links, tuple(_words(model, links)))
+
+
+def _moving(model: RobotModel, k: int) -> JointRow:
+    slides, drives = bool(model.chain.prismatic[k]), model.drives
+    rest = (
+        ()
+        if drives is None
+        else tuple(
+            float(limit[k])
+            for limit in (drives.acceleration, drives.jerk, drives.effort)
+        )
+    )
+    return JointRow(
+        model.joint_names[k],
+        "slides" if slides else "turns",
+        "m" if slides else "rad",
+        float(model.lower[k]),
+        float(model.upper[k]),
+        float(model.velocity[k]),
+        *rest,
+    )
+
+
+def _held(joint: Element) -> JointRow | None:
+    held = joint.get("held")
+    if held is None:
+        return None
+    value = float(held)
+    return JointRow(str(joint.get("name")), "held", "rad or m", value, value)
+
+
+def _links(
+    root: Element,
+    values: Mapping[str, float],
+    path: Path,
+    tool: set[str],
+    flange: str,
+) -> tuple[LinkRow, ...]:
+    above = {
+        child.get("link"): joint
+        for joint in root.findall("joint")
+        if (child := joint.find("child")) is not None
+    }
+    known: dict[str, Transform] = {}
+
+    def pose(link: str) -> Transform:
+        if link not in known:
+            joint = above.get(link)
+            if joint is None:
+                known[link] = np.eye(4)
+            else:
+                known[link] = pose(_parent(joint)) @ _across(joint, values, path)
+        return known[link]
+
+    rows = []
+    for element in root.findall("link"):
+        name = str(element.get("name"))
+        joint = above.get(name)
+        rows.append(
+            LinkRow(
+                name,
+                "" if joint is None else _parent(joint),
+                "" if joint is None else str(joint.get("name")),
+                "flange" if name == flange else "tool" if name in tool else "arm",
+                len(element.findall("collision")),
+                pose(name),
+            )
+        )
+    return tuple(rows)
+
+
+def _parent(joint: Element) -> str:
+    end = joint.find("parent")
+    return "" if end is None else str(end.get("link"))
+
+
+def _across(joint: Element, values: Mapping[str, float], path: Path) -> Transform:
+    """Return the pose of a joint's child in the frame of its parent."""
+    where = f"{path}: joint {joint.get('name')!r}"
+    out = pose_of(joint.find("origin"), where)
+    value = values.get(str(joint.get("name")))
+    if value is not None:
+        axis = joint.find("axis")
+        way = np.array(
+            vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), where)
+        )
+        move = np.eye(4)
+        way = way / np.linalg.norm(way) * value
+        if joint.get("type") == "prismatic":
+            move[:3, 3] = way
+        else:
+            move[:3, :3] = Rotation.from_rotvec(way).as_matrix()
+        out = out @ move
+    return out
+
+
+def _words(model: RobotModel, links: tuple[LinkRow, ...]) -> list[str]:
+    """Say what was chosen, and what is doubtful about it."""
+    out = [f"flange: link {model.flange_link!r}, z out of it"]
+    doubt = flange_doubt(model)
+    if doubt is not None:
+        out[0] = f"flange: link {model.flange_link!r}"
+        out.append(f"doubtful: {doubt}")
+    tip = tip_link(tuple(row.name for row in links if row.group == "tool"))
+    if tip is not None:
+        out.append(f"the link {tip!r} is named as a tool's tip")
+    return out
+
+
+def flange_doubt(model: RobotModel) -> str | None:
+    """Return in words what is doubtful about a flange, None where nothing is.
+
+    Where the last joint turns, it turns the flange about its z axis on all but few robots.
+    """
+    if model.chain.prismatic[-1]:
+        return None
+    along = np.abs(model.flange[:3, :3].T @ model.chain.axis[-1])
+    axis = int(np.argmax(along))
+    if axis == 2 or along[axis] < 0.99:
+        return None
+    return (
+        f"the last joint turns the link {model.flange_link!r} about its {'xyz'[axis]} axis, so that"
+        f" {'xyz'[axis]} points out of the flange and not z, as in ROS-Industrial's links called"
+        " flange; tools and parts would hang beside it: name another link with 'flange' (often"
+        " tool0), or turn the tool with 'mount'"
+    )

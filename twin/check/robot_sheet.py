@@ -1,0 +1,260 @@
+"""Data sheets of robots and tools: what their descriptions hold, in words, tables and a picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from planning.cell.robot_model import RobotModel
+from planning.cell.workcell import PlacedRobot
+from planning.errors import RobotModelError
+from planning.robots.descriptions.fitting import Fitting, Tool
+from planning.robots.overview import JointRow, LinkRow, Overview, overview
+from planning.robots.registry import ROBOTS, robot_model
+from planning.transforms import Array, Transform, identity, inverse
+from twin.check.robot_picture import PicturedThing, picture_of_robot, picture_of_tool
+from twin.check.tools import finger_gap, misplaced
+
+_CARRIER = "iiwa14"
+"""Robot on which a tool is mounted to look at it."""
+
+_TOOL = "tool"
+
+Rows = Sequence[tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class RobotSheet:
+    """The data sheet of a robot or a tool.
+
+    Attributes:
+        title: what it is of.
+        words: what was chosen, and what is doubtful.
+        tables: heading, columns and rows of each.
+        picture: what it looks like.
+    """
+
+    title: str
+    words: tuple[str, ...]
+    tables: tuple[tuple[str, tuple[str, ...], Rows], ...]
+    picture: PicturedThing
+
+    def content(self) -> dict[str, Any]:
+        """Return the sheet for JSON."""
+        tables = {
+            heading.partition(" (")[0]: [
+                dict(zip(columns, row, strict=True)) for row in rows
+            ]
+            for heading, columns, rows in self.tables
+        }
+        return {"title": self.title, "notes": list(self.words), **tables}
+
+
+def sheets_of(
+    which: str, held: Mapping[str, float], flange: str | None
+) -> tuple[RobotSheet, ...]:
+    """Return the sheets of a registered robot, of a file, or of the robots of a scenario.
+
+    Args:
+        which: a name, the path of a description, or that of a scenario.
+        held: joints that are held, and at what [rad or m]; not for scenarios.
+        flange: the link that is the flange; not for scenarios.
+
+    Raises:
+        RobotModelError: it is neither a robot nor a tool; both reasons are told.
+        ScenarioError: the scenario cannot be read.
+    """
+    if which not in ROBOTS and Path(which).suffix.lower() in (".yaml", ".yml"):
+        return _of_scenario(Path(which))
+    try:
+        model = robot_model(which, None, Fitting(held=held, flange=flange))
+    except RobotModelError as error:
+        if which in ROBOTS or not Path(which).is_file() or flange is not None:
+            raise
+        return (_of_tool(Path(which).resolve(), held, error),)
+    return (_of_robot(model, str(model.name)),)
+
+
+def _of_scenario(path: Path) -> tuple[RobotSheet, ...]:
+    from twin.planning.build_workcell import build_workcell
+    from twin.scenario.file import load_scenario
+
+    robots: dict[tuple[object, ...], list[PlacedRobot]] = {}
+    for robot in build_workcell(load_scenario(path), path.parent).robots:
+        frames = [(name, pose.tobytes()) for name, pose in robot.model.frames.items()]
+        key = (robot.model.urdf, robot.home.tobytes(), *frames)
+        robots.setdefault(key, []).append(robot)
+    return tuple(
+        _of_robot(
+            replace(alike[0].model, home=alike[0].home),
+            f"{alike[0].model.name} ({', '.join(robot.name for robot in alike)})",
+        )
+        for alike in robots.values()
+    )
+
+
+def _of_robot(model: RobotModel, title: str) -> RobotSheet:
+    found = overview(model)
+    words = [f"{model.dof} joints; HOME {_list(model.home)} rad or m", *found.words]
+    if model.drives is not None and math.isfinite(model.drives.payload):
+        words.append(f"payload {model.drives.payload:g} kg, the tool included")
+    words += _grip_words(model)
+    for name, pose in model.frames.items():
+        words += [f"doubtful: frame {name!r} {text}" for text in misplaced(model, pose)]
+    frames = [("flange", model.flange_link, *_place(identity()))]
+    frames += [(name, "", *_place(pose)) for name, pose in model.frames.items()]
+    return RobotSheet(
+        title,
+        tuple(words),
+        (
+            (
+                "joints (limits in rad or m, per s, s^2, s^3; effort in N m or N)",
+                *_joints(found),
+            ),
+            (
+                "links (places in the frame of the base, joints at HOME)",
+                *_links(found.links, identity()),
+            ),
+            (
+                "tool frames (in the flange frame)",
+                ("frame", "link", "xyz [m]", "z points along"),
+                frames,
+            ),
+        ),
+        picture_of_robot(model),
+    )
+
+
+def _of_tool(
+    path: Path, held: Mapping[str, float], reason: RobotModelError
+) -> RobotSheet:
+    """Return the sheet of a tool alone, as it is on a flange."""
+    tool = Tool(name=_TOOL, description=path, held=held, tcp=identity())
+    try:
+        model = robot_model(_CARRIER, None, Fitting(tool=tool))
+    except RobotModelError as error:
+        raise RobotModelError(
+            f"it is no robot: {reason}; and no tool: {error}"
+        ) from None
+    found, prefix = overview(model), f"{_TOOL}."
+    joints = [row for row in found.joints if row.name.startswith(prefix)]
+    links = [row for row in found.links if row.name.startswith(prefix)]
+    root = next(row.pose for row in links if not row.parent.startswith(prefix))
+    words = (
+        f"a tool, as it is no robot: {reason}",
+        "its joints are held as below: 'joints' of a tool, or --hold, holds them elsewhere",
+    )
+    rows = [(row.name.removeprefix(prefix), f"{row.lower:.6g}") for row in joints]
+    columns, shown = _links(links, root)
+    extents = _extents(model, inverse(model.flange))
+    columns = (*columns, "bodies from [m]", "bodies to [m]")
+    shown = [
+        (*row, *extents.get(link.name, ("", "")))
+        for row, link in zip(shown, links, strict=True)
+    ]
+    title = f"{path.stem} from {path.name}"
+    return RobotSheet(
+        title,
+        words,
+        (
+            ("joints (held at, rad or m)", ("joint", "held at"), rows),
+            (
+                "links (places in the frame of its root)",
+                columns,
+                [tuple(cell.removeprefix(prefix) for cell in row) for row in shown],
+            ),
+        ),
+        picture_of_tool(model, f"{path.stem} as seen from its root"),
+    )
+
+
+def _extents(model: RobotModel, back: Transform) -> dict[str, tuple[str, str]]:
+    """Return the least and the greatest corner of the bodies of each link of a tool."""
+    corners: dict[str, list[Array]] = {}
+    for part in model.parts:
+        if part.group == "tool":
+            placed = part.body.vertices @ back[:3, :3].T + back[:3, 3]
+            link = part.body.name.rpartition("_")[0]
+            corners.setdefault(link, []).append(np.asarray(placed))
+    return {
+        link: (_list(np.vstack(all_).min(axis=0)), _list(np.vstack(all_).max(axis=0)))
+        for link, all_ in corners.items()
+    }
+
+
+def _grip_words(model: RobotModel) -> list[str]:
+    if model.grip is None:
+        return []
+    if model.grip.opening is None:
+        return [f"{model.grip.tool} holds by suction"]
+    least, most = model.grip.opening
+    out = f"{model.grip.tool}: fingers open from {1e3 * least:g} to {1e3 * most:g} mm"
+    gap = finger_gap(model, model.frames.get("tool", identity()))
+    return [out + ("" if gap is None else f", held {1e3 * gap:.1f} mm apart")]
+
+
+def _joints(found: Overview) -> tuple[tuple[str, ...], Rows]:
+    columns = (
+        "joint",
+        "kind",
+        "lower",
+        "upper",
+        "velocity",
+        "acceleration",
+        "jerk",
+        "effort",
+    )
+    return columns, [_joint(row) for row in found.joints]
+
+
+def _joint(row: JointRow) -> tuple[str, ...]:
+    if row.kind == "held":
+        return (row.name, f"held at {row.lower:.6g}", *[""] * 6)
+    limits = (
+        row.lower,
+        row.upper,
+        row.velocity,
+        row.acceleration,
+        row.jerk,
+        row.effort,
+    )
+    told = [f"{value:.6g}" if math.isfinite(value) else "not told" for value in limits]
+    return (row.name, f"{row.kind} [{row.unit}]", *told)
+
+
+def _links(rows: Sequence[LinkRow], root: Transform) -> tuple[tuple[str, ...], Rows]:
+    columns = (
+        "link",
+        "hangs on",
+        "by joint",
+        "part of",
+        "bodies",
+        "xyz [m]",
+        "z points along",
+    )
+    back = inverse(root)
+    return columns, [
+        (
+            row.name,
+            row.parent,
+            row.joint,
+            row.group,
+            str(row.bodies),
+            *_place(back @ row.pose),
+        )
+        for row in rows
+    ]
+
+
+def _place(pose: Transform) -> tuple[str, str]:
+    return _list(pose[:3, 3]), _list(pose[:3, 2])
+
+
+def _list(values: Any) -> str:
+    rounded = np.round(np.asarray(values, dtype=float), 4) + 0.0
+    return "(" + ", ".join(f"{value:g}" for value in rounded) + ")"
