@@ -33,7 +33,7 @@ def build_nodes(plan: MotionPlan) -> TemporalPlanGraph:
     """
     chains: list[NodeChain] = []
     handlings: list[tuple[float, NodeHandling]] = []
-    for robot in plan.cell.robots:
+    for robot in (*plan.cell.robots, *plan.cell.machines):
         own = [
             (task, motion)
             for task, motion in zip(plan.tasks, plan.motions, strict=True)

@@ -95,16 +95,26 @@ class Clearances:
 
 @dataclass(frozen=True)
 class Workcell:
-    """Static description of a cell: all that does not change while it works."""
+    """Static description of a cell: all that does not change while it works.
+
+    Attributes:
+        robots: who does the work.
+        fixtures: what never moves.
+        objects: what is handled, and what lies there until the end.
+        clearances: least distances that are kept.
+        machines: bring parts and take products away; they have chains in graphs as robots do,
+            and no bodies.
+    """
 
     robots: tuple[PlacedRobot, ...]
     fixtures: tuple[Fixture, ...]
     objects: tuple[CellObject, ...]
     clearances: Clearances = field(default_factory=Clearances)
+    machines: tuple[PlacedRobot, ...] = ()
 
     def robot(self, name: str) -> PlacedRobot:
-        """Return the robot called ``name``; KeyError lists the names."""
-        for robot in self.robots:
+        """Return the robot or machine called ``name``; KeyError lists the names."""
+        for robot in (*self.robots, *self.machines):
             if robot.name == name:
                 return robot
         raise KeyError(f"no robot {name!r}; robots: {[r.name for r in self.robots]}")

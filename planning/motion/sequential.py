@@ -17,6 +17,7 @@ from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.speed import SpeedModel, path_times, sample_path
 from planning.motion.transit import TransitPlanner
 from planning.tasks.exceptions import ExceptionKey, strongest_exception
+from planning.tasks.supply_tasks import SUPPLY_KINDS
 from planning.tasks.task import (
     TRANSIT,
     AllowedContact,
@@ -155,6 +156,9 @@ def _way_of(
     known: KnownMotions | None,
 ) -> Way:
     """Return the way of a task, from what is known if it is."""
+    if task.kind in SUPPLY_KINDS:
+        still = np.repeat(cell.robot(task.robot).home[None], 2, axis=0)
+        return still, np.array([0.0, settings.seconds_of(cell, task) or 0.0])
     seed = (settings.seed * 1_000_003 + task.index) * 64
     phases = _phases(cell, task, allowed, now)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from planning.cell.workcell import Attachment, Workcell, WorldState
+from planning.tasks.supply_tasks import GONE
 from planning.tasks.task import AllowedContact, Handling
 from planning.transforms import Array
 
@@ -16,6 +17,9 @@ def apply_handlings(state: WorldState, handlings: Iterable[Handling]) -> WorldSt
         return state
     attachments = dict(state.attachments)
     for handling in handlings:
+        if handling.holder == GONE:
+            attachments.pop(handling.object, None)
+            continue
         attachments[handling.object] = Attachment(handling.holder, handling.pose)
     return WorldState(state.configurations, attachments)
 

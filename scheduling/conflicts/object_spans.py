@@ -14,6 +14,7 @@ import numpy as np
 
 from planning.errors import PlanInvariantError
 from planning.kinematics.kinematics import frame_pose
+from planning.tasks.supply_tasks import GONE
 from planning.transforms import Indices, Transform
 from scheduling.graph.reduction import NodeOrder
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
@@ -146,8 +147,25 @@ class _Trace:
             place = _Place(first.pose, None, node, here)
         for event in events:
             self._until(place, event)
+            if event.holder == GONE:
+                self._leave(place, event, events)
+                return
             place = self._after(place, event)
         self._to_the_end(place)
+
+    def _leave(
+        self, place: _Place, event: NodeHandling, events: list[NodeHandling]
+    ) -> None:
+        """Refuse to let an object leave that is in a hand, or handled afterwards."""
+        task = self._task((event.robot, event.node))
+        if place.holder is not None:
+            raise PlanInvariantError(
+                f"task {task} takes {self._name!r} away, which a robot holds"
+            )
+        if event is not events[-1]:
+            raise PlanInvariantError(
+                f"{self._name!r} is handled after task {task}, which takes it away"
+            )
 
     def _until(self, place: _Place, event: NodeHandling) -> None:
         node, here = (event.robot, event.node), (event.node, event.waypoint)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from planning.cell import machine as machines
 from planning.errors import OutputError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
@@ -83,7 +84,8 @@ def _expected(
 ) -> Iterator[tuple[str, type, tuple[int, ...]]]:
     """Yield name, type and shape of every array, those first on which others depend."""
     cell, tasks = document["cell"], document["tasks"]
-    joints = {robot["name"]: len(robot["joints"]) for robot in cell["robots"]}
+    joints = dict.fromkeys(cell.get("machines", ()), machines.MODEL.dof)
+    joints |= {robot["name"]: len(robot["joints"]) for robot in cell["robots"]}
     for i, robot in enumerate(cell["robots"]):
         yield f"robot_{i}_base", np.float64, (4, 4)
         yield f"robot_{i}_home", np.float64, (joints[robot["name"]],)
@@ -124,6 +126,8 @@ def _expected(
     yield "cause", np.uint8, (len(arrays["edges"]),)
     yield "dependencies", np.int64, (arrays["dependencies"].size // 2, 2)
     yield "slots", np.int64, (len(tasks) if arrays["slots"].size else 0,)
+    if "products" in arrays:
+        yield "products", np.int64, (len(tasks),)
 
 
 def _require(
@@ -196,7 +200,9 @@ def _check_references(document: Mapping[str, Any], arrays: Arrays) -> None:
     _require(
         (needs >= 0) & (needs < tasks), "dependencies", needs, "is the index of no task"
     )
-    _require(arrays["slots"] >= 0, "slots", arrays["slots"], "must be at least 0")
+    for name in ("slots", "products"):
+        values = arrays.get(name, np.empty(0, dtype=np.int64))
+        _require(values >= 0, name, values, "must be at least 0")
     for k, entry in enumerate(document["handlings"]):
         chain, node = entry["chain"], entry["node"]
         if chain >= len(counts) or node >= counts[chain]:

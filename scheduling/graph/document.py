@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.cell.cover import box_body
+from planning.cell.machine import machine
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import (
     CellObject,
@@ -62,6 +63,8 @@ def graph_document(tpg: TemporalPlanGraph) -> tuple[Document, Arrays]:
         OutputError: a fixture or object is no box.
     """
     arrays: Arrays = {name: getattr(tpg, name) for name in _GRAPH_ARRAYS}
+    if len(tpg.products):
+        arrays["products"] = tpg.products
     document = {
         "cell": _cell_document(tpg.cell, arrays),
         "tasks": _task_documents(tpg.tasks, arrays),
@@ -120,6 +123,7 @@ def graph_of(
         chains,
         handlings=handlings,
         allowed=allowed,
+        products=arrays.get("products", np.empty(0, dtype=np.int64)),
         **{name: arrays[name] for name in _GRAPH_ARRAYS},
     )
 
@@ -172,12 +176,14 @@ def _cell_document(cell: Workcell, arrays: Arrays) -> Document:
     arrays["fixture_pose"] = _poses(f.pose for f in cell.fixtures)
     arrays["object_size"] = _stack((o.size for o in cell.objects), (3,))
     arrays["object_start"] = _poses(o.start for o in cell.objects)
+    # Plans without machines are written as they were before there were any.
+    machines = [item.name for item in cell.machines]
     return {
         "robots": robots,
         "fixtures": [_box_entry(fixture, _FIXTURE) for fixture in cell.fixtures],
         "objects": [_box_entry(item, _OBJECT) for item in cell.objects],
         "clearance": _entry(cell.clearances, _CLEARANCE),
-    }
+    } | ({"machines": machines} if machines else {})
 
 
 def _task_documents(tasks: Sequence[Task], arrays: Arrays) -> list[Document]:
@@ -231,7 +237,8 @@ def _cell(
     # Plans of earlier versions grazed nothing.
     given = {"contact_tolerance_m": 0.0, **document["clearance"]}
     clearances = Clearances(**_values(given, _CLEARANCE))
-    return Workcell(tuple(robots), fixtures, tuple(objects), clearances)
+    machines = tuple(map(machine, document.get("machines", ())))
+    return Workcell(tuple(robots), fixtures, tuple(objects), clearances, machines)
 
 
 def _tasks(document: list[Document], arrays: Arrays) -> tuple[Task, ...]:

@@ -4,7 +4,8 @@ plan.json, version 1:
     format, version, arrays_sha256 (of plan.npz)
     cell       robots [{name, model, urdf, sha256, joints, frames}], fixtures [{name, body}],
                objects [{name, kind, body, mass_kg, fixed, colour, later}],
-               clearance {robot_robot_m, robot_object_m, contact_tolerance_m}
+               clearance {robot_robot_m, robot_object_m, contact_tolerance_m},
+               machines [name] where there are any
     tasks      [{index, robot, kind, step, label, object, goal, handlings [{object, waypoint, holder}]}]
     chains     [robot]
     handlings  [{object, chain, node, waypoint, holder}]
@@ -19,7 +20,7 @@ plan.npz (rows in the order of plan.json; poses are (4, 4) matrices; SI units):
     task_path (all values), task_shape (tasks, 2), task_handling_pose (h, 4, 4)
     chain_<i>_{start, waypoints, fraction, first, task, skill, duration, planned_start}
     handling_pose (h, 4, 4), edges (e, 4), cause (e,), dependencies (d, 2),
-    slots (tasks or 0,)
+    slots (tasks or 0,), products (tasks,) where there are several
 """
 
 from __future__ import annotations

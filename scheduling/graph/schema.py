@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from planning.errors import OutputError
+from planning.tasks.supply_tasks import GONE
 
 Index = Annotated[int, Field(ge=0, lt=2**31)]
 Metres = Annotated[float, Field(ge=0, le=1000)]
@@ -52,6 +53,7 @@ class _Cell(_Entry):
     fixtures: list[_Fixture]
     objects: list[_Object]
     clearance: _Clearance
+    machines: list[str] = []
 
 
 class _Handling(_Entry):
@@ -104,13 +106,15 @@ def check_document(document: dict[str, Any]) -> None:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
         raise OutputError(f"{place}: {first['msg']}") from None
-    robots = _unique("cell.robots", [robot.name for robot in plan.cell.robots])
+    names = [robot.name for robot in plan.cell.robots]
+    robots = _unique("cell.robots", names)
+    movers = _unique("cell.machines", [*names, *plan.cell.machines])
     items = [*plan.cell.fixtures, *plan.cell.objects]
     _unique("cell.fixtures and cell.objects", [item.name for item in items])
     objects = {item.name for item in plan.cell.objects}
     _unique("chains", plan.chains)
     for k, name in enumerate(plan.chains):
-        _known(f"chains.{k}", name, robots)
+        _known(f"chains.{k}", name, movers)
     for k, task in enumerate(plan.tasks):
         if task.index != k:
             raise OutputError(f"tasks.{k}.index: is {task.index}")
@@ -137,5 +141,5 @@ def _handled(
     place: str, handling: _Handling, objects: set[str], robots: set[str]
 ) -> None:
     _known(place, handling.object, objects)
-    if handling.holder is not None:
-        _known(place, handling.holder, robots)
+    if handling.holder not in (None, GONE):
+        _known(place, str(handling.holder), robots)

@@ -121,6 +121,8 @@ class TemporalPlanGraph:
             The edges say so too, but some of them only through others.
         slots: slot of each task where the plan was made in slots, from 0, shape (tasks,);
             empty otherwise.
+        products: the product that each task is for where there are several, from 1, 0 for none,
+            shape (tasks,); empty otherwise.
     """
 
     cell: Workcell
@@ -134,6 +136,7 @@ class TemporalPlanGraph:
         default_factory=lambda: np.empty((0, 2), dtype=np.int64)
     )
     slots: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    products: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     @property
     def chain_index(self) -> dict[str, int]:

@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from planning.tasks.supply_tasks import GONE
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
 from scheduling.verification.object_places import (
@@ -127,7 +128,7 @@ def _moving_holders(
     holder: str | None = None
     for event in events:
         here = event.robot, event.node
-        for robot in {holder, event.holder} - {None, tpg.chains[event.robot].robot}:
+        for robot in {holder, event.holder} - {None, GONE, tpg.chains[event.robot].robot}:
             b = index[str(robot)]
             v = stand_during(tpg, b, (*here, event.waypoint))[1]
             text = f"{name!r} is passed on and {robot!r} need not stand then"

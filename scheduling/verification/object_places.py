@@ -6,6 +6,7 @@ from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from planning.tasks.supply_tasks import GONE
 from planning.transforms import Array, Transform
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
@@ -104,6 +105,8 @@ def object_histories(
             pose, put = up.pose, (up.robot, up.node, up.waypoint)
         for event in [*events, None]:
             taken = None if event is None else (event.robot, event.node, event.waypoint)
+            if holder == GONE:
+                break
             if holder is None:
                 resting.append(Resting(name, pose, item.size, put, taken))
             else:

@@ -11,6 +11,7 @@ import numpy as np
 
 from planning.errors import OutputError
 from planning.transforms import Array
+from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.motion.executed import RobotRows
 from twin.audit.violation import Violation
@@ -38,11 +39,13 @@ def edge_violations(
 
     Args:
         tpg: what was to be executed.
-        spans: of the nodes of each robot of the plan.
+        spans: of the nodes of each robot of the plan; of others nothing is known.
         seen_in: which record says so, for people.
     """
     for a, u, b, v in tpg.edges.tolist():
         first, second = tpg.chains[a].robot, tpg.chains[b].robot
+        if first not in spans or second not in spans:
+            continue
         over, begins = float(spans[first].end[u]), float(spans[second].begin[v])
         if np.isfinite(begins) and begins < over - _TICK:
             late = "never was" if np.isinf(over) else f"was {over - begins:.6g} s later"
@@ -59,9 +62,13 @@ def moved_spans(
     """Return from when to when robots moved in their nodes, from their trajectories.
 
     A node in which its robot only stands is over when the next one moves; it begins never.
+    Machines do not move.
     """
     out = {}
-    for chain in tpg.chains:
+    machines = machine_chains(tpg)
+    for k, chain in enumerate(tpg.chains):
+        if k in machines:
+            continue
         rows = robots[chain.robot]
         begin = np.full(len(chain), np.inf)
         end = np.full(len(chain), np.inf)

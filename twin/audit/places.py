@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from planning.cell.workcell import CellObject, Workcell
+from planning.tasks.supply_tasks import GONE
 from planning.transforms import Array, Transform, rotation
 from twin.audit.motion.executed import ObjectRow, Recording
 from twin.audit.motion.reach import travel_of_points
@@ -30,7 +31,7 @@ def rows_at(
         if not box.later
     }
     rows |= {row.object: row for row in recording.objects if row.t <= until}
-    return rows
+    return {name: row for name, row in rows.items() if row.holder != GONE}
 
 
 def start_violations(cell: Workcell, recording: Recording) -> Iterator[Violation]:

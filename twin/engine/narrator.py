@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from planning.tasks.supply_tasks import GONE
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.recorders.observers import Observers
@@ -66,6 +67,9 @@ class Narrator:
     def handle(self, chain: int, node: int, name: str, holder: str | None) -> None:
         """Tell that an object changes hands."""
         giver = self._holder.pop(name, None)
+        if holder == GONE:
+            self.emit("detached", chain, node, name, "leaves the cell")
+            return
         if holder is None:
             detail = "comes up at its station" if giver is None else "put down"
             self.emit("detached", chain, node, name, detail)

@@ -7,11 +7,14 @@ from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from typing import Any
 
+import numpy as np
 import simpy
 from simpy.events import EventPriority
 
 from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.turn_order import sequential_order
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.engine.execution_model import Messages
 from twin.engine.narrator import Narrator, failure_text
@@ -74,6 +77,8 @@ class Execution:
         self.idle: list[simpy.Event | None] = [None] * len(tpg.chains)
         self.outstanding = [0] * len(tpg.chains)
         self.released = [0] * len(tpg.chains)
+        self.machines = machine_chains(tpg)
+        self.turns = self._turns() if sequential and self.machines else None
         self.failed: list[int] = []
         self.reports: list[tuple[int, int]] = []
         self.report_arrived = self.env.event()
@@ -292,7 +297,10 @@ class Execution:
     def _release_safe(self) -> None:
         """Release what has become safe and fits into the queues."""
         chains = range(len(self.queue))
-        if self.sequential:
+        if self.turns is not None:
+            self._release_in_turns(self.turns)
+            chains = self.machines
+        elif self.sequential:
             if not any(self.outstanding):
                 ready = [k for k in chains if self._next_is_safe(k)]
                 if ready:
@@ -305,6 +313,25 @@ class Execution:
                 chain
             ] < self.messages.queue_depth and self._next_is_safe(chain):
                 self._release(chain)
+
+    def _turns(self) -> deque[int]:
+        """Return the chains of robots in the order in which their nodes take turns.
+
+        That order is settled beforehand: what a machine takes for its tasks must not change it.
+        """
+        first = np.cumsum([0, *(len(chain) for chain in self.tpg.chains)])
+        order = np.fromiter(sequential_order(self.tpg), dtype=np.int64)
+        chains = np.searchsorted(first, order, side="right") - 1
+        return deque(k for k in chains.tolist() if k not in self.machines)
+
+    def _release_in_turns(self, turns: deque[int]) -> None:
+        """Release the node whose turn it is, if no robot is at work and it is safe."""
+        if not turns or any(
+            count for k, count in enumerate(self.outstanding) if k not in self.machines
+        ):
+            return
+        if self._next_is_safe(turns[0]):
+            self._release(turns.popleft())
 
     def _next_is_safe(self, chain: int) -> bool:
         """Return whether the next node to release waits for no other robot.

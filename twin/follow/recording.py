@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 
 from planning.errors import OutputError
+from planning.tasks.supply_tasks import GONE
 from planning.transforms import Array
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
@@ -182,9 +183,10 @@ class LiveRecording(RunListener):
         self._drawn: set[str] = set()
         self._placed: set[str] = set()
         self._shown = {chain.robot: 0 for chain in tpg.chains}
+        leaving = {h.object for h in tpg.handlings if h.holder == GONE}
         for item in tpg.cell.objects:
-            if item.later:
-                draw_later(rec, item, (0,), (False,))
+            if item.later or item.name in leaving:
+                draw_later(rec, item, (0,), (not item.later,))
             else:
                 draw_object(rec, item)
             place_object(rec, item.name, [unseen(item)])
@@ -217,6 +219,8 @@ class LiveRecording(RunListener):
     def _moved(self, k: int, run: FollowedRun) -> None:
         """Keep the motion of the nodes that a robot has completed."""
         chain, robot = self._tpg.chains[k], run.robots[k]
+        if chain.robot not in self._rows:
+            return  # a machine, which is not drawn
         rows = self._rows[chain.robot]
         for node in range(self._shown[chain.robot], robot.completed):
             end = int(robot.end_ns[node])
@@ -234,6 +238,9 @@ class LiveRecording(RunListener):
         if item is None:
             return
         thing = self._objects[event.object]
+        if item.holder == GONE:
+            draw_later(self._rec, thing, (event.t_ns,), (False,))
+            return
         if thing.later and item.holder is None and event.object not in self._drawn:
             draw_later(self._rec, thing, (event.t_ns,), (True,))
         self._drawn.add(event.object)

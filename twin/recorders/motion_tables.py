@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from planning.tasks.supply_tasks import GONE
 from planning.transforms import quat_wxyz
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
@@ -57,17 +58,14 @@ def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
 def objects_table(placements: Sequence[Placement]) -> pa.Table:
     """Return columns t_s, object, parent, xyz and quat_wxyz, by time.
 
-    The parent is ``world``, or ``<robot>/flange`` for an object that is held.
+    The parent is ``world``, ``<robot>/flange`` for an object that is held, or ``(gone)``.
     """
     return pa.table(
         {
             "t_s": pa.array([p.t_ns / NANOSECONDS for p in placements], pa.float64()),
             "object": pa.array([p.object for p in placements], pa.string()),
             "parent": pa.array(
-                [
-                    WORLD if p.holder is None else f"{p.holder}/{FLANGE}"
-                    for p in placements
-                ],
+                [_parent(p) for p in placements],
                 pa.string(),
             ),
             "xyz": pa.array(
@@ -79,6 +77,12 @@ def objects_table(placements: Sequence[Placement]) -> pa.Table:
             ),
         }
     )
+
+
+def _parent(placement: Placement) -> str:
+    if placement.holder == GONE:
+        return GONE
+    return WORLD if placement.holder is None else f"{placement.holder}/{FLANGE}"
 
 
 def write_motion(folder: Path, tpg: TemporalPlanGraph, run: Run) -> None:

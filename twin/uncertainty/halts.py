@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.uncertainty.disturbances import Breakdowns, Disturbances
@@ -189,11 +190,15 @@ def sample_halts(
     seed: int,
     replication: int = 0,
 ) -> tuple[Halts, ...] | None:
-    """Return the stops of every robot that has work, None when nobody can ever stop."""
+    """Return the stops of every robot that has work, machines never stop; None when nobody can ever stop."""
     if not disturbances.at_absolute_times:
         return None
     found = []
-    for chain in tpg.chains:
+    machines = machine_chains(tpg)
+    for k, chain in enumerate(tpg.chains):
+        if k in machines:
+            found.append(Halts([]))
+            continue
         stops = []
         for stop in disturbances.emergency_stops:
             if stop.robot in (None, chain.robot):

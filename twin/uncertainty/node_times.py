@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.transforms import Indices
+from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds
 from twin.uncertainty.chain_draws import Cause, ChainDraws, Standstills, TaskNodes
@@ -125,6 +126,11 @@ class NodeTimeSampler:
         self._tpg = tpg
         self._skills = durations.bind(tpg)
         self._disturbances = disturbances
+        # Nothing disturbs what no robot does: its times are what varies there.
+        machines, none = machine_chains(tpg), Disturbances()
+        self._by_chain = [
+            none if k in machines else disturbances for k in range(len(tpg.chains))
+        ]
         self._chains = [TaskNodes(tpg, chain) for chain in tpg.chains]
         # A transit that is drawn quicker than planned stays within its joints' speed limits.
         self._floor = [
@@ -207,8 +213,10 @@ class NodeTimeSampler:
     ) -> Iterator[tuple[Nanoseconds, list[Standstills], Indices]]:
         """Yield motion, standstills, and the nodes that fail for good, of each robot."""
         planned = self._skills.durations(seed=seed, replications=numbers)
-        for tasks, own, floor in zip(self._chains, planned, self._floor, strict=True):
-            draws = ChainDraws(tasks, seed, numbers, self._disturbances)
+        for tasks, own, floor, disturbances in zip(
+            self._chains, planned, self._floor, self._by_chain, strict=True
+        ):
+            draws = ChainDraws(tasks, seed, numbers, disturbances)
             motion = np.maximum(draws.motion(own), floor[:, None])
             found = draws.standstills(motion)
             attempts, failed = draws.failures(motion)

@@ -11,6 +11,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.errors import OutputError
+from planning.tasks.supply_tasks import GONE
 from planning.transforms import Array, Indices, Transform, from_quat_wxyz
 
 WORLD = "world"
@@ -61,7 +62,7 @@ class ObjectRow:
     Attributes:
         t: when [s].
         object: its name.
-        holder: the robot, None at rest.
+        holder: the robot, None at rest, GONE once it has left the cell.
         pose: of the object's centre.
     """
 
@@ -123,7 +124,9 @@ def read_recording(folder: Path, cell: Workcell) -> Recording:
         strict=True,
     ):
         holder = None if parent == WORLD else str(parent).rpartition("/")[0]
-        if holder is not None:
+        if parent == GONE:
+            holder = GONE
+        elif holder is not None:
             _reject(folder, {holder} - known, "robot", known)
         rows.append(ObjectRow(t_s, name, holder, from_quat_wxyz(xyz, quat)))
     rows.sort(key=lambda row: row.t)

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from planning.errors import OutputError
+from planning.tasks.supply_tasks import GONE
 from planning.transforms import Array
 from twin.audit.motion.executed import ObjectRow, Recording
 from twin.audit.motion.reach import RobotSamples
@@ -69,7 +70,10 @@ def stretches(world: AuditWorld, recording: Recording) -> Iterator[Stretch]:
     for start, end in pairwise(bounds):
         first = passed
         while passed < len(rows) and rows[passed].t <= start:
-            placements[rows[passed].object] = rows[passed]
+            row = rows[passed]
+            placements[row.object] = row
+            if row.holder == GONE:
+                del placements[row.object]
             passed += 1
         sampler.change(rows[first:passed])
         low, high = np.searchsorted(knots, start), np.searchsorted(knots, end, "right")

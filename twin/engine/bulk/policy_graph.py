@@ -5,9 +5,7 @@ Every policy releases nodes by what is complete, never by durations; so each of 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
-from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +13,11 @@ import numpy.typing as npt
 
 from planning.transforms import Indices
 from scheduling.graph.barriers import with_barriers
-from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.total_order import flatten, planned_ranks
+from scheduling.graph.turn_order import sequential_order
 from twin.durations import Nanoseconds
 from twin.run.run_record import Policy
 from twin.uncertainty.skill_durations import nominal_ns
@@ -52,7 +51,7 @@ def policy_graph(tpg: TemporalPlanGraph, policy: Policy) -> PrecedenceArrays:
         tpg: the plan.
         policy: ``"asynchronous"`` waits by the edges of the plan, ``"synchronous"`` for
             everyone at the end of each slot as well; ``"sequential"`` is one chain of all
-            nodes; under ``"open-loop"`` a node waits for its planned time and nothing else.
+            nodes of robots, beside which machines go on; under ``"open-loop"`` a node waits for its planned time and nothing else.
 
     Raises:
         PlanInvariantError: the policy is synchronous, but the plan was not made in slots.
@@ -93,36 +92,31 @@ def precedence_arrays(
 
 
 def _in_turns(tpg: TemporalPlanGraph) -> PrecedenceArrays:
-    """Return one chain of all nodes, in the order in which they take their turns."""
+    """Return one chain of all nodes of robots, in the order in which they take their turns.
+
+    Machines take no turns: what waits for them, and they for others, is as in the plan.
+    """
     order = _sequential_order(tpg)
     plain = precedence_arrays(tpg)
-    source = np.full(len(order), -1, dtype=np.int64)
-    source[order[1:]] = order[:-1]
-    has_edge = (source >= 0) & (plain.chain[source] != plain.chain)
+    of_machine = np.isin(plain.chain, list(machine_chains(tpg)))
+    turns = order[~of_machine[order]]
+    pairs = np.stack([turns[:-1], turns[1:]], axis=1)
+    pairs = pairs[plain.chain[pairs[:, 0]] != plain.chain[pairs[:, 1]]]
+    target = np.repeat(np.arange(len(order)), np.diff(plain.edge_first))
+    kept = of_machine[plain.source] | of_machine[target]
+    source = np.concatenate([plain.source[kept], pairs[:, 0]])
+    target = np.concatenate([target[kept], pairs[:, 1]])
+    other = np.full(len(pairs), OTHER, dtype=np.uint8)
+    cause = np.concatenate([plain.cause[kept], other])
+    row = np.argsort(target, kind="stable")
+    into = np.bincount(target, minlength=len(order))
     return plain._replace(
         order=order,
-        edge_first=np.concatenate([[0], np.cumsum(has_edge)]).astype(np.int64),
-        source=source[has_edge],
-        cause=np.full(np.count_nonzero(has_edge), OTHER, dtype=np.uint8),
+        edge_first=np.concatenate([[0], np.cumsum(into)]).astype(np.int64),
+        source=source[row],
+        cause=cause[row],
     )
 
 
 def _sequential_order(tpg: TemporalPlanGraph) -> Indices:
     return np.fromiter(sequential_order(tpg), dtype=np.int64)
-
-
-def sequential_order(tpg: TemporalPlanGraph) -> Iterator[int]:
-    """Yield node numbers, chain by chain from 0, in the order of the sequential policy.
-
-    Of the nodes that are safe, that of the earliest task comes first.
-    """
-    first = np.cumsum([0, *(len(chain) for chain in tpg.chains)]).tolist()
-    dispatcher = Dispatcher(tpg)
-    task = [chain.task.tolist() for chain in tpg.chains]
-    ready = [(task[k][node], k, node) for k, node in dispatcher.ready()]
-    heapify(ready)
-    while ready:
-        _, chain, node = heappop(ready)
-        yield first[chain] + node
-        for k, safe in dispatcher.complete(chain, node):
-            heappush(ready, (task[k][safe], k, safe))

@@ -8,6 +8,7 @@ from typing import Any
 import rerun as rr
 
 from planning.cell.workcell import CellObject, Workcell
+from planning.tasks.supply_tasks import GONE
 from twin.recorders.rerun import layout as layout
 from twin.recorders.rerun.layout import WORLD_FRAME, entity_path
 from twin.recorders.rerun.robots import flange_frame
@@ -43,7 +44,7 @@ def log_objects(
 ) -> None:
     """Hang every object on what holds it: one row a change.
 
-    What comes up later is drawn from then on.
+    What comes up later is drawn from then on, what leaves the cell until then.
     """
     rows: dict[str, list[Placement]] = {}
     for placement in placements:
@@ -52,11 +53,16 @@ def log_objects(
         if item.name not in rows:
             continue  # it never came up
         own = rows[item.name]
+        seen = {0: not item.later, own[0].t_ns: True}
         if item.later:
-            draw_later(rec, item, (0, own[0].t_ns), (False, True))
             own = [unseen(item), *own]
-        else:
+        if own[-1].holder == GONE:
+            *own, last = own
+            seen[last.t_ns] = False
+        if seen == {0: True}:
             draw_object(rec, item)
+        else:
+            draw_later(rec, item, list(seen), list(seen.values()))
         place_object(rec, item.name, own)
 
 
@@ -81,7 +87,7 @@ def draw_later(
     t_ns: Sequence[int],
     seen: Sequence[bool],
 ) -> None:
-    """Draw an object that comes up later: at some times [ns], whether it is seen from then on."""
+    """Draw an object that comes or leaves: at some times [ns], whether it is seen from then on."""
     for path, looks in _shapes(item).items():
         some: dict[str, Any] = {
             name: value * sum(seen) for name, value in looks.items()

@@ -12,6 +12,7 @@ import numpy as np
 import rerun as rr
 
 from scheduling.graph.barriers import with_barriers
+from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.atomic import replacing
 from twin.recorders.rerun import layout as layout
@@ -108,7 +109,10 @@ def _log_progress(
     colours: Mapping[str, str],
 ) -> None:
     """Plot tasks complete per robot, and how many robots wait."""
+    machines = machine_chains(tpg)
     for k, chain in enumerate(tpg.chains):
+        if k in machines:
+            continue
         last = np.flatnonzero(np.append(np.diff(chain.task) != 0, True))
         done = run.end_ns[k][last]
         done = np.append(0, done[done >= 0])

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 
 import rerun as rr
 
+from planning.tasks.supply_tasks import GONE
 from twin.recorders.rerun.robots import name_entity
 from twin.recorders.rerun.time_and_pose import time_column
 from twin.run.trajectory import Placement
@@ -30,7 +31,7 @@ class RobotNames:
         if before is not None:
             self._rows[before].append((placement.t_ns, before))
         robot = placement.holder
-        if robot is not None:
+        if robot not in (None, GONE):
             name = f"{robot}: {placement.object}"
             self._rows[robot].append((placement.t_ns, name))
             self._holder[placement.object] = robot

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.turn_order import sequential_order
 from tests.twin.simulated import run_bulk
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Lognormal, Uniform
 from twin.engine.bulk.bulk_engine import BulkEngine
-from twin.engine.bulk.policy_graph import sequential_order
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.run.run_record import Policy

@@ -1,0 +1,34 @@
+"""The order of nodes where one robot works at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from heapq import heapify, heappop, heappush
+
+import numpy as np
+
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.machine_chains import machine_chains
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+
+
+def sequential_order(tpg: TemporalPlanGraph) -> Iterator[int]:
+    """Yield node numbers, chain by chain from 0, in the order of the sequential policy.
+
+    Of the nodes that are safe, that of the earliest task comes first. Machines do what they can at
+    once: robots take their turns in the same order however long they wait for them.
+    """
+    machines = machine_chains(tpg)
+    first = np.cumsum([0, *(len(chain) for chain in tpg.chains)]).tolist()
+    dispatcher = Dispatcher(tpg)
+    task = [
+        [-1] * len(chain) if k in machines else chain.task.tolist()
+        for k, chain in enumerate(tpg.chains)
+    ]
+    ready = [(task[k][node], k, node) for k, node in dispatcher.ready()]
+    heapify(ready)
+    while ready:
+        _, chain, node = heappop(ready)
+        yield first[chain] + node
+        for k, safe in dispatcher.complete(chain, node):
+            heappush(ready, (task[k][safe], k, safe))
