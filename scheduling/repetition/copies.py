@@ -77,10 +77,13 @@ class _Copies:
         handlings = tuple(h for k in self._copies() for h in self._handlings(k))
         handled = {h.object for h in handlings}
         cell = replace(tpg.cell, objects=tuple(self._objects(handled)))
+        chains = [self._chain(chain) for chain in tpg.chains]
+        place = np.cumsum([len(chain) > 0 for chain in chains]) - 1
+        handlings = tuple(replace(h, robot=int(place[h.robot])) for h in handlings)
         return TemporalPlanGraph(
             cell,
             tasks,
-            tuple(self._chain(chain) for chain in tpg.chains),
+            tuple(chain for chain in chains if len(chain)),
             np.empty((0, 4), dtype=np.int64),
             np.empty(0, dtype=np.uint8),
             handlings,

@@ -114,9 +114,7 @@ def _whole(
     edges = np.concatenate([part for part, _ in parts])
     cause = np.concatenate([why for _, why in parts])
     order = np.lexsort(edges.T[::-1])
-    graph = replace(
-        copied_nodes(tpg, pattern), edges=edges[order], cause=cause[order]
-    )
+    graph = replace(copied_nodes(tpg, pattern), edges=edges[order], cause=cause[order])
     _require_waits(graph)
     return graph
 

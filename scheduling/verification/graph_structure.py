@@ -128,7 +128,11 @@ def _moving_holders(
     holder: str | None = None
     for event in events:
         here = event.robot, event.node
-        for robot in {holder, event.holder} - {None, GONE, tpg.chains[event.robot].robot}:
+        for robot in {holder, event.holder} - {
+            None,
+            GONE,
+            tpg.chains[event.robot].robot,
+        }:
             b = index[str(robot)]
             v = stand_during(tpg, b, (*here, event.waypoint))[1]
             text = f"{name!r} is passed on and {robot!r} need not stand then"

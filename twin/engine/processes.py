@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Sequence
 from typing import Any
 
 import numpy as np
@@ -296,7 +296,7 @@ class Execution:
 
     def _release_safe(self) -> None:
         """Release what has become safe and fits into the queues."""
-        chains = range(len(self.queue))
+        chains: Collection[int] = range(len(self.queue))
         if self.turns is not None:
             self._release_in_turns(self.turns)
             chains = self.machines

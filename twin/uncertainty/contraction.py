@@ -14,7 +14,7 @@ import numpy as np
 
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.durations import Nanoseconds
+from twin.durations import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.uncertainty.halts import Halts
 
 
@@ -100,13 +100,17 @@ def contract(tpg: TemporalPlanGraph) -> Contraction:
 
 
 def _contract_chain(chain: NodeChain, first: Indices) -> NodeChain:
-    """Keep one node a segment; geometry is left as it is, for only times are asked of it."""
+    """Keep one node a segment; geometry is left as it is, for only times are asked of it.
+
+    Durations are added up in whole nanoseconds, as engines add them.
+    """
+    whole_ns = to_nanoseconds(chain.duration)
     return replace(
         chain,
         first=np.append(chain.first[first], chain.first[-1]),
         task=chain.task[first],
         skill=chain.skill[first],
-        duration=np.asarray(np.add.reduceat(chain.duration, first), dtype=float)
+        duration=np.add.reduceat(whole_ns, first) / NANOSECONDS
         if len(first)
         else np.zeros(0),
         planned_start=chain.planned_start[first],

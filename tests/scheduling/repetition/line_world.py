@@ -17,7 +17,7 @@ from scheduling.repetition.pattern import Pattern
 from tests.scheduling.mini_world import PlanWriter, planar_arm
 
 HOME = np.array([1.2, 2.3])
-LIFT = np.array([-1.9, -0.2])
+LIFT = np.array([-0.769, -1.259])
 PICK, PLACE = np.array([-1.2, -0.5]), np.array([0.3, 0.2])
 GRIP = translation(0.04, 0.0, 0.0)
 SIZE = (0.06, 0.06, 0.04)
