@@ -90,6 +90,28 @@ class Study:
         return pa.Table.from_pylist(rows)
 
     @property
+    def ranking(self) -> pa.Table:
+        """A row a policy and layout, the quickest first: mean, and how far behind that."""
+        import pyarrow as pa
+
+        rows = []
+        for row in self.summary["ranking"]:
+            behind = row["behind_s"] or {}
+            found = {"rank": row["rank"], "policy": row["policy"], **row["variant"]}
+            found |= {"mean_s": row["mean_s"], "behind_s": behind.get("estimate")}
+            found |= {f"behind_s_{side}": behind.get(side) for side in ("low", "high")}
+            rows.append(found)
+        return pa.Table.from_pylist(rows)
+
+    @property
+    def refused(self) -> pa.Table:
+        """A row a layout that cannot be planned: its values, and why not."""
+        import pyarrow as pa
+
+        rows = [{**r["layout"], "reason": r["reason"]} for r in self.summary["refused"]]
+        return pa.Table.from_pylist(rows)
+
+    @property
     def replications(self) -> pa.Table:
         """A row a replication: policy, varied inputs, outcome, makespan, waits."""
         return self._table(REPLICATIONS)

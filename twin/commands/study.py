@@ -54,8 +54,9 @@ PolicyNames = Annotated[
 Vary = Annotated[
     list[str] | None,
     typer.Option(
-        help="Vary an input of the execution section: skills.pick.scale=1,1.5,2."
-        " Give it again for every combination."
+        help="Vary any key, or one of the execution section: cell.robots.b.base.xyz_m.0=0.7,0.8"
+        " plans each layout and ranks them, skills.pick.scale=1,2 needs no other plan. Give it"
+        " again for every combination."
     ),
 ]
 Deadline = Annotated[

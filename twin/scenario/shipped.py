@@ -43,9 +43,11 @@ def scenario_path(given: Path) -> Path:
     """
     if (given / SCENARIO).is_file():
         return given / SCENARIO
-    if given.exists() or given.suffix in _YAML or len(given.parts) != 1:
+    if given.is_file() or given.suffix in _YAML or len(given.parts) != 1:
         return given
     found = shipped_scenarios().get(str(given))
+    if found is None and given.exists():
+        return given
     if found is None:
         raise ScenarioError(
             f"{given}: no such file, and no scenario of this name comes with the program",

@@ -106,6 +106,11 @@ def is_of_execution(key: str) -> bool:
     return first != ROBOTS and first not in _SECTIONS
 
 
+def layout_of(variant: Variant) -> Variant:
+    """Return the part of a variant that a plan depends on."""
+    return {key: value for key, value in variant.items() if not is_of_execution(key)}
+
+
 def assign_variant(content: dict[str, Any], variant: Variant) -> None:
     """Write the values of a variant into a resolved scenario.
 
@@ -114,16 +119,17 @@ def assign_variant(content: dict[str, Any], variant: Variant) -> None:
     """
     for key, value in variant.items():
         if key == ROBOTS:
-            if not isinstance(value, int) or value < 1:
-                raise ScenarioError(
-                    f"cannot vary robots: no number of robots: {value!r}"
-                )
-            choose_robots(content["cell"], value)
-        elif is_of_execution(key):
+            continue
+        if is_of_execution(key):
             _make_entries(content, key)
             _assign(content["execution"], key, value, "execution")
         else:
             _assign(content, key, value, "")
+    if ROBOTS in variant:  # last, as other keys may be those of robots that go
+        count = variant[ROBOTS]
+        if not isinstance(count, int) or count < 1:
+            raise ScenarioError(f"cannot vary robots: no number of robots: {count!r}")
+        choose_robots(content["cell"], count)
 
 
 class _NewSection(dict[str, Any]):

@@ -20,6 +20,7 @@ from twin.scenario.manifest import (
     write_manifest,
 )
 from twin.scenario.sections.scenario import Scenario
+from twin.scenario.variations import Variant
 from twin.study.replications.experiment import Experiment
 
 PLANS, BLOCKS, AUDITS = "plans", "blocks", "audits"
@@ -29,6 +30,19 @@ REPLICATIONS, TASKS, EDGES = (
     "edges.parquet",
 )
 SUMMARY, REPORT = "summary.json", "report.html"
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A layout that cannot be planned.
+
+    Attributes:
+        layout: values of the keys that a plan depends on.
+        reason: why not.
+    """
+
+    layout: Variant
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -43,6 +57,7 @@ class StudyRequest:
         deadline_s: ask how likely the run is over by then [s], None not to.
         sobol_points: of the sample for Sobol indices, 0 for none.
         plan: folder of the run whose plan is studied; empty where it was planned for the study.
+        refused: layouts that were asked for and cannot be planned.
 
     Raises:
         RequestError: the deadline is no positive time, or the points are no power of 2.
@@ -55,6 +70,7 @@ class StudyRequest:
     deadline_s: float | None = None
     sobol_points: int = 0
     plan: str = ""
+    refused: tuple[Refused, ...] = ()
 
     def __post_init__(self) -> None:
         deadline_s = self.deadline_s
@@ -92,6 +108,7 @@ def write_request(
         "deadline_s": request.deadline_s,
         "sobol_points": request.sobol_points,
         "plan": request.plan,
+        "refused": [asdict(item) for item in request.refused],
         "plans_sha256": dict(plans),
     }
     write_manifest(folder, request.scenario, cell, request.base, study=study)
@@ -118,6 +135,7 @@ def read_request(folder: Path) -> StudyRequest:
             study["deadline_s"],
             int(study["sobol_points"]),
             str(study.get("plan", "")),
+            TypeAdapter(tuple[Refused, ...]).validate_python(study.get("refused", ())),
         )
     except (ValueError, KeyError, TypeError, ValidationError) as error:
         path = folder / MANIFEST

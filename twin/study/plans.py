@@ -24,14 +24,14 @@ from twin.run.policies import (
 )
 from twin.scenario.manifest import file_hashes, scenario_sha256
 from twin.scenario.sections.scenario import Scenario, resolved
-from twin.scenario.variations import varied
+from twin.scenario.variations import Variant, layout_of, varied
 from twin.study.replications.experiment import Experiment
 from twin.study.replications.workload import Workload, timing_graph
 from twin.trial.saved_plan import SavedPlan
 from twin.trial.simulation import scenario_execution
 
 Plans = Mapping[str, TemporalPlanGraph]
-"""Plans by their names in twin.run.policies."""
+"""Plans by their names in twin.run.policies; those of several layouts by plan_key."""
 
 
 def plan_for_study(
@@ -120,10 +120,22 @@ def save_plans(plans: Plans, folder: Path) -> None:
         save_plan(plan, folder / plan_folder(name))
 
 
-def load_plans(folder: Path, policies: tuple[str, ...]) -> Plans:
-    """Return the plans that some policies need; OutputError when one is missing."""
-    needed = dict.fromkeys(NAMED_POLICIES[policy].plan for policy in policies)
-    return {name: load_plan(folder / plan_folder(name)) for name in needed}
+def load_plans(folder: Path, experiment: Experiment) -> Plans:
+    """Return the plans of an experiment; OutputError when one is missing."""
+    names = dict.fromkeys(
+        plan_key(variant, NAMED_POLICIES[policy].plan)
+        for policy, variant in experiment.cells
+    )
+    return {name: load_plan(folder / plan_folder(name)) for name in names}
+
+
+def plan_key(variant: Variant, plan: str) -> str:
+    """Return the name of a plan among those of all layouts; its own where there is one layout."""
+    layout = layout_of(variant)
+    if not layout:
+        return plan
+    digest = hashlib.sha256(json.dumps(layout, sort_keys=True).encode()).hexdigest()
+    return f"{digest[:12]}/{plan}"
 
 
 def plan_hashes(plans: Plans) -> dict[str, str]:
@@ -146,13 +158,14 @@ def workloads(
     for policy, variant in experiment.cells:
         own = varied(scenario, variant)
         plan, release = NAMED_POLICIES[policy]
+        name = plan_key(variant, plan)
         model = scenario_execution(
             own, base, policy=release, antithetic=experiment.antithetic
         )
         reasons = tuple(own.execution.needs_event_engine())
         origin = {
             "scenario": scenario_sha256(resolved(own)),
-            "plan": hashes[plan],
+            "plan": hashes[name],
             "policy": policy,
             "antithetic": experiment.antithetic,
             "files": files,
@@ -160,5 +173,5 @@ def workloads(
         }
         text = json.dumps(origin, sort_keys=True)
         made_from = hashlib.sha256(text.encode()).hexdigest()
-        loads.append(Workload(graphs[plan], model, own.seed, reasons, made_from))
+        loads.append(Workload(graphs[name], model, scenario.seed, reasons, made_from))
     return loads

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from planning.errors import RequestError
+from planning.transforms import Array
 from scheduling.graph.plan_files import save_plan
 from twin.audit.audit import audit_run
 from twin.audit.worlds.engine import Engine, engine_named
@@ -24,7 +25,8 @@ from twin.host.progress import Report, report_nothing
 from twin.planning.build_workcell import build_workcell
 from twin.recorders.motion_tables import write_motion
 from twin.run.policies import NAMED_POLICIES, OPEN_LOOP
-from twin.scenario.variations import varied
+from twin.scenario.sections.scenario import Scenario
+from twin.scenario.variations import layout_of, varied
 from twin.study.folder import (
     AUDITS,
     BLOCKS,
@@ -40,15 +42,17 @@ from twin.study.folder import (
 )
 from twin.study.gains.files import write_gains
 from twin.study.gains.gains import CellGains, study_gains
+from twin.study.layouts import plan_layouts
 from twin.study.plans import (
     Plans,
     load_plans,
-    plan_for_study,
     plan_hashes,
+    plan_key,
     save_plans,
     workloads,
 )
-from twin.study.replications.block_results import cell_tally
+from twin.study.ranking import rank_layouts
+from twin.study.replications.block_results import cell_blocks, cell_tally
 from twin.study.replications.experiment import Experiment
 from twin.study.replications.runner import OpenExecutor, run_replications
 from twin.study.replications.workload import Workload
@@ -111,14 +115,13 @@ def start_study(
     experiment, scenario = request.experiment, request.scenario
     # Refuses what does not fit before the time that planning takes is spent.
     for variant in experiment.variants:
-        skill_durations(varied(scenario, variant), request.base)
-    plans = plans or plan_for_study(
-        scenario,
-        request.base,
-        experiment.policies,
-        candidates=request.candidates,
-        progress=progress,
-    )
+        _require_fitting(varied(scenario, variant), request.base)
+    if plans is None:
+        made = plan_layouts(request, progress)
+        request, plans = made.request, made.plans
+    elif any(map(layout_of, experiment.variants)):
+        keys = ", ".join(layout_of(experiment.variants[0]))
+        raise RequestError(f"{keys}: a plan that is there cannot be varied; plan anew")
     save_plans(plans, folder / PLANS)
     # The manifest comes last: a folder that has one can be gone on with.
     cell = build_workcell(scenario, request.base)
@@ -135,7 +138,7 @@ def resume_study(
         OutputError: the folder is not one of a study that got as far as its plans.
     """
     request = read_request(folder)
-    plans = load_plans(folder / PLANS, request.experiment.policies)
+    plans = load_plans(folder / PLANS, request.experiment)
     require_same_plans(folder, plan_hashes(plans))
     return _run(request, folder, plans, open_executor, progress)
 
@@ -170,11 +173,15 @@ def _run(
         engines=[load.reasons for load in loads],
         audits=audits,
     )
+    samples = [makespans_s(blocks, cell) for cell in range(len(loads))]
+    summary["ranking"] = rank_layouts(experiment, samples)
+    summary["refused"] = [
+        {"layout": dict(item.layout), "reason": item.reason} for item in request.refused
+    ]
     doubts = (
         doubt
-        for variant in experiment.variants
-        for tpg in plans.values()
-        for doubt in doubts_about_stalls(varied(request.scenario, variant), tpg)
+        for (_, variant), load in zip(experiment.cells, loads, strict=True)
+        for doubt in doubts_about_stalls(varied(request.scenario, variant), load.tpg)
     )
     summary["warnings"] = list(dict.fromkeys(doubts))
     write_json(folder / SUMMARY, summary)
@@ -186,6 +193,18 @@ def _run(
         for load in loads
     )
     return StudyResult(folder, request, summary, loads, gains, raised_skills)
+
+
+def makespans_s(blocks: Path, cell: int) -> Array:
+    """Return the makespans of a cell, NaN where it did not complete, shape (n,) [s]."""
+    return np.concatenate([b.rows.makespans_s() for b in cell_blocks(blocks, cell)])
+
+
+def _require_fitting(scenario: Scenario, base: Path) -> None:
+    """Refuse a variant whose robots or files of measured times are not there."""
+    skill_durations(scenario, base)
+    names = tuple(robot.name for robot in scenario.cell.robots)
+    scenario.execution.disturbances(names, base)
 
 
 def _audits(
@@ -206,7 +225,8 @@ def _audits(
     engine = engine_named(experiment.audit_engine)
     for k, cell in enumerate(cells):
         found[cell] = []
-        drawn = replace(loads[cell], tpg=plans[NAMED_POLICIES[OPEN_LOOP].plan])
+        key = plan_key(experiment.cells[cell][1], NAMED_POLICIES[OPEN_LOOP].plan)
+        drawn = replace(loads[cell], tpg=plans[key])
         place = folder / AUDITS / str(cell)
         for collisions in _audit_open_loop(drawn, place, count, engine):
             found[cell].append(collisions)

@@ -122,7 +122,8 @@ def test_names_with_dots_are_names(cliff: Scenario) -> None:
 def test_the_number_of_robots_is_varied_with_and_without_a_team(
     cliff: Scenario,
 ) -> None:
-    assert len(varied(cliff, {"robots": 1}).cell.robots) == 1
+    alone = {"robots": 1, "cell.robots.right.base.xyz_m.0": 0.9}
+    assert [robot.name for robot in varied(cliff, alone).cell.robots] == ["left"]
     wall = load_scenario(CLIFF.parents[1] / "construction/wall.yaml")
     assert len(varied(wall, {"robots": 4}).cell.robots) == 4
     assert len(varied(wall, {"cell.team.count": 4}).cell.robots) == 4

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from planning.transforms import Array
 from twin.check.finding import Subject
 from twin.check.picture import cell_figure
 from twin.host.atomic import write_text
 from twin.host.pictures import save_png
 from twin.host.progress import Report
 from twin.run.policies import ASYNCHRONOUS, ASYNCHRONOUS_SHORTCUTS, NAMED_POLICIES
+from twin.scenario.variations import varied
 from twin.study.folder import BLOCKS, REPORT
 from twin.study.gains.candidates import task_names
-from twin.study.replications.block_results import TaskTally, cell_blocks, cell_tally
+from twin.study.replications.block_results import TaskTally, cell_tally
 from twin.study.report.assumptions import assumptions, warnings
 from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
 from twin.study.report.figures import draw_ecdf, draw_response, draw_waits
@@ -40,8 +40,9 @@ from twin.study.report.overview import (
     lead,
     makespans_table,
 )
+from twin.study.report.ranking import draw_ranking, ranking_table, refused_table
 from twin.study.sensitivity import SHARE, Influence, influences, sobol_indices
-from twin.study.study import StudyResult
+from twin.study.study import StudyResult, makespans_s
 from twin.study.summary import cell_label
 from twin.study.tables import task_columns
 
@@ -80,23 +81,24 @@ def write_report(result: StudyResult, progress: Report) -> None:
     progress(DRAWING, cells + 2, cells + 2)
 
 
-def makespans_s(result: StudyResult, cell: int) -> Array:
-    """Return the makespans of a cell, NaN where it did not complete, shape (n,) [s]."""
-    blocks = cell_blocks(result.folder / BLOCKS, cell)
-    return np.concatenate([block.rows.makespans_s() for block in blocks])
-
-
 def _in_order(result: StudyResult) -> list[int]:
     """Return the cells, first that of the policy that coordinates best."""
-    shown = shown_cell(result.request.experiment.policies)
+    shown = shown_cell(result.summary, result.request.experiment.policies)
     others = (k for k in range(len(result.summary["cells"])) if k != shown)
     return [shown, *others]
 
 
-def shown_cell(policies: Sequence[str]) -> int:
-    """Return the cell that is shown first: of the policy that coordinates best."""
+def shown_policy(policies: Sequence[str]) -> str:
+    """Return the policy that coordinates best."""
     order = (ASYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS, *NAMED_POLICIES)
-    return policies.index(next(policy for policy in order if policy in policies))
+    return next(policy for policy in order if policy in policies)
+
+
+def shown_cell(summary: Mapping[str, Any], policies: Sequence[str]) -> int:
+    """Return the cell that is shown first: of the policy that coordinates best, best layout."""
+    policy = shown_policy(policies)
+    ranked = (row["cell"] for row in summary["ranking"] if row["policy"] == policy)
+    return int(next(ranked, policies.index(policy)))
 
 
 def _label(result: StudyResult, cell: int) -> str:
@@ -128,16 +130,20 @@ def _first_page(result: StudyResult) -> Pieces:
     """Yield results, what is worth fixing, the cell, and what all that rests on."""
     request, summary = result.request, result.summary
     yield paragraph(lead(result))
-    subject = Subject(request.scenario, request.base)
+    cell = _in_order(result)[0]
+    scenario = varied(request.scenario, summary["cells"][cell]["variant"])
+    subject = Subject(scenario, request.base)
     doubts = [*warnings(subject), *summary["warnings"]]
     if doubts:
         yield paragraph(f"Warning: {' Warning: '.join(doubts)}", "warning")
     policies = len(request.experiment.policies)
     many = len(summary["cells"]) > _AT_ONCE
-    yield makespans_table(summary, summary["cells"][:policies] if many else None)
+    yield from _layouts(result)
+    start = cell - cell % policies
+    shown = summary["cells"][start : start + policies]
+    yield makespans_table(summary, shown if many else None)
     if many:
         yield paragraph("The other variants are in a table further down.", "note")
-    cell = _in_order(result)[0]
     yield heading("What is worth fixing")
     yield paragraph(HONEST, "note")
     yield gains_tables(
@@ -154,6 +160,17 @@ def _first_page(result: StudyResult) -> Pieces:
     yield pairs(assumptions(result))
 
 
+def _layouts(result: StudyResult) -> Pieces:
+    """Yield which layout is quickest, and which have no plan."""
+    summary, policies = result.summary, result.request.experiment.policies
+    if summary["ranking"]:
+        yield heading("Which layout")
+        policy = shown_policy(policies)
+        yield ranking_table(summary, policy)
+        yield _drawn(result, draw_ranking(summary, policy), "ranking")
+    yield refused_table(summary)
+
+
 def _whole_study(result: StudyResult) -> Pieces:
     """Yield what compares policies and variants."""
     experiment, summary = result.request.experiment, result.summary
@@ -163,7 +180,8 @@ def _whole_study(result: StudyResult) -> Pieces:
         yield makespans_table(summary)
     yield differences(summary)
     yield collided(summary)
-    samples = [makespans_s(result, cell) for cell in range(len(experiment.cells))]
+    blocks = result.folder / BLOCKS
+    samples = [makespans_s(blocks, cell) for cell in range(len(experiment.cells))]
     yield heading("How long it takes")
     yield _drawn(result, draw_ecdf(summary, samples, policies), "makespan")
     for key in experiment.variants[0]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any
 
@@ -11,9 +11,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from twin.study.folder import REPORT
+from twin.study.layouts import words
 from twin.study.replications.statistics import Interval
 from twin.study.report.fixing import LESS, P90
-from twin.study.report.report import shown_cell
+from twin.study.report.ranking import behind_words, ranking_rows, told_apart
+from twin.study.report.report import shown_cell, shown_policy
 from twin.study.study import StudyResult
 from twin.study.summary import cell_label, collisions
 
@@ -24,7 +27,15 @@ _TOP = ((True, 2), (False, 3))
 def print_study(result: StudyResult) -> None:
     """Print makespans with their intervals, differences between policies, and where all is."""
     console = Console(highlight=False)
-    summary = result.summary
+    if result.summary["ranking"]:
+        _print_ranking(console, result.summary, result.request.experiment.policies)
+    else:
+        _print_makespans(console, result.summary)
+    _print_rest(console, result)
+
+
+def _print_makespans(console: Console, summary: Mapping[str, Any]) -> None:
+    """Print the makespans of all policies and variants, and how policies differ."""
     share = f"{100 * summary['confidence']:g} %"
     table = Table(
         title=f"{summary['scenario']}: makespan in seconds, {share} intervals",
@@ -57,6 +68,17 @@ def print_study(result: StudyResult) -> None:
             f" {entry['makespan_s']['estimate']:+.1f} s"
             f" ({_span(low, high)}; {100 * entry['relative']:+.1f} %), same draws"
         )
+
+
+def _print_rest(console: Console, result: StudyResult) -> None:
+    """Print what has no plan, what collided, warnings, what is worth fixing, and the folder."""
+    summary = result.summary
+    for item in summary["refused"]:
+        console.print(
+            f"[yellow]no plan[/yellow]: {words(item['layout'])}:",
+            Text(item["reason"]),
+            soft_wrap=True,
+        )
     for cell in summary["cells"]:
         if "collided" in cell:
             share = _percent(cell["collided"])
@@ -67,9 +89,39 @@ def print_study(result: StudyResult) -> None:
     console.print(f"{result.folder}")
 
 
+def _print_ranking(
+    console: Console, summary: Mapping[str, Any], policies: Sequence[str]
+) -> None:
+    """Print the layouts in their order under the policy that coordinates best."""
+    policy = shown_policy(policies)
+    rows = ranking_rows(summary, policy)
+    keys = list(rows[0]["variant"])
+    count = summary["cells"][rows[0]["cell"]]["replications"]
+    table = Table(
+        title=f"{summary['scenario']}: makespan in seconds of each layout, {policy},"
+        f" {count} replications with the same draws",
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
+    for name in ("rank", *keys, "mean", "P90", "behind the quickest"):
+        table.add_column(name, overflow="fold")
+    for row in rows:
+        cell = summary["cells"][row["cell"]]
+        values = (str(row["variant"][key]) for key in keys)
+        doubt = "" if row["rank"] == 1 or told_apart(row) else ", not told apart"
+        p90 = f"{cell['makespan_p90_s']['estimate']:.1f}"
+        behind = behind_words(row) + doubt
+        mean = _estimate(cell["makespan_s"])
+        table.add_row(str(row["rank"]), *values, mean, p90, behind)
+    console.print(table)
+    if len(policies) > 1:
+        console.print(f"other policies: {REPORT}", highlight=False)
+
+
 def _print_gains(console: Console, result: StudyResult) -> None:
     """Print what is worth fixing most in the cell that coordinates best."""
-    cell = shown_cell(result.request.experiment.policies)
+    cell = shown_cell(result.summary, result.request.experiment.policies)
     gains = result.gains[cell]
     if not gains.gains:
         return

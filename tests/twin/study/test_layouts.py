@@ -1,0 +1,204 @@
+"""Layouts: each planned on its own, ranked with the same draws, and told of where none is found."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import twin
+from planning.errors import RequestError, ScenarioError
+from planning.transforms import Array
+from twin.cli import app
+from twin.study.ranking import rank_layouts
+from twin.study.replications.experiment import Experiment
+from twin.study.replications.statistics import Precision, mean_interval
+
+X = "cell.robots.right.base.xyz_m.0"
+PICK = "skills.pick.scale"
+COUNT = 60
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> twin.Study:
+    return twin.study(
+        "tray",
+        {X: [0.75, 1.4, 0.65], PICK: [1, 3]},
+        replications=COUNT,
+        policies=["sequential", "asynchronous"],
+        workers=0,
+        out=tmp_path_factory.mktemp("layouts") / "study",
+    )
+
+
+def makespans(study: twin.Study, **wanted: object) -> Array:
+    rows = study.replications.to_pylist()
+    keys = {"policy": "policy", "x": X, "pick": PICK}
+    return np.array(
+        [
+            row["makespan_s"]
+            for row in rows
+            if all(row[keys[name]] == value for name, value in wanted.items())
+        ]
+    )
+
+
+def test_each_layout_is_what_a_study_of_it_alone_finds(
+    study: twin.Study, tmp_path: Path
+) -> None:
+    alone = twin.study(
+        twin.load("tray").varied({X: 0.65, PICK: 3}),
+        replications=COUNT,
+        policies=["sequential", "asynchronous"],
+        workers=0,
+        out=tmp_path / "alone",
+    )
+    for policy in ("sequential", "asynchronous"):
+        found = makespans(study, policy=policy, x=0.65, pick=3)
+        assert len(found) == COUNT
+        rows = alone.replications.to_pylist()
+        expected = [row["makespan_s"] for row in rows if row["policy"] == policy]
+        assert found.tolist() == expected
+
+
+def test_layouts_are_ranked_by_paired_differences(study: twin.Study) -> None:
+    rows = study.summary["ranking"]
+    assert [(r["policy"], r["variant"][PICK], r["rank"]) for r in rows] == [
+        (policy, pick, rank)
+        for policy in ("sequential", "asynchronous")
+        for pick in (1, 3)
+        for rank in (1, 2)
+    ]
+    for first, second in zip(rows[::2], rows[1::2], strict=True):
+        samples = [
+            makespans(
+                study, policy=r["policy"], x=r["variant"][X], pick=r["variant"][PICK]
+            )
+            for r in (first, second)
+        ]
+        assert first["mean_s"] == pytest.approx(samples[0].mean())
+        assert first["mean_s"] <= second["mean_s"]
+        assert first["behind_s"] is None
+        expected = mean_interval(samples[1] - samples[0]).content()
+        assert second["behind_s"] == pytest.approx(expected)
+    table = study.ranking.to_pylist()
+    assert [row["rank"] for row in table] == [row["rank"] for row in rows]
+
+
+def test_a_layout_without_a_plan_is_a_row_with_its_reason(study: twin.Study) -> None:
+    (row,) = study.refused.to_pylist()
+    assert row[X] == 1.4
+    assert "no robot reaches motor" in row["reason"]
+    assert set(study.replications.column(X).to_pylist()) == {0.75, 0.65}
+    page = study.report.read_text()
+    assert "Layouts without a plan" in page
+    assert "no robot reaches motor" in page
+    assert "Which layout" in page
+    assert (study.folder / "ranking.png").stat().st_size > 5_000
+
+
+def test_the_cell_on_the_first_page_is_the_best_layout(study: twin.Study) -> None:
+    from twin.study.report.report import shown_cell
+
+    summary, policies = study.summary, study.result.request.experiment.policies
+    cell = summary["cells"][shown_cell(summary, policies)]
+    best = summary["ranking"][4]
+    assert best["policy"] == "asynchronous" == cell["policy"]
+    assert best["variant"] == cell["variant"]
+
+
+def test_an_interrupted_study_of_layouts_goes_on(study: twin.Study) -> None:
+    before = (study.folder / "summary.json").read_bytes()
+    (study.folder / "summary.json").unlink()
+    next(study.folder.glob("blocks/*.npz")).unlink()
+    again = twin.resume_study(study.folder, "tray", workers=0)
+    assert (study.folder / "summary.json").read_bytes() == before
+    assert again.summary["refused"] == study.summary["refused"]
+
+
+def test_the_program_prints_the_ranking(study: twin.Study) -> None:
+    done = CliRunner().invoke(app, ["study", "--resume", str(study.folder)])
+    assert done.exit_code == 0, done.output
+    text = " ".join(done.stdout.split())
+    assert "quickest" in text
+    assert f"no plan: {X} = 1.4: no robot reaches motor" in text
+
+
+def test_robots_and_seeds_are_varied_with_the_same_draws(tmp_path: Path) -> None:
+    found = twin.study(
+        "tray",
+        {"seed": [0, 1]},
+        replications=20,
+        policies=["sequential"],
+        workers=0,
+        out=tmp_path / "seeds",
+    )
+    first, second = (
+        np.array(
+            [r["makespan_s"] for r in found.replications.to_pylist() if r["seed"] == s]
+        )
+        for s in (0, 1)
+    )
+    # One task at a time: the draws of the skills are the same, only paths may differ.
+    assert np.ptp(first - second) < 1e-6 < np.ptp(first)
+
+
+def test_values_and_keys_that_do_not_fit_are_refused_before_planning(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(ScenarioError, match=r"robots\[1\].base.xyz_m\[0\]: a number"):
+        twin.study("tray", {X: [0.7, "far"]}, out=tmp_path / "no")
+    with pytest.raises(ScenarioError, match="no entry 'middle'"):
+        twin.study("tray", {"cell.robots.middle.tool": ["a"]}, out=tmp_path / "no")
+    assert not (tmp_path / "no").exists()
+
+
+def test_where_no_layout_can_be_planned_each_says_why(tmp_path: Path) -> None:
+    with pytest.raises(RequestError, match=r"1\.4.*no robot reaches.*1\.5"):
+        twin.study("tray", {X: [1.4, 1.5]}, out=tmp_path / "no")
+    with pytest.raises(RequestError, match=r"robots = 1, .*: no robot reaches"):
+        twin.study("tray", {"robots": [1], X: [0.6]}, out=tmp_path / "no")
+    assert not (tmp_path / "no").exists()
+
+
+def test_a_plan_that_is_there_has_one_layout(tmp_path: Path) -> None:
+    plan = twin.plan("tray")
+    with pytest.raises(RequestError, match="a plan that is there cannot be varied"):
+        twin.study(plan, {X: [0.6, 0.7]}, out=tmp_path / "no")
+
+
+def test_ranks_of_samples() -> None:
+    experiment = Experiment(
+        ("sequential",),
+        tuple({"planning.speed_rad_s": v} for v in (1, 2, 3, 4)),
+        precision=Precision(confidence=0.9),
+    )
+    rng = np.random.default_rng(0)
+    common = rng.normal(100, 10, 400)
+    samples = [
+        common + 1 + rng.normal(0, 0.1, 400),
+        common,
+        common + rng.normal(0.0, 5, 400) + 0.1,
+        np.full(400, np.nan),
+    ]
+    samples[1][7] = np.nan
+    rows = rank_layouts(experiment, samples)
+    # What never completes has no rank; the common noise does not blur the differences.
+    assert [row["cell"] for row in rows][-1] == 0
+    assert len(rows) == 3
+    behind = {row["cell"]: row["behind_s"] for row in rows}
+    assert behind[0]["low"] > 0.0
+    assert behind[2] is None or behind[2]["low"] < 0.0 < behind[2]["high"]
+    reference = min(
+        behind, key=lambda cell: [r["rank"] for r in rows if r["cell"] == cell]
+    )
+    both = np.isfinite(samples[0]) & np.isfinite(samples[reference])
+    wide = mean_interval((samples[0] - samples[reference])[both], confidence=0.95)
+    assert behind[0] == pytest.approx(wide.content())
+    assert math.isclose(behind[0]["count"], both.sum())
+    assert json.loads(json.dumps(rows)) == rows
+    assert rank_layouts(Experiment(("sequential",)), samples[:1]) == []
