@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from graphlib import TopologicalSorter
 
-from planning.construction.problem.precedence import PartGraph
+from planning.parts.precedence import PartGraph
 
 
 def longest_chain(graph: PartGraph, *, carried: bool = True) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
@@ -43,6 +44,7 @@ class PartCandidates:
         paths: pick and place, or a process, by step, robot and number of the grip or turn.
         holds: how a part is held, by step, robot and number of the grip.
         beside: the place or the process of a way beside a way to hold.
+        blockers: what was in the way of tries of a step, most often first.
     """
 
     cell: Workcell
@@ -52,6 +54,15 @@ class PartCandidates:
     paths: Mapping[_Way, tuple[SkillPath, ...]] = field(repr=False)
     holds: Mapping[_Way, SkillPath] = field(repr=False)
     beside: Mapping[tuple[_Way, _Way], SkillPath] = field(repr=False)
+    blockers: Mapping[int, tuple[str, ...]] = field(repr=False)
+
+    @property
+    def impossible(self) -> tuple[int, ...]:
+        """The steps that nobody can do, or not beside anyone who holds what is to be held."""
+        alone = set(self.problem.impossible)
+        paired = {way[0] for way, _ in self.beside}
+        held = {k for k, step in enumerate(self.steps, start=1) if step.held}
+        return tuple(sorted(alone | (held - paired)))
 
     def paths_of(self, choice: StepChoice) -> tuple[SkillPath, ...]:
         """Return pick and place of a choice, or its process, beside what is held."""
@@ -67,6 +78,11 @@ class PartCandidates:
         if choice.support is None:
             return None
         return self.holds[_hold_way(choice.support)]
+
+
+def names_by_count(counts: Counter[str]) -> tuple[str, ...]:
+    """Return names, those that were counted most often first."""
+    return tuple(sorted(counts, key=lambda name: (-counts[name], name)))
 
 
 def _hold_way(support: SupportCandidate) -> _Way:
@@ -109,6 +125,7 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
         collector.paths,
         collector.holds,
         collector.beside,
+        {step: names_by_count(own) for step, own in collector.blockers.items()},
     )
 
 
@@ -124,6 +141,7 @@ class _Collector:
         self.paths: dict[_Way, tuple[SkillPath, ...]] = {}
         self.holds: dict[_Way, SkillPath] = {}
         self.beside: dict[tuple[_Way, _Way], SkillPath] = {}
+        self.blockers: dict[int, Counter[str]] = defaultdict(Counter)
 
     def add(self, number: int, step: PartStep | WorkStep) -> None:
         """Add the candidates of a step, counted from 1."""
@@ -153,15 +171,15 @@ class _Collector:
         for k, grip in enumerate(step.grips):
             place = self._skills.place(robot, step, grip.pose)
             if isinstance(place, Obstruction):
-                self._reject(number, f"{name} places, {grip.words}", place.words)
+                self._block(number, f"{name} places, {grip.words}", place)
                 continue
             pick = self._skills.pick(robot, step, grip.pose)
             if isinstance(pick, Obstruction):
-                self._reject(number, f"{name} picks, {grip.words}", pick.words)
+                self._block(number, f"{name} picks, {grip.words}", pick)
                 continue
             blocked = self._skills.carried_home(robot, step, grip.pose)
             if blocked is not None:
-                self._reject(number, f"{name} at HOME, {grip.words}", blocked.words)
+                self._block(number, f"{name} at HOME, {grip.words}", blocked)
                 continue
             self.paths[number, name, k] = pick, place
             cost = sum(joint_distance(robot.home, p.contact) for p in (pick, place))
@@ -182,7 +200,7 @@ class _Collector:
             found = self._skills.work(robot, step, turn)
             if isinstance(found, Obstruction):
                 what = f"{name} turned by {np.degrees(turn):.0f} deg"
-                self._reject(number, what, found.words)
+                self._block(number, what, found)
                 continue
             self.paths[number, name, k] = (found,)
             # What is worked at can be worked at again: each process is a thing of its own.
@@ -207,7 +225,7 @@ class _Collector:
             path = self._skills.hold(robot, step, held, grip.pose)
             if isinstance(path, Obstruction):
                 what = f"{robot.name} holds {held.part.name}, {grip.words}"
-                self._reject(number, what, path.words)
+                self._block(number, what, path)
                 continue
             count += 1
             self.holds[number, robot.name, k] = path
@@ -243,7 +261,7 @@ class _Collector:
             if isinstance(path, Obstruction):
                 self.incompatible.add((p, s))
                 what = f"{first.robot} beside {second.robot} that holds"
-                self._reject(first.step, what, path.words)
+                self._block(first.step, what, path)
                 continue
             self.beside[way, by] = path
             found[robots] = found.get(robots, 0) + 1
@@ -266,6 +284,12 @@ class _Collector:
             turn = step.step.process.turns[way[2]]
             return skills.work(robot, step, turn, known)
         return skills.place(robot, step, step.grips[way[2]].pose, known)
+
+    def _block(self, step: int, what: str, reason: Obstruction) -> None:
+        """Note that something is in the way."""
+        self._reject(step, what, reason.words)
+        if reason.by is not None:
+            self.blockers[step][reason.by] += 1
 
     def _reject(self, step: int, what: str, reason: str) -> None:
         self.rejections.append(Rejection(step, what, reason))

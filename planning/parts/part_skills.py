@@ -117,7 +117,9 @@ class PartSkills:
         held = gripped(robot.name, name)
         checker = SceneChecker(self.cell, robot.name, state, held, margin=MARGIN)
         contact = checker.contact(robot.home)
-        return None if contact is None else Obstruction(str(contact))
+        if contact is None:
+            return None
+        return Obstruction(str(contact), contact.second.split(":")[0])
 
     def hold(
         self, robot: PlacedRobot, step: PartStep | WorkStep, held: Held, grip: Transform

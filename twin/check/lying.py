@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from planning.errors import ConstructionError, InfeasibleStepError
 from planning.parts.contact_graph import Lying, near_to, standing
 from planning.parts.part_steps import MOST_OVERLAP
 from planning.transforms import Transform
@@ -58,11 +59,19 @@ def check_goals(subject: Subject) -> Findings:
     section = subject.scenario.assembly
     if not isinstance(section, PartsSection):
         return
+    from planning.parts.order import in_found_order
     from twin.planning.parts import build_assembly
 
-    cell, goals = subject.cell, build_assembly(section).goals
+    cell, assembly = subject.cell, build_assembly(section)
+    if section.order == "find":
+        try:
+            assembly = in_found_order(cell, assembly)
+        except (ConstructionError, InfeasibleStepError) as error:
+            yield Finding(("assembly", "steps"), error.message, error=True)
+            return
+    goals = assembly.goals
     where: dict[str, Transform] = {item.name: item.start for item in cell.objects}
-    for name in section.placed:
+    for name in assembly.placed:
         lying: dict[str, Lying] = standing(cell)
         lying |= {
             item.name: (item, where[item.name])

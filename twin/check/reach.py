@@ -15,7 +15,8 @@ from planning.errors import (
 )
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
 from planning.parts.assembly import Grip, PartAssembly, box_grips
-from planning.parts.targets import pick_targets, place_targets
+from planning.parts.part_steps import WorkStep, part_steps
+from planning.parts.targets import pick_targets, place_targets, process_targets
 from planning.skills.joint_paths import SkillPath, skill_postures
 from planning.skills.subgoals import SkillTargets
 from planning.transforms import Transform
@@ -66,6 +67,7 @@ def placed_first(robot: PlacedRobot) -> Transform:
 
 
 def _check_parts(subject: Subject, section: PartsSection) -> Findings:
+    from planning.parts.order import in_found_order
     from twin.planning.parts import build_assembly
 
     assembly, cell = build_assembly(section), subject.cell
@@ -74,6 +76,13 @@ def _check_parts(subject: Subject, section: PartsSection) -> Findings:
         for robot in cell.robots
         if assembly.grips.frame in {"flange", *robot.model.frames}
     ]
+    ordered = assembly
+    if section.order == "find":
+        try:
+            ordered = in_found_order(cell, assembly)
+        except (ConstructionError, InfeasibleStepError):
+            return  # said elsewhere
+    yield from _check_works(subject, ordered, assembly)
     if len(robots) < len(cell.robots):
         return  # said elsewhere: a robot has no such frame
     for name in dict.fromkeys(assembly.placed):
@@ -100,6 +109,42 @@ def _check_parts(subject: Subject, section: PartsSection) -> Findings:
             f"no robot reaches {name}: {words}; tried {min(len(grips), _MOST_GRIPS)} grips, with"
             f" approach_m {assembly.approach:g} and leave_m {assembly.leave:g}",
             error=len(grips) <= _MOST_GRIPS,
+        )
+
+
+def _check_works(
+    subject: Subject, assembly: PartAssembly, listed: PartAssembly
+) -> Findings:
+    """Yield places of work that no robot that may work there reaches."""
+    try:
+        steps = part_steps(subject.cell, assembly)
+    except InfeasibleStepError:
+        return  # said elsewhere
+    for found in steps:
+        if not isinstance(found, WorkStep):
+            continue
+        step, process = found.step, found.step.process
+        robots = [
+            robot
+            for robot in subject.cell.robots
+            if step.done_by(robot.name)
+            and process.tool in (None, robot.tool)
+            and process.frame in {"flange", *robot.model.frames}
+        ]
+        if any(
+            _does(robot, process_targets(process, found.place, turn).targets)
+            for robot in robots
+            for turn in process.turns
+        ):
+            continue
+        who = ", ".join(robot.name for robot in robots)
+        number = next(k for k, item in enumerate(listed.steps) if item is step)
+        yield Finding(
+            ("assembly", "steps", number),
+            f"no robot reaches {step.at}, at {position(found.place[:3, 3].tolist())}, with frame"
+            f" {process.frame!r} and approach_m {process.approach:g}: tried {who or 'nobody'} in"
+            f" {len(process.turns)} turns",
+            error=True,
         )
 
 

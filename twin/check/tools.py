@@ -100,6 +100,11 @@ def _frames(subject: Subject) -> Iterator[tuple[str, str]]:
         frame = section.grips.frame
     for robot in robots:
         yield robot, frame
+    if isinstance(section, PartsSection):
+        for process in section.processes.values():
+            for item in subject.cell.robots:
+                if process.frame in item.model.frames:
+                    yield item.name, process.frame
 
 
 def check_flanges(subject: Subject) -> Findings:

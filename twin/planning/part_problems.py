@@ -92,10 +92,11 @@ def _check_order(section: PartsSection, names: dict[str, int]) -> Found:
                 yield at, unknown_name("step", name, tuple(names))
                 continue
             after.setdefault(k, []).append(names[name])
-            if names[name] > k:
+            if section.order == "listed" and names[name] > k:
                 yield (
                     at,
-                    f"{name} is listed later, as step {names[name] + 1}: change the order",
+                    f"{name} is listed later, as step {names[name] + 1}: change the order, or write"
+                    " order: find",
                 )
     if cycle := _cycle(after):
         words = " after ".join(

@@ -100,11 +100,17 @@ class PartKind(AssemblyKind):
         """Find the candidates, choose, and plan one task after another."""
         from planning.parts.candidates import find_candidates
         from planning.parts.expansion import part_work
+        from planning.parts.order import find_ordered_candidates
         from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
 
         assembly = build_assembly(self.section)
         with watch.stage("assignment", ASSIGNMENT):
-            work = part_work(find_candidates(cell, assembly))
+            found = (
+                find_ordered_candidates(cell, assembly)
+                if self.section.order == "find"
+                else find_candidates(cell, assembly)
+            )
+            work = part_work(found)
         return plan_in_turns(cell, assembly, work, settings, watch)
 
 
@@ -144,7 +150,7 @@ def build_assembly(section: PartsSection) -> PartAssembly:
         steps=tuple(_step(section, step) for step in section.steps),
         grips=GripRules(**grips),
         **plain_values(
-            section, without=("kind", "parts", "processes", "steps", "grips")
+            section, without=("kind", "parts", "processes", "steps", "order", "grips")
         ),
     )
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from planning.cell.workcell import start_state
-from planning.construction.problem.precedence import MOST_OVERLAP, NEAR
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.reach_bounds import (
     ReachBounds,
@@ -13,6 +12,7 @@ from planning.construction.problem.reach_bounds import (
 from planning.errors import ConstructionError, listed
 from planning.geometry.scene_checker import SceneChecker
 from planning.parts.contact_graph import Lying, near_to, standing
+from planning.parts.precedence import MOST_OVERLAP, NEAR
 from planning.transforms import translation
 
 _CLEAR = 1e-4

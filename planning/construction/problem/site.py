@@ -7,12 +7,6 @@ from collections.abc import Mapping, Sequence
 from planning.cell.cover import box_body
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.construction.problem.models import ModelPart
-from planning.construction.problem.precedence import (
-    TOUCH,
-    build_part_graph,
-    stacked,
-    with_insertions,
-)
 from planning.construction.problem.problem import (
     ConstructionProblem,
     Part,
@@ -21,6 +15,12 @@ from planning.construction.problem.problem import (
 from planning.construction.problem.supply import SupplyLayout, lay_out
 from planning.errors import ConstructionError
 from planning.parts.contact_graph import standing
+from planning.parts.precedence import (
+    TOUCH,
+    build_part_graph,
+    stacked,
+    with_insertions,
+)
 from planning.transforms import Array, Transform, readonly, translation
 
 GROUND = "ground"

@@ -27,7 +27,6 @@ from planning.construction.planner import (
     plan_with,
 )
 from planning.construction.problem.models import tower
-from planning.construction.problem.precedence import PartGraph
 from planning.construction.problem.problem import Part
 from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.problem.settings import PlannerSettings
@@ -41,6 +40,7 @@ from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.building import Building, nothing_built
 from planning.errors import ConstructionError
 from planning.kinematics.kinematics import frame_pose
+from planning.parts.precedence import PartGraph
 from planning.robots.registry import robot_model
 from planning.transforms import identity, readonly, translation
 from tests.planning.construction.toy_sites import (

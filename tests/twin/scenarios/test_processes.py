@@ -17,6 +17,9 @@ from scheduling.graph.rollout import earliest_times
 from scheduling.verification.verify import verify_plan
 from twin.audit.audit import audit_run
 from twin.audit.wanted import Wanted, WantedProcess
+from twin.check.finding import Subject
+from twin.check.lying import check_goals
+from twin.check.reach import check_reach
 from twin.cli import app
 from twin.planning.kind import assembly_kind
 from twin.planning.pipeline import Planned, plan_scenario
@@ -219,11 +222,40 @@ def test_what_cannot_be_is_said(
 
 def test_a_circle_of_steps_is_named(tmp_path: Path) -> None:
     content = yaml.safe_load(SCENARIO)
+    content["assembly"]["order"] = "find"
     content["assembly"]["steps"][0] = {"place": "cover", "after": ["pin"]}
     file = tmp_path / "circle.yaml"
     file.write_text(yaml.safe_dump(content))
     with pytest.raises(InvalidScenarioError, match="cover after pin after first after"):
         load_scenario(file)
+
+
+def test_an_order_is_found_for_steps_in_any_order(tmp_path: Path) -> None:
+    content = yaml.safe_load(SCENARIO)
+    content["assembly"]["order"] = "find"
+    content["assembly"]["steps"].reverse()
+    file = tmp_path / "reversed.yaml"
+    file.write_text(yaml.safe_dump(content))
+    scenario = load_scenario(file)
+    assert list(check_goals(Subject(scenario, tmp_path))) == []
+    tpg = plan_scenario(scenario).tpg
+    out = tmp_path / "run"
+    out.mkdir()
+    trial = try_plan(scenario, tpg, out, recording=False)
+    assert trial.summary["audit"]["violations"] == []
+
+
+def test_places_of_work_out_of_reach_are_found_before_planning(
+    scenario: Scenario, tmp_path: Path
+) -> None:
+    assert list(check_reach(Subject(scenario, tmp_path))) == []
+    far = SCENARIO.replace("{xyz_m: [0.1, 0.3, 0.02]}", "{xyz_m: [0.1, 1.5, 0.02]}")
+    file = tmp_path / "far.yaml"
+    file.write_text(far)
+    (found,) = check_reach(Subject(load_scenario(file), tmp_path))
+    assert found.error
+    assert found.at == ("assembly", "steps", 3)
+    assert "no robot reaches table/corner" in found.message
 
 
 def test_durations_can_be_given_in_either_place(tmp_path: Path) -> None:

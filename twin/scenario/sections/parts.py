@@ -194,6 +194,7 @@ class PartsSection(Section):
         parts: everything that can be handled.
         processes: what robots do besides placing parts, by name.
         steps: names of parts that are put in place, and steps in full.
+        order: ``listed`` does the steps in their order, ``find`` in one that is found.
         approach_m: straight way towards a part before it is gripped, and straight down with
             it before it is put in place.
         leave_m: straight way up with a part, and back from it once it is in place.
@@ -206,6 +207,7 @@ class PartsSection(Section):
     parts: Several[PartSection]
     processes: dict[Name, ProcessSection] = Field(default_factory=dict)
     steps: Several[Step]
+    order: Literal["listed", "find"] = "listed"
     approach_m: Distance = 0.06
     leave_m: Distance = 0.06
     touch_m: Annotated[float, Field(gt=0, le=0.05)] = 0.002

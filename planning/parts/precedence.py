@@ -159,14 +159,14 @@ def with_insertions(
         near = {k: parts[k] for k in sorted(graph.neighbours[name])}
         for other in near_to(lying, near, NEAR):
             settled = other in graph.carriers[name] or name in graph.carriers[other]
-            if not settled and _leads_through(
+            if not settled and leads_through(
                 lying, near[other], insertions[name], approach
             ):
                 carriers[other] |= {name}
     return replace(graph, carriers=carriers)
 
 
-def _leads_through(
+def leads_through(
     lying: Lying, other: Lying, insertion: Array, approach: float
 ) -> bool:
     """Tell whether a part that comes to its place on a straight way meets another one."""

@@ -1,0 +1,321 @@
+"""The order of steps that nobody gave: by contacts, ways in and precedence, and by what is tried.
+
+What rests on something comes after it, and so does what would bar another part's straight way
+down to its place; what lies on something in the stock is picked before it; a process is done once
+its part is in place and before a part bars the way of its tool. Among orders that keep all that, the
+one nearest to the list is tried; where nobody can do a step because of a part that is there by
+then, or still there, that part must come later, or sooner.
+
+Whether what is built stands at every step is for a proof of its own: it adds to what comes before
+what, as ``Precedence.require`` does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from planning.cell.cover import box_body
+from planning.cell.workcell import Fixture, Workcell
+from planning.errors import InfeasibleStepError
+from planning.parts.assembly import PartAssembly
+from planning.parts.candidates import PartCandidates, find_candidates
+from planning.parts.contact_graph import Lying, near_to
+from planning.parts.precedence import (
+    MOST_OVERLAP,
+    PartGraph,
+    build_part_graph,
+    leads_through,
+    stacked,
+)
+from planning.parts.steps import Place, Work
+from planning.transforms import Array, readonly, translation
+
+_DOWN: Array = readonly([0.0, 0.0, -1.0])
+_BORE = 0.002
+"""Width of the straight way of a tool to a place of work that no part may bar [m]."""
+
+
+@dataclass(frozen=True)
+class Precedence:
+    """What comes before what among steps.
+
+    Attributes:
+        words: what the steps are, for people.
+        before: for each step, the steps that come before it, and why; numbers are places in the
+            list.
+        any_of: for each step, steps of which one at least comes before it; none where it needs
+            none.
+    """
+
+    words: tuple[str, ...]
+    before: tuple[dict[int, str], ...]
+    any_of: tuple[frozenset[int], ...]
+
+    def require(self, first: int, then: int, why: str) -> None:
+        """Let one step come before another."""
+        if first != then:
+            self.before[then].setdefault(first, why)
+
+    def with_required(self, first: int, then: int, why: str) -> Precedence:
+        """Return the same and that one step comes before another."""
+        out = replace(self, before=tuple(dict(own) for own in self.before))
+        out.require(first, then, why)
+        return out
+
+    def order(self) -> tuple[int, ...] | None:
+        """Return the order nearest to the list, None where steps wait for each other.
+
+        The first step that can be done is done first, so no other order that keeps everything
+        comes before it in the order of numbers.
+        """
+        done = self._doable()
+        return done if len(done) == len(self.before) else None
+
+    def explained(self) -> str:
+        """Return in words why there is no order."""
+        done = set(self._doable())
+        stuck = [k for k in range(len(self.before)) if k not in done]
+        way = [stuck[0]]
+        while way[-1] not in way[:-1]:
+            waits = [k for k in self.before[way[-1]] if k not in done]
+            if not waits:
+                others = ", ".join(self.words[k] for k in sorted(self.any_of[way[-1]]))
+                return f"  {self.words[way[-1]]} needs one of these before it: {others}"
+            way.append(min(waits))
+        circle = way[way.index(way[-1]) :]
+        return "\n".join(
+            f"  {self.words[then]} comes after {self.words[first]}: {self.before[then][first]}"
+            for then, first in pairwise(circle)
+        )
+
+    def _doable(self) -> tuple[int, ...]:
+        """Return the steps that can be done one after another, as far as that goes."""
+        out: list[int] = []
+        done: set[int] = set()
+        while True:
+            ready = (
+                k
+                for k, own in enumerate(self.before)
+                if k not in done
+                and own.keys() <= done
+                and (not self.any_of[k] or self.any_of[k] & done)
+            )
+            step = next(ready, None)
+            if step is None:
+                return tuple(out)
+            out.append(step)
+            done.add(step)
+
+
+def precedence(cell: Workcell, assembly: PartAssembly) -> Precedence:
+    """Return what comes before what, as far as places and contacts alone tell.
+
+    Args:
+        cell: its objects are the parts.
+        assembly: its steps are in any order.
+
+    Raises:
+        ConstructionError: two parts would overlap in their places.
+    """
+    steps = assembly.steps
+    graph, at = _graph(cell, assembly), _placing(assembly)
+    any_of = tuple(
+        frozenset(at[other] for other in graph.neighbours[step.part])
+        if isinstance(step, Place) and step.part not in graph.ground
+        else frozenset[int]()
+        for step in steps
+    )
+    words, before = (
+        tuple(s.words for s in steps),
+        tuple[dict[int, str]]({} for _ in steps),
+    )
+    out = Precedence(words, before, any_of)
+    for first, then, why in (
+        *_named(steps),
+        *_contacts(cell, assembly, graph),
+        *_ways(cell, assembly),
+        *_works(cell, assembly),
+    ):
+        out.require(first, then, why)
+    return out
+
+
+def in_found_order(cell: Workcell, assembly: PartAssembly) -> PartAssembly:
+    """Return the assembly with its steps in an order that places and contacts allow.
+
+    Raises:
+        InfeasibleStepError: there is none; the message names steps that wait for each other.
+        ConstructionError: two parts would overlap in their places.
+    """
+    return _ordered(assembly, precedence(cell, assembly))
+
+
+def find_ordered_candidates(
+    cell: Workcell,
+    assembly: PartAssembly,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> PartCandidates:
+    """Return the candidates of an assembly in an order in which robots can do every step.
+
+    Where nobody can do a step, a part that was in the way of most tries is moved to the other side
+    of it, and the next order is tried.
+
+    Args:
+        cell: its objects are the parts.
+        assembly: its steps are in any order.
+        progress: told how many orders were tried, of how many at most.
+
+    Raises:
+        InfeasibleStepError: no order was found; says what was in the way in the last one.
+        ConstructionError: two parts would overlap in their places.
+    """
+    known = precedence(cell, assembly)
+    most = 2 * len(assembly.steps)
+    for tried in range(most + 1):
+        progress(tried, most)
+        ordered = _ordered(assembly, known)
+        found = find_candidates(cell, ordered)
+        stuck = found.impossible
+        if not stuck or tried == most:
+            return found  # what is still impossible is said by the assignment
+        changed = _moved(known, assembly, ordered, stuck[0], found.blockers)
+        if changed is None:
+            return found
+        known = changed
+    raise AssertionError("the last try returns")
+
+
+def _ordered(assembly: PartAssembly, known: Precedence) -> PartAssembly:
+    order = known.order()
+    if order is None:
+        raise InfeasibleStepError(
+            f"there is no order of the steps\n{known.explained()}"
+        )
+    return replace(assembly, steps=tuple(assembly.steps[k] for k in order))
+
+
+def _moved(
+    known: Precedence,
+    assembly: PartAssembly,
+    ordered: PartAssembly,
+    step: int,
+    blockers: Mapping[int, Sequence[str]],
+) -> Precedence | None:
+    """Return what comes before what once a part that blocks a step is moved past it."""
+    number = {id(item): k for k, item in enumerate(assembly.steps)}
+    placing = {s.part: k for k, s in enumerate(assembly.steps) if isinstance(s, Place)}
+    place = {s.part: k for k, s in enumerate(ordered.steps, 1) if isinstance(s, Place)}
+    blocked = number[id(ordered.steps[step - 1])]
+    for name in blockers.get(step, ()):
+        if name not in placing or placing[name] == blocked:
+            continue
+        if place[name] < step:
+            words = f"{name} would be in the way"
+            changed = known.with_required(blocked, placing[name], words)
+        else:
+            words = f"{name} is in the way where it is at the start"
+            changed = known.with_required(placing[name], blocked, words)
+        if changed.order() is not None:
+            return changed
+    return None
+
+
+def _named(steps: Sequence[Place | Work]) -> Iterator[tuple[int, int, str]]:
+    """Yield what the scenario says, and that processes and holds are at parts in place."""
+    names = {step.name: k for k, step in enumerate(steps) if step.name is not None}
+    placing = {s.part: k for k, s in enumerate(steps) if isinstance(s, Place)}
+    for k, step in enumerate(steps):
+        for name in step.after:
+            yield names[name], k, "as its after says"
+        if step.hold in placing:
+            yield placing[step.hold], k, f"{step.hold} is held in its place"
+        if isinstance(step, Work) and step.owner in placing:
+            yield placing[step.owner], k, f"it is done at {step.owner} in its place"
+
+
+def _graph(cell: Workcell, assembly: PartAssembly) -> PartGraph:
+    """Return what touches what where every part is in its place."""
+    fixed: list[Lying] = [(item, item.pose) for item in cell.fixtures]
+    placed = set(assembly.placed)
+    fixed += [(item, item.start) for item in cell.objects if item.name not in placed]
+    return build_part_graph(_goals(cell, assembly), fixed, touch=assembly.touch)
+
+
+def _contacts(
+    cell: Workcell, assembly: PartAssembly, graph: PartGraph
+) -> Iterator[tuple[int, int, str]]:
+    """Yield what rests on what in its place, and what lies on what at the start."""
+    at = _placing(assembly)
+    for name, carriers in graph.carriers.items():
+        for other in sorted(carriers):
+            yield at[other], at[name], f"{name} rests on {other}"
+    starts = {name: (cell.object(name), cell.object(name).start) for name in at}
+    for name, covers in stacked(starts).items():
+        for other in sorted(covers):
+            yield at[other], at[name], f"{other} lies on {name} at the start"
+
+
+def _ways(cell: Workcell, assembly: PartAssembly) -> Iterator[tuple[int, int, str]]:
+    """Yield what would bar another part's straight way down, or up from where it starts."""
+    at, goals = _placing(assembly), _goals(cell, assembly)
+    starts = {name: (cell.object(name), cell.object(name).start) for name in at}
+    length = assembly.approach, assembly.leave
+    for name, goal in goals.items():
+        for other, there in goals.items():
+            if other == name:
+                continue
+            if leads_through(goal, there, _DOWN, length[0]):
+                words = f"{other} would bar the way of {name} down to its place"
+                yield at[name], at[other], words
+            start = starts[other]
+            if _overlap(goal, start) or leads_through(goal, start, _DOWN, length[0]):
+                yield at[other], at[name], f"{other} is where {name} goes"
+            elif leads_through(start, goal, _DOWN, length[1]):
+                yield at[other], at[name], f"{name} would lock {other} in at its start"
+
+
+def _works(cell: Workcell, assembly: PartAssembly) -> Iterator[tuple[int, int, str]]:
+    """Yield parts that would bar the straight way of a tool to where it works."""
+    at, goals = _placing(assembly), _goals(cell, assembly)
+    fixtures = {item.name: item for item in cell.fixtures}
+    for k, step in enumerate(assembly.steps):
+        if not isinstance(step, Work):
+            continue
+        base: Array = np.eye(4)
+        if step.owner in fixtures:
+            fixture = fixtures[step.owner]
+            inside = np.eye(4) if step.frame is None else fixture.frames[step.frame]
+            base = fixture.pose @ inside
+        elif step.owner is not None:
+            owner = cell.object(step.owner)
+            base = assembly.goals.get(step.owner, owner.start)
+        for pose in step.process.path or (np.eye(4),):
+            way = _bore(base @ step.pose @ pose, step.process.approach)
+            for name, goal in goals.items():
+                if name != step.owner and _overlap(way, goal):
+                    words = f"{name} would bar the tool's way to {step.at}"
+                    yield k, at[name], words
+
+
+def _bore(place: Array, length: float) -> Lying:
+    """Return the straight way of a tool to a place of work, as a rod that stands on it."""
+    size = readonly([_BORE, _BORE, length - 2.0 * MOST_OVERLAP])
+    pose = readonly(place @ translation(0.0, 0.0, 0.5 * length))
+    return Fixture("way", size, pose, box_body("way", size)), pose
+
+
+def _overlap(one: Lying, other: Lying) -> bool:
+    return any(gap < -0.5 * _BORE for gap in near_to(one, {"": other}, 0.0).values())
+
+
+def _placing(assembly: PartAssembly) -> dict[str, int]:
+    """Return the place in the list of the step that places each part."""
+    return {s.part: k for k, s in enumerate(assembly.steps) if isinstance(s, Place)}
+
+
+def _goals(cell: Workcell, assembly: PartAssembly) -> dict[str, Lying]:
+    return {name: (cell.object(name), assembly.goals[name]) for name in assembly.placed}
