@@ -17,7 +17,11 @@ _STEPS = 10
 
 
 class Fixed(DurationModel):
-    """A constant duration."""
+    """A constant duration.
+
+    Attributes:
+        value_s: the duration [s].
+    """
 
     kind: Literal["fixed"] = "fixed"
     value_s: Seconds
@@ -33,7 +37,11 @@ class Fixed(DurationModel):
 
 
 class Uniform(FittableModel):
-    """Uniform distribution between two bounds."""
+    """Uniform distribution between two bounds.
+
+    Attributes:
+        low_s, high_s: shortest and longest duration [s].
+    """
 
     title: ClassVar = "uniform"
     parameters: ClassVar = ("low_s", "high_s")
@@ -74,7 +82,12 @@ class Uniform(FittableModel):
 
 
 class _Peaked(FittableModel):
-    """Two bounds and the most likely duration between them."""
+    """Two bounds and the most likely duration between them.
+
+    Attributes:
+        low_s, high_s: shortest and longest duration [s].
+        mode_s: most likely duration [s].
+    """
 
     parameters: ClassVar = ("low_s", "mode_s", "high_s")
 

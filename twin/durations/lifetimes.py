@@ -16,6 +16,9 @@ class Exponential(FittableModel):
     """Exponential distribution, without memory: the rest does not depend on the time so far.
 
     Short ones are most likely, some are very long.
+
+    Attributes:
+        mean_s: mean duration [s].
     """
 
     title: ClassVar = "exponential"

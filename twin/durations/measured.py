@@ -65,7 +65,12 @@ class Measured(_Sample):
 
 
 class Empirical(_Sample):
-    """Drawn from measured times: a column of a CSV file, relative to the scenario file."""
+    """Drawn from measured times: a column of a CSV file, relative to the scenario file.
+
+    Attributes:
+        csv: path of the file, relative to that of the scenario.
+        column: its column with the durations [s].
+    """
 
     kind: Literal["empirical"] = "empirical"
     csv: str
@@ -86,7 +91,11 @@ class Empirical(_Sample):
 
 
 class Packaged(_Sample):
-    """Drawn from the synthetic timings that ship with the package, those of a skill."""
+    """Drawn from the synthetic timings that ship with the package, those of a skill.
+
+    Attributes:
+        skill: whose timings.
+    """
 
     kind: Literal["packaged"] = "packaged"
     skill: PackagedSkill

@@ -13,7 +13,11 @@ from twin.scenario.document.section import Name, Section, Two
 
 
 class FixedFactor(Section):
-    """A constant factor."""
+    """A constant factor.
+
+    Attributes:
+        value: the factor.
+    """
 
     kind: Literal["fixed"]
     value: Factor
@@ -25,7 +29,11 @@ class FixedFactor(Section):
 
 
 class UniformFactor(Section):
-    """Uniform distribution between two bounds."""
+    """Uniform distribution between two bounds.
+
+    Attributes:
+        low, high: least and greatest factor.
+    """
 
     kind: Literal["uniform"]
     low: Factor
@@ -44,7 +52,12 @@ class UniformFactor(Section):
 
 
 class LognormalFactor(Section):
-    """Lognormal distribution, given by its median and 95th percentile."""
+    """Lognormal distribution, given by its median and 95th percentile.
+
+    Attributes:
+        median: half of the factors are less.
+        p95: 95 % of the factors are less.
+    """
 
     kind: Literal["lognormal"]
     median: Factor

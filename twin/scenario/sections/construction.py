@@ -159,8 +159,9 @@ class RowsSection(Section):
         columns: parts of a row.
         pitch_m: distance of parts in a row, and of rows.
         yaw_deg: direction in which further rows lie.
-        near: see SpiralSection.
-        high: see SpiralSection.
+        near: whether every part lies near where it belongs, as far as others leave it room; by
+            default parts lie in their order.
+        high: parts of a stack, the first ones on top.
     """
 
     layout: Literal["rows"]

@@ -52,6 +52,11 @@ class StructureBrickSection(Section):
     """A brick of a structure: its type, and where it goes (as for the stock).
 
     Attributes:
+        brick: its type.
+        at: stud of its least x and y (from 0) and layer (1 = on the plate).
+        raised: thirds of a brick from the bottom of the layer to the brick's.
+        turned: by +90 degrees about z.
+        name: unique in the structure; made of its type and place where it is not given.
         colour: red, green and blue for pictures; by default that of its type.
     """
 

@@ -29,7 +29,12 @@ Studs = Two[Annotated[int, Field(ge=1, le=1000)]]
 
 
 class PlateSection(Section):
-    """The base plate; ``pose`` is that of the centre of the surface bricks rest on."""
+    """The base plate; ``pose`` is that of the centre of the surface bricks rest on.
+
+    Attributes:
+        pose: of the centre of the surface that bricks rest on.
+        studs: along its own x and y.
+    """
 
     pose: PoseSection
     studs: Studs = (48, 48)
@@ -91,7 +96,13 @@ class PressSection(Section):
 
 
 class PressCellSection(Section):
-    """The 1 x 2 cell in which a brick placed from below is held."""
+    """The 1 x 2 cell in which a brick placed from below is held.
+
+    Attributes:
+        at: the cell, as stud and layer.
+        raised: thirds of a brick from the bottom of the layer to the cell's.
+        turned: whether the cell is 2 x 1, long along y.
+    """
 
     at: GridCell
     raised: Raised = 0
@@ -161,7 +172,14 @@ TwistDeg = Annotated[float, Field(gt=0, lt=90)]
 
 
 class TwistSection(Section):
-    """By how much the tool twists to free itself or a brick, by skill [deg]."""
+    """By how much the tool twists to free itself or a brick, by skill [deg].
+
+    Attributes:
+        pick: to free a brick from what it stands on.
+        place_down: to let go of a brick that was pressed on from above.
+        place_up: to let go of a brick that was pressed on from below.
+        handover: in a handover.
+    """
 
     model_config = ConfigDict(validate_by_name=True, validate_by_alias=True)
 

@@ -74,7 +74,18 @@ class PlanningSection(Section):
 
 
 class Scenario(Section):
-    """A whole scenario file."""
+    """A whole scenario file.
+
+    Attributes:
+        version: of the format of the file: 1.
+        name: of the scenario; runs are named after it.
+        description: free text.
+        seed: of planning and of all random draws.
+        cell: who works, and what stands around.
+        assembly: what is built.
+        planning: how the planner works.
+        execution: how the plan is executed.
+    """
 
     version: Literal[1]
     name: Name
