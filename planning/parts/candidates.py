@@ -12,6 +12,7 @@ from planning.cell.workcell import PlacedRobot, Workcell
 from planning.parts.assembly import PartAssembly
 from planning.parts.part_skills import PartSkills
 from planning.parts.part_steps import PartStep, WorkStep, part_steps
+from planning.parts.relays import Relay, find_relays
 from planning.parts.targets import process_targets
 from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
 from planning.tasks.assignment import (
@@ -45,6 +46,7 @@ class PartCandidates:
         holds: how a part is held, by step, robot and number of the grip.
         beside: the place or the process of a way beside a way to hold.
         blockers: what was in the way of tries of a step, most often first.
+        relays: ways with the part laid down in between; their numbers follow those of the grips.
     """
 
     cell: Workcell
@@ -55,6 +57,7 @@ class PartCandidates:
     holds: Mapping[_Way, SkillPath] = field(repr=False)
     beside: Mapping[tuple[_Way, _Way], SkillPath] = field(repr=False)
     blockers: Mapping[int, tuple[str, ...]] = field(repr=False)
+    relays: Mapping[_Way, Relay] = field(repr=False)
 
     @property
     def impossible(self) -> tuple[int, ...]:
@@ -126,6 +129,7 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
         collector.holds,
         collector.beside,
         {step: names_by_count(own) for step, own in collector.blockers.items()},
+        collector.relays,
     )
 
 
@@ -133,7 +137,7 @@ class _Collector:
     """Gathers candidates step by step."""
 
     def __init__(self, cell: Workcell, skills: PartSkills) -> None:
-        self._cell, self._skills = cell, skills
+        self._cell, self._skills, self._assembly = cell, skills, skills.assembly
         self.primaries: list[PrimaryCandidate] = []
         self.supports: list[SupportCandidate] = []
         self.incompatible: set[tuple[int, int]] = set()
@@ -142,6 +146,7 @@ class _Collector:
         self.holds: dict[_Way, SkillPath] = {}
         self.beside: dict[tuple[_Way, _Way], SkillPath] = {}
         self.blockers: dict[int, Counter[str]] = defaultdict(Counter)
+        self.relays: dict[_Way, Relay] = {}
 
     def add(self, number: int, step: PartStep | WorkStep) -> None:
         """Add the candidates of a step, counted from 1."""
@@ -154,6 +159,8 @@ class _Collector:
                 self._add_places(number, step, robot)
             else:
                 self._add_works(number, step, robot)
+        if isinstance(step, PartStep) and len(self.primaries) == first:
+            self._add_relays(number, step)
         if step.held is not None:
             for robot in self._cell.robots:
                 self._add_holds(number, step, robot)
@@ -184,6 +191,23 @@ class _Collector:
             self.paths[number, name, k] = pick, place
             cost = sum(joint_distance(robot.home, p.contact) for p in (pick, place))
             self.primaries.append(PrimaryCandidate(number, name, part, k, cost))
+
+    def _add_relays(self, number: int, step: PartStep) -> None:
+        """Add ways with the part laid down in between."""
+        found = find_relays(self._cell, self._assembly, self._skills, step)
+        for k, relay in enumerate(found, start=len(step.grips)):
+            way = number, relay.receiver, k
+            self.relays[way] = relay
+            self.paths[way] = relay.paths
+            other = None if relay.giver == relay.receiver else relay.giver
+            self.primaries.append(
+                PrimaryCandidate(
+                    number, relay.receiver, step.part.name, k, relay.cost, other
+                )
+            )
+        if not found:
+            reason = "it finds no place to lie in between that robots reach"
+            self._reject(number, f"{step.part.name} is laid down", reason)
 
     def _add_works(self, number: int, step: WorkStep, robot: PlacedRobot) -> None:
         process, name = step.step.process, robot.name
@@ -283,7 +307,9 @@ class _Collector:
         if isinstance(step, WorkStep):
             turn = step.step.process.turns[way[2]]
             return skills.work(robot, step, turn, known)
-        return skills.place(robot, step, step.grips[way[2]].pose, known)
+        relay = self.relays.get(way)
+        grip = step.grips[way[2]] if relay is None else relay.take
+        return skills.place(robot, step, grip.pose, known)
 
     def _block(self, step: int, what: str, reason: Obstruction) -> None:
         """Note that something is in the way."""

@@ -7,10 +7,13 @@ from functools import partial
 
 import numpy as np
 
+from planning.cell.workcell import PlacedRobot
 from planning.geometry.robot_bodies import entity
+from planning.parts.assembly import Grip
 from planning.parts.candidates import PartCandidates
 from planning.parts.part_skills import held_pose
 from planning.parts.part_steps import PartStep, WorkStep
+from planning.parts.relays import Relay
 from planning.parts.targets import process_targets
 from planning.parts.waits import waiting_tasks
 from planning.skills.contacts import gripped, touching
@@ -60,22 +63,50 @@ class _Expander:
         """Write pick, the hold if any, place, and the ways back."""
         choice, build = self.choice, self.build
         robot, part = self.candidates.cell.robot(choice.robot), choice.object
-        pick, place = self.candidates.paths_of(choice)
-        grip = step.grips[choice.grasp].pose
-        build.lead_in(pick, f"to {part}", None)
-        in_hand = held_pose(robot, self.candidates.frame, grip)
-        picked = build.skill(pick, f"pick {part}", part, robot.name, in_hand)
-        build.transit(robot.name, robot.home, f"HOME with {part}", part)
+        *_, pick, place = self.candidates.paths_of(choice)
+        way = choice.step, choice.robot, choice.grasp
+        relay = self.candidates.relays.get(way)
+        laid = None if relay is None else self._lay_down(step, relay)
+        grip = step.grips[choice.grasp] if relay is None else relay.take
+        picked = self._pick(robot, part, pick, grip)
         held = self._hold(step)
         build.lead_in(place, f"{part} to its place", part)
         placed = build.skill(place, f"place {part}", part, None, step.goal)
         build.transit(robot.name, robot.home, "HOME", None)
         carrying = build.of_robot(robot.name, picked, placed)
         build.allow(gripped(robot.name, part), *carrying)
-        build.allow(touching(part, step.at_start), picked)
+        if relay is None or laid is None:
+            build.allow(touching(part, step.at_start), picked)
+        else:
+            build.allow(touching(part, relay.touched), picked)
+            build.depend(laid, picked)
         build.allow(touching(part, step.at_goal), placed)
         if held is not None:
             self._let_go(step, held, placed, placed)
+
+    def _pick(self, robot: PlacedRobot, part: str, path: SkillPath, grip: Grip) -> int:
+        """Write transit, pick and the way HOME with a part; return the pick."""
+        build = self.build
+        build.lead_in(path, f"to {part}", None)
+        in_hand = held_pose(robot, self.candidates.frame, grip.pose)
+        picked = build.skill(path, f"pick {part}", part, robot.name, in_hand)
+        build.transit(robot.name, robot.home, f"HOME with {part}", part)
+        return picked
+
+    def _lay_down(self, step: PartStep, relay: Relay) -> int:
+        """Write how the part is picked first and laid down in between; return the latter."""
+        build, part = self.build, step.part.name
+        robot = self.candidates.cell.robot(relay.giver)
+        pick, down, *_ = relay.paths
+        picked = self._pick(robot, part, pick, relay.give)
+        build.lead_in(down, f"{part} to where it lies in between", part)
+        laid = build.skill(down, f"lay down {part}", part, None, relay.rest)
+        build.transit(robot.name, robot.home, "HOME", None)
+        carrying = build.of_robot(robot.name, picked, laid)
+        build.allow(gripped(robot.name, part), *carrying)
+        build.allow(touching(part, step.at_start), picked)
+        build.allow(touching(part, relay.touched), laid)
+        return laid
 
     def work(self, step: WorkStep) -> None:
         """Write the hold if any, approach, process, and the ways back."""

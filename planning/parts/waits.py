@@ -48,7 +48,7 @@ def waiting_tasks(
                 used.setdefault(name, []).append(ends)
         else:
             part = step.part.name
-            (pick,) = (task for task in tasks.tasks if task.kind == _PICK)
+            pick = next(task for task in tasks.tasks if task.kind == _PICK)
             for earlier in used.pop(part, ()):
                 yield earlier, pick
             yield from ((picked[k], pick) for k in contacts[part] if k in picked)
@@ -61,7 +61,8 @@ def waiting_tasks(
 def _begin_and_end(step: PartStep | WorkStep, tasks: StepTasks) -> tuple[Task, Task]:
     """Return the tasks with which the work of a step begins and is complete."""
     if isinstance(step, PartStep):
-        (place,) = (task for task in tasks.tasks if task.kind == _PLACE)
+        # The last one: before that the part may have been laid down in between.
+        *_, place = (task for task in tasks.tasks if task.kind == _PLACE)
         return place, place
     (process,) = (t for t in tasks.tasks if t.kind == step.step.process.name)
     own = [t for t in tasks.tasks if t.robot == process.robot and t.kind != TRANSIT]

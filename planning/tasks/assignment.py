@@ -26,7 +26,7 @@ class PrimaryCandidate:
         grasp: number of the grasp.
         cost: C_ijkg, joint-space distance [rad or m, summed over joints].
         partner: robot that must be the support robot of the step, because it hands the object
-            over; None when any may.
+            over; None when any may. In a step without support it only hands the object over.
         after: objects that stand in the way until an earlier step has used them.
     """
 

@@ -106,7 +106,10 @@ class _Program:
         problem = self.problem
         work: dict[tuple[str, int], list[Any]] = defaultdict(list)
         for p, var in self.x.items():
-            work[problem.primaries[p].robot, problem.primaries[p].step].append(var)
+            item = problem.primaries[p]
+            work[item.robot, item.step].append(var)
+            if item.partner is not None and not problem.needs_support[item.step - 1]:
+                work[item.partner, item.step].append(var)
         for s, var in self.y.items():
             work[problem.supports[s].robot, problem.supports[s].step].append(var)
         spread = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 import numpy as np
 
@@ -28,6 +29,9 @@ from twin.scenario.sections.parts import PartsSection
 
 _MOST_GRIPS = 40
 """Grips of a part that are tried by each robot."""
+
+Targets = Callable[[str, Transform, float, float], SkillTargets]
+"""Makes the poses of a pick or of a place-down: of a frame, a grip, approach and way back."""
 
 _STEP = re.compile(r"step (\d+) \(")
 
@@ -87,28 +91,36 @@ def _check_parts(subject: Subject, section: PartsSection) -> Findings:
         return  # said elsewhere: a robot has no such frame
     for name in dict.fromkeys(assembly.placed):
         part, goal = cell.object(name), assembly.goals[name]
-        grips = box_grips(part.size, part.start, goal, assembly.grips)
-        if not grips:
+        rules, end = assembly.grips, goal
+        both = box_grips(part.size, part.start, end, rules)[:_MOST_GRIPS]
+        if any(_handles(robot, part, assembly, both) for robot in robots):
             continue
-        picks, places = set[str](), set[str]()
-        if any(
-            _handles(robot, part, assembly, grips[:_MOST_GRIPS], (picks, places))
-            for robot in robots
-        ):
+        at_start = box_grips(part.size, part.start, part.start, rules)
+        at_goal = box_grips(part.size, end, end, rules)
+        if not at_start or not at_goal:
+            continue  # said elsewhere
+        tried = max(len(at_start), len(at_goal))
+        picks = _reaching(robots, part.start, assembly, at_start, pick_targets)
+        places = _reaching(robots, end, assembly, at_goal, place_targets)
+        if picks and places:
+            yield Finding(
+                subject.thing_at(name, "start"),
+                f"no robot picks and places {name} with one grip: {_list(picks)} where it lies,"
+                f" {_list(places)} its place; the planner looks for a place to lay it down in"
+                " between",
+            )
             continue
         key, words = (
             "start",
             f"where it lies, at {position(part.start[:3, 3].tolist())}",
         )
-        if picks and not places:
-            key, words = "goal", f"its place, at {position(goal[:3, 3].tolist())}"
-        elif picks:
-            words = f"both, with one grip: {_list(picks)} where it lies, {_list(places)} its place"
+        if picks:
+            key, words = "goal", f"its place, at {position(end[:3, 3].tolist())}"
         yield Finding(
             subject.thing_at(name, key),
-            f"no robot reaches {name}: {words}; tried {min(len(grips), _MOST_GRIPS)} grips, with"
+            f"no robot reaches {name}: {words}; tried {min(tried, _MOST_GRIPS)} grips, with"
             f" approach_m {assembly.approach:g} and leave_m {assembly.leave:g}",
-            error=len(grips) <= _MOST_GRIPS,
+            error=tried <= _MOST_GRIPS,
         )
 
 
@@ -149,30 +161,43 @@ def _check_works(
 
 
 def _handles(
-    robot: PlacedRobot,
-    part: CellObject,
+    robot: PlacedRobot, part: CellObject, assembly: PartAssembly, grips: list[Grip]
+) -> bool:
+    """Tell whether a robot picks and places a part with one of some grips."""
+    goal = assembly.goals[part.name]
+    return any(
+        _reaches(robot, part.start @ grip.pose, assembly, pick_targets)
+        and _reaches(robot, goal @ grip.pose, assembly, place_targets)
+        for grip in grips
+    )
+
+
+def _reaching(
+    robots: list[PlacedRobot],
+    at: Transform,
     assembly: PartAssembly,
     grips: list[Grip],
-    reached: tuple[set[str], set[str]],
+    targets: Targets,
+) -> set[str]:
+    """Return the robots that pick or place a part somewhere with one of some grips."""
+    return {
+        robot.name
+        for robot in robots
+        if any(
+            _reaches(robot, at @ grip.pose, assembly, targets)
+            for grip in grips[:_MOST_GRIPS]
+        )
+    }
+
+
+def _reaches(
+    robot: PlacedRobot, grip: Transform, assembly: PartAssembly, targets: Targets
 ) -> bool:
-    """Tell whether a robot picks and places a part with one of some grips; note which it does."""
+    """Tell whether a robot can pick or place with its tool at a pose."""
     frame, approach, leave = assembly.grips.frame, assembly.approach, assembly.leave
-    picks, places = reached
-    for grip in grips:
-        start, goal = part.start @ grip.pose, assembly.goals[part.name] @ grip.pose
-        pick = not too_far(robot, frame, start) and _does(
-            robot, pick_targets(frame, start, approach, leave)
-        )
-        place = not too_far(robot, frame, goal) and _does(
-            robot, place_targets(frame, goal, approach, leave)
-        )
-        if pick:
-            picks.add(robot.name)
-        if place:
-            places.add(robot.name)
-        if pick and place:
-            return True
-    return False
+    if too_far(robot, frame, grip):
+        return False
+    return _does(robot, targets(frame, grip, approach, leave))
 
 
 def _does(robot: PlacedRobot, targets: SkillTargets) -> bool:

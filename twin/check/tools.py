@@ -51,11 +51,18 @@ def check_grips(subject: Subject) -> Findings:
                 f" {millimetres(opening)} (assembly.grips.opening_m)",
                 error=True,
             )
-        elif not box_grips(part.size, part.start, assembly.goals[name], assembly.grips):
+            continue
+        goal = assembly.goals[name]
+        for key, at, where in (
+            ("start", part.start, "where it lies at the start"),
+            ("goal", goal, "in its place"),
+        ):
+            if box_grips(part.size, at, at, assembly.grips):
+                continue
             steepest = np.degrees(assembly.grips.steepest)
             yield Finding(
-                subject.thing_at(name, "goal"),
-                f"no face of {name} can be gripped both at its start and in its place: fingers open to"
+                subject.thing_at(name, key),
+                f"no face of {name} can be gripped {where}: fingers open to"
                 f" {millimetres(opening)} and the tool leans at most {steepest:.0f} deg from"
                 " assembly.grips.directions; turn the part, or allow more of opening_m, directions or"
                 " steepest_deg",

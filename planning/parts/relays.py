@@ -1,0 +1,254 @@
+"""Parts laid down in between: taken up another way, or by another robot, where nobody can do a step alone.
+
+A part is laid on any of its sides on the upper face of a fixture, where nothing else is and its own
+place is not. The robot that takes it up from there may be the one that laid it down, with another
+grip: regrasping. Places near to both robots are tried first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from planning.cell.workcell import Fixture, PlacedRobot, Workcell
+from planning.parts.assembly import Grip, PartAssembly, box_grips
+from planning.parts.contact_graph import near_to, standing
+from planning.parts.part_skills import PartSkills
+from planning.parts.part_steps import PartStep
+from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
+from planning.transforms import Array, Transform, readonly, rotation
+
+_SPACING = 0.1
+"""Distance of the spots that are tried on a fixture [m]."""
+
+_MOST_SPOTS = 40
+_MOST_GRIPS = 12
+_ENOUGH = 3
+_CLEAR = 0.0005
+"""A part comes to lie so far above a fixture [m]."""
+
+_UPRIGHT = np.cos(np.radians(1.0))
+
+
+@dataclass(frozen=True)
+class Relay:
+    """A way to do a step with the part laid down in between.
+
+    Attributes:
+        giver: who picks the part and lays it down.
+        receiver: who takes it up from there and places it; may be the giver.
+        rest: pose of the part's centre in the world where it is laid down.
+        touched: what it touches there.
+        give, take: grips of the two.
+        paths: pick and lay down of the giver, pick and place of the receiver.
+        cost: joint distance of all four from HOME.
+    """
+
+    giver: str
+    receiver: str
+    rest: Transform
+    touched: frozenset[str]
+    give: Grip
+    take: Grip
+    paths: tuple[SkillPath, SkillPath, SkillPath, SkillPath]
+    cost: float
+
+
+@dataclass(frozen=True)
+class _End:
+    """What a robot does at one end of the way of a part.
+
+    Attributes:
+        robot: who does it.
+        grip: how it holds the part.
+        path: its pick where the part is at the start, or its place-down at the goal.
+        cost: joint distance from HOME.
+    """
+
+    robot: PlacedRobot
+    grip: Grip
+    path: SkillPath
+    cost: float
+
+
+def find_relays(
+    cell: Workcell, assembly: PartAssembly, skills: PartSkills, step: PartStep
+) -> list[Relay]:
+    """Return ways to do a step with the part laid down in between, the cheapest of each pair first.
+
+    Args:
+        cell: its objects are the parts.
+        assembly: goals, grips and approaches.
+        skills: of the robots.
+        step: that no robot can do alone.
+    """
+    robots = [robot for robot in cell.robots if step.step.done_by(robot.name)]
+    picks = _ends(robots, assembly, skills, step, pick=True)
+    places = _ends(robots, assembly, skills, step, pick=False)
+    if not picks or not places:
+        return []
+    found: list[Relay] = []
+    for rest, touched in _rests(cell, assembly, step, (picks, places)):
+        there = replace(step, goal=rest, at_goal=touched)
+        taken = replace(step, part=replace(step.part, start=rest), at_start=touched)
+        laid = _through(skills, there, picks, rest, assembly, pick=False)
+        if not laid:
+            continue
+        up = _through(skills, taken, places, rest, assembly, pick=True)
+        ways = [_relay(pair, rest, touched) for pair in product(laid, up)]
+        if ways:
+            found.append(min(ways, key=lambda way: way.cost))
+        if len(found) == _ENOUGH:
+            break
+    return sorted(found, key=lambda way: way.cost)
+
+
+def _relay(
+    pair: tuple[tuple[_End, SkillPath, float], tuple[_End, SkillPath, float]],
+    rest: Transform,
+    touched: Mapping[str, float],
+) -> Relay:
+    (give, down, down_cost), (take, up, up_cost) = pair
+    return Relay(
+        give.robot.name,
+        take.robot.name,
+        rest,
+        frozenset(touched),
+        give.grip,
+        take.grip,
+        (give.path, down, up, take.path),
+        give.cost + down_cost + up_cost + take.cost,
+    )
+
+
+def _ends(
+    robots: Sequence[PlacedRobot],
+    assembly: PartAssembly,
+    skills: PartSkills,
+    step: PartStep,
+    *,
+    pick: bool,
+) -> list[_End]:
+    """Return how robots can pick a part, or place it, some ways for each."""
+    at = step.part.start if pick else step.goal
+    out = []
+    for robot in robots:
+        count = 0
+        for grip in box_grips(step.part.size, at, at, assembly.grips):
+            way = skills.pick if pick else skills.place
+            path = way(robot, step, grip.pose)
+            if isinstance(path, Obstruction):
+                continue
+            if skills.carried_home(robot, step, grip.pose) is not None:
+                continue
+            cost = joint_distance(robot.home, path.contact)
+            out.append(_End(robot, grip, path, cost))
+            count += 1
+            if count == _MOST_GRIPS:
+                break
+    return out
+
+
+def _through(
+    skills: PartSkills,
+    step: PartStep,
+    ends: Sequence[_End],
+    rest: Transform,
+    assembly: PartAssembly,
+    *,
+    pick: bool,
+) -> list[tuple[_End, SkillPath, float]]:
+    """Return the ends whose robots also reach the part where it is laid down, one way each."""
+    good = {
+        grip.pose.tobytes()
+        for grip in box_grips(step.part.size, rest, rest, assembly.grips)
+    }
+    out = []
+    reached: set[str] = set()
+    for end in ends:
+        if end.robot.name in reached or end.grip.pose.tobytes() not in good:
+            continue
+        way = skills.pick if pick else skills.place
+        path = way(end.robot, step, end.grip.pose)
+        if not isinstance(path, Obstruction):
+            reached.add(end.robot.name)
+            cost = joint_distance(end.robot.home, path.contact)
+            out.append((end, path, cost))
+    return out
+
+
+def _rests(
+    cell: Workcell,
+    assembly: PartAssembly,
+    step: PartStep,
+    ends: tuple[Sequence[_End], Sequence[_End]],
+) -> Iterator[tuple[Transform, Mapping[str, float]]]:
+    """Yield where a part can lie in between, nearest to the robots first, and what it touches."""
+    lying = standing(cell) | {
+        name: (item, at.pose) for name, (item, at) in step.around.items()
+    }
+    own = {"goal": (step.part, step.goal), "start": (step.part, step.part.start)}
+    bases = [np.mean([end.robot.base[:3, 3] for end in side], axis=0) for side in ends]
+    spots = sorted(
+        (spot for fixture in cell.fixtures for spot in _spots(fixture)),
+        key=lambda spot: round(
+            sum(float(np.linalg.norm(spot - base)) for base in bases), 6
+        ),
+    )
+    for spot in spots[:_MOST_SPOTS]:
+        for turn in _turns(step):
+            half = 0.5 * np.abs(turn[:3, :3]) @ step.part.size
+            rest = turn.copy()
+            rest[:3, 3] = spot
+            rest[2, 3] += half[2] + _CLEAR
+            touched = near_to((step.part, rest), lying, assembly.touch)
+            fixtures = {fixture.name for fixture in cell.fixtures}
+            free = min(touched.values(), default=-1.0) >= 0.0
+            if not free or not touched.keys() <= fixtures:
+                continue
+            if near_to((step.part, rest), own, assembly.touch):
+                continue  # no step lies on where it comes from or goes
+            yield readonly(rest), touched
+
+
+def _spots(fixture: Fixture) -> Iterator[Array]:
+    """Yield spots on the upper face of a fixture that stands upright [m]."""
+    up = np.abs(fixture.pose[2, :3])
+    axis = int(np.argmax(up))
+    if up[axis] < _UPRIGHT:
+        return
+    flat = [k for k in range(3) if k != axis]
+    sides = [
+        np.arange(-(n := int(0.5 * fixture.size[k] / _SPACING)), n + 1) * _SPACING
+        for k in flat
+    ]
+    for a, b in product(*sides):
+        inside = np.zeros(3)
+        inside[flat] = a, b
+        at = fixture.pose[:3, :3] @ inside + fixture.pose[:3, 3]
+        at[2] += 0.5 * fixture.size[axis]
+        yield at
+
+
+def _turns(step: PartStep) -> Iterator[Transform]:
+    """Yield how a part can lie: as at the start, as in its place, then on each of its sides."""
+    seen: set[bytes] = set()
+    for first in (step.part.start, step.goal, *_sides()):
+        lying = np.eye(4)
+        lying[:3, :3] = first[:3, :3]
+        if np.max(np.abs(lying[2, :3])) < _UPRIGHT:
+            continue  # it would stand on an edge
+        for quarter in range(4):
+            turn = rotation("z", quarter * np.pi / 2) @ lying
+            key = np.round(turn[:3, :3], 6).tobytes()
+            if key not in seen:
+                seen.add(key)
+                yield turn
+
+
+def _sides() -> Iterator[Transform]:
+    for axis, quarter in (("x", 0), ("x", 1), ("x", 2), ("x", 3), ("y", 1), ("y", 3)):
+        yield rotation(axis, quarter * np.pi / 2)
