@@ -153,7 +153,7 @@ def study(
     audited: int = 20,
     audit_engine: str | None = None,
     shortcuts: int | None = None,
-    workers: int | None = None,
+    workers: int | None = 0,
     cluster: Cluster | None = None,
     out: PathOrName | None = None,
     progress: Report = report_nothing,
@@ -176,7 +176,8 @@ def study(
         audited: open-loop replications that are checked for collisions.
         audit_engine: pybullet or coal; by default PyBullet where it is installed, else coal.
         shortcuts: most that are tried on each plan, in place of the scenario's.
-        workers: processes; 0 for none besides this one, None for one a core.
+        workers: processes; 0 for none besides this one, None for one a core. A script that asks
+            for some must be importable: what it does stands under ``if __name__ == "__main__":``.
         cluster: whose workers do it instead.
         out: folder for the results; by default ``logs/study-<scenario>-<UTC time>``.
         progress: told how far each stage has come.
@@ -230,7 +231,7 @@ def resume_study(
     folder: PathOrName,
     scenario: AnyScenario | None = None,
     *,
-    workers: int | None = None,
+    workers: int | None = 0,
     cluster: Cluster | None = None,
     progress: Report = report_nothing,
 ) -> Study:
@@ -241,7 +242,7 @@ def resume_study(
     Args:
         folder: of the study.
         scenario: that it must be of, None for any.
-        workers: processes; 0 for none besides this one, None for one a core.
+        workers: see study.
         cluster: whose workers do it instead.
         progress: told how far each stage has come.
 
