@@ -42,6 +42,17 @@ class ConvexBody:
     capsules: Capsules
 
     @cached_property
+    def half(self) -> Array:
+        """Half edge lengths of that box, shape (3,) [m]."""
+        return np.asarray(0.5 * (self.high - self.low))
+
+    @cached_property
+    def middle(self) -> Array | None:
+        """Centre of that box, shape (3,), None where it is the origin [m]."""
+        middle = np.asarray(0.5 * (self.high + self.low))
+        return middle if np.any(middle) else None
+
+    @cached_property
     def low(self) -> Array:
         """Least corner of the box around it, parallel to the axes of the frame, shape (3,) [m]."""
         return np.asarray(self.vertices.min(axis=0))

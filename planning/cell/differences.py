@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from planning.cell.robot_model import RobotModel
+from planning.cell.shape import Shape
 from planning.cell.workcell import (
     CellObject,
     Clearances,
@@ -115,20 +116,31 @@ def _same_bodies(a: RobotModel, b: RobotModel, group: str) -> bool:
 
 
 def _fixture(a: Fixture, b: Fixture) -> Iterator[str]:
-    yield from _resized(a.size, b.size)
+    yield from _reshaped(a.shape, b.shape)
     yield from _moved("it", a.pose, b.pose)
 
 
 def _object(a: CellObject, b: CellObject) -> Iterator[str]:
     if a.kind != b.kind:
         yield f"is of type {a.kind!r} in the plan, {b.kind!r} here"
-    yield from _resized(a.size, b.size)
+    yield from _reshaped(a.shape, b.shape)
     yield from _moved("it", a.start, b.start)
 
 
-def _resized(a: Any, b: Any) -> Iterator[str]:
-    if not np.allclose(a, b, rtol=0.0, atol=_SAME):
-        yield f"measures {_vector(a)} m in the plan, {_vector(b)} m here"
+def _reshaped(a: Shape, b: Shape) -> Iterator[str]:
+    if not np.allclose(a.size, b.size, rtol=0.0, atol=_SAME):
+        yield f"measures {_vector(a.size)} m in the plan, {_vector(b.size)} m here"
+    elif not _same_shape(a, b):
+        yield "has another shape of the same size in the plan than here"
+
+
+def _same_shape(a: Shape, b: Shape) -> bool:
+    """Tell whether two shapes have the same convex pieces, in the same order."""
+    return len(a.pieces) == len(b.pieces) and all(
+        mine.vertices.shape == other.vertices.shape
+        and np.allclose(mine.vertices, other.vertices, rtol=0.0, atol=_SAME)
+        for mine, other in zip(a.pieces, b.pieces, strict=True)
+    )
 
 
 def _moved(what: str, a: Any, b: Any) -> Iterator[str]:

@@ -18,6 +18,10 @@ from planning.transforms import Array, Transform, readonly
 _UPRIGHT: Transform = readonly(np.eye(4))
 
 
+Placed = tuple[str, ConvexBody, Transform]
+"""A convex piece of something at rest: the name of what it belongs to, and its pose."""
+
+
 @dataclass(frozen=True, eq=False)
 class Element:
     """A form in its place in a shape.
@@ -85,6 +89,10 @@ class Shape:
         weights = np.array([element.form.volume for element in self.elements])
         centres = np.array([_centre(element) for element in self.elements])
         return readonly(weights @ centres / weights.sum())
+
+    def placed(self, name: str, pose: Transform) -> list[Placed]:
+        """Return the pieces of what has this shape, each with its name, at a pose."""
+        return [(name, piece, pose) for piece in self.pieces]
 
     def bounds(self, pose: Transform) -> tuple[Array, Array]:
         """Return the least and greatest corners of the upright box around it at a pose [m].

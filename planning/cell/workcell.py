@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from planning.cell.body import ConvexBody
 from planning.cell.robot_model import RobotModel
+from planning.cell.shape import Shape
 from planning.transforms import Array, Transform
 
 
@@ -31,33 +31,36 @@ class PlacedRobot:
 
 @dataclass(frozen=True, eq=False)
 class Fixture:
-    """An immovable box: table, plate, shelf.
+    """Something immovable: table, plate, shelf, jig.
 
     Attributes:
         name: unique among fixtures and objects.
-        size: edge lengths, shape (3,) [m].
-        pose: of the box centre in the world.
-        body: hull and capsules in the box frame.
-        frames: places on it where processes are done, by name, each in the box frame.
+        shape: what it is.
+        pose: of the frame of its shape in the world; of a box, that is its centre.
+        frames: places on it where processes are done, by name, each in the frame of its shape.
     """
 
     name: str
-    size: Array
+    shape: Shape
     pose: Transform
-    body: ConvexBody
     frames: Mapping[str, Transform] = field(default_factory=dict)
+
+    @property
+    def size(self) -> Array:
+        """Edge lengths of the box around it, in its own frame, shape (3,) [m]."""
+        return self.shape.size
 
 
 @dataclass(frozen=True, eq=False)
 class CellObject:
-    """A box that can be handled, or that is part of the scenery until the end.
+    """Something that can be handled, or that is part of the scenery until the end.
 
     Attributes:
         name: unique among fixtures and objects.
         kind: its type, such as ``"2x4"``; objects of one kind are interchangeable.
-        size: edge lengths, shape (3,) [m].
-        start: pose of the box centre in the world where it first is.
-        body: hull and capsules in the box frame.
+        shape: what it is.
+        start: pose of the frame of its shape in the world where it first is; of a box, that is
+            its centre.
         mass: [kg].
         fixed: True for scaffolding that no step may use.
         colour: (r, g, b), 0 to 255, for pictures.
@@ -67,13 +70,17 @@ class CellObject:
 
     name: str
     kind: str
-    size: Array
+    shape: Shape
     start: Transform
-    body: ConvexBody
     mass: float = 0.0
     fixed: bool = False
     colour: tuple[int, int, int] = (200, 60, 50)
     later: bool = False
+
+    @property
+    def size(self) -> Array:
+        """Edge lengths of the box around it, in its own frame, shape (3,) [m]."""
+        return self.shape.size
 
 
 @dataclass(frozen=True)
@@ -133,7 +140,7 @@ class Attachment:
 
     Attributes:
         holder: name of the robot that holds it, None at rest.
-        pose: of the object's centre in the holder's flange frame, or in the world.
+        pose: of the frame of the object's shape in the holder's flange frame, or in the world.
     """
 
     holder: str | None

@@ -21,7 +21,7 @@ Held = tuple[CellObject, Attachment]
 
 @dataclass(frozen=True)
 class RobotBodies:
-    """Bodies that move with a robot: its parts, then the objects it holds.
+    """Bodies that move with a robot: its parts, then the pieces of the objects it holds.
 
     Attributes:
         solids: for exact decisions; a part is named ``"<robot>/<group>:<body>"``.
@@ -83,7 +83,7 @@ def robot_bodies(robot: PlacedRobot, held: Sequence[Held] = ()) -> RobotBodies:
         robot.model,
         robot.name,
         robot.base.tobytes(),
-        *((item.name, item.body, at.pose.tobytes()) for item, at in held),
+        *((item.name, item.shape, at.pose.tobytes()) for item, at in held),
     )
     return _KNOWN.get(key, lambda: _collect(robot, held))
 
@@ -99,8 +99,9 @@ def _collect(robot: PlacedRobot, held: Sequence[Held]) -> RobotBodies:
             for group, part in zip(groups, model.parts, strict=True)
         ]
     solids += [
-        Solid(item.name, item.body, model.flange @ at.pose, joints, model.dof - 1)
+        Solid(item.name, piece, model.flange @ at.pose, joints, model.dof - 1)
         for item, at in held
+        for piece in item.shape.pieces
     ]
     parts, count = len(groups), len(solids)
     # Parts are held apart from a load, it not from itself.
@@ -111,7 +112,7 @@ def _collect(robot: PlacedRobot, held: Sequence[Held]) -> RobotBodies:
     q, which = np.zeros((1, model.dof)), np.arange(count, dtype=np.int32)[None]
     return RobotBodies(
         tuple(solids),
-        (*groups, *(item.name for item, _ in held)),
+        (*groups, *(solid.name for solid in solids[parts:])),
         hull_table(joints, q, q, which, solids),
         limits,
         parts,

@@ -125,8 +125,8 @@ class SceneChecker:
     def without(self, objects: Iterable[str]) -> SceneChecker:
         """Return the same checker as if some objects at rest were not there."""
         other = copy(self)
-        column = self._boxes.column
-        gone = {column[name] for name in objects if name in column}
+        columns = self._boxes.columns
+        gone = {k for name in objects for k in columns.get(name, ())}
         other._gone = tuple({*self._gone, *gone})
         limits = self._scene.box_limit.copy()
         limits[:, list(other._gone)] = SKIP
@@ -145,7 +145,7 @@ class SceneChecker:
             (len(own.solids), len(others.solids)), self._between_robots
         )
         self_limit = own.self_limits.copy()
-        in_hand = [boxes.column[name] for name in boxes.in_hand]
+        in_hand = [k for name in boxes.in_hand for k in boxes.columns[name]]
         box_limit[:, in_hand] = self._between_robots
         box_limit[own.hulls.joint < 0, : boxes.fixtures] = SKIP
         for pair in allowed:
@@ -156,8 +156,8 @@ class SceneChecker:
                 bodies = own.of_entity(mine)
                 if not bodies:
                     continue
-                if other in boxes.column:
-                    box_limit[bodies, boxes.column[other]] = SKIP
+                if other in boxes.columns:
+                    box_limit[np.ix_(bodies, boxes.columns[other])] = SKIP
                     continue
                 theirs = [k for k, name in enumerate(others.entities) if name == other]
                 if theirs:
@@ -236,9 +236,13 @@ class SceneChecker:
             name: of the fixture or object; what is not there is far away.
             limit: least distance, negative for an overlap that is let pass [m].
         """
-        if name not in self._boxes.column:
-            return False
-        column = self._boxes.column[name]
+        return any(
+            self._tool_comes_within(path, column, limit)
+            for column in self._boxes.columns.get(name, ())
+        )
+
+    def _tool_comes_within(self, path: Array, column: int, limit: float) -> bool:
+        """Tell whether the tool may come nearer to a piece at rest than a limit."""
         box = self._boxes.solid(column)
         bodies = self._own.of_entity(entity(self.robot.name, "tool"))
         ways = list(pairwise(np.array(path, dtype=np.float64)))
@@ -297,8 +301,8 @@ def _surroundings(
     for item, at in held:
         if at.holder is not None and at.holder != robot:
             hand = frame_pose(cell.robot(at.holder), state.configurations[at.holder])
-            there = (item.name, item.body, item.size, hand @ at.pose)
-            boxes = boxes.plus([there], in_hand=True)
+            there = item.shape.placed(item.name, hand @ at.pose)
+            boxes = boxes.plus(there, in_hand=True)
     return held_by(robot, held), boxes
 
 

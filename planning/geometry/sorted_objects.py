@@ -36,6 +36,8 @@ class _SortedObjects:
         self._objects: tuple[CellObject, ...] = ()
         self._names: list[str] = []
         self._at: list[Attachment | None] = []
+        self._first = [0]
+        self._piece_names: list[str] = []
         self._rows = np.empty(0, dtype=np.int64)
         self._held: dict[int, Held] = {}
         self._still = stand_boxes(fixtures, ())
@@ -56,7 +58,11 @@ class _SortedObjects:
     ) -> Sorted:
         """Return the objects that are held, in their order; fixtures and objects at rest."""
         known = len(self._objects)
-        self._names += [item.name for item in objects[known:]]
+        for item in objects[known:]:
+            pieces = len(item.shape.pieces)
+            self._names.append(item.name)
+            self._piece_names += [item.name] * pieces
+            self._first.append(self._first[-1] + pieces)
         now = list(map(where.get, self._names))
         if objects is not self._objects or now != self._at:
             self._update(objects, now)
@@ -66,22 +72,23 @@ class _SortedObjects:
         self, objects: tuple[CellObject, ...], now: list[Attachment | None]
     ) -> None:
         known = len(self._objects)
-        rows = np.full(len(objects), _ABSENT)
-        rows[:known] = self._rows[:known]
+        rows = np.full(len(self._piece_names), _ABSENT)
+        rows[: len(self._rows)] = self._rows
         before = [*self._at, *[None] * (len(objects) - known)]
         pairs = enumerate(zip(before, now, strict=True))
         for k in [k for k, (was, at) in pairs if was is not at]:
             item, at = objects[k], now[k]
             self._held.pop(k, None)
-            rows[k] = _ABSENT
+            own = slice(self._first[k], self._first[k + 1])
+            rows[own] = _ABSENT
             if at is not None and at.holder is None:
                 places = self._still.places
-                rows[k] = places.row(item.body, item.size, at.pose)
+                rows[own] = [places.row(body, at.pose) for body in item.shape.pieces]
             elif at is not None:
                 self._held[k] = item, at
         self._objects, self._at, self._rows = objects, now, rows
         rest = np.flatnonzero(rows != _ABSENT)
-        names = tuple(map(self._names.__getitem__, rest.tolist()))
+        names = tuple(map(self._piece_names.__getitem__, rest.tolist()))
         boxes = replace(
             self._still,
             names=self._still.names + names,

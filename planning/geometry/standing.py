@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.cell.body import ConvexBody
+from planning.cell.shape import Placed
 from planning.cell.workcell import Fixture, PlacedRobot
 from planning.geometry.exact import Solid, resting_solid
 from planning.geometry.hull_table import AT_REST, HullTable, standing_hulls
@@ -24,7 +25,7 @@ from planning.kept_answers import KeptAnswers
 from planning.kinematics.chain import NO_JOINTS
 from planning.kinematics.kinematics import joint_poses_of
 from planning.packed import packed
-from planning.transforms import Array, Indices, Transform
+from planning.transforms import Array, Indices, Transform, translation
 
 _MOST_PLACES = 50_000
 
@@ -50,18 +51,18 @@ class _Places:
         """Whether new scenes should begin with arrays of their own."""
         return self.count >= _MOST_PLACES
 
-    def row(self, body: ConvexBody, size: Array, pose: Transform) -> int:
-        """Return the row of a body, a box of some size, at a pose."""
+    def row(self, body: ConvexBody, pose: Transform) -> int:
+        """Return the row of a body at a pose."""
         key = body, pose.tobytes()
         known = self._known.get(key)
         if known is None:
             with self._lock:
                 known = self._known.get(key)
                 if known is None:
-                    known = self._known[key] = self._add(body, size, pose)
+                    known = self._known[key] = self._add(body, pose)
         return known
 
-    def _add(self, body: ConvexBody, size: Array, pose: Transform) -> int:
+    def _add(self, body: ConvexBody, pose: Transform) -> int:
         row, used = self.count, self.corners_used
         solid = resting_solid(body.name, body, pose)
         corners = solid.vertices
@@ -76,7 +77,9 @@ class _Places:
             )
         while used + len(corners) > len(self.corners):
             self.corners = _grown(self.corners)
-        half = 0.5 * np.asarray(size, dtype=np.float64)
+        half = body.half
+        if body.middle is not None:
+            pose = pose @ translation(*body.middle.tolist())
         reach = np.abs(pose[:3, :3]) @ half
         self.pose[row] = pose
         self.half[row] = half
@@ -100,12 +103,12 @@ _places = _Places()
 
 @dataclass(frozen=True)
 class StandingBoxes:
-    """Boxes at rest in the world.
+    """Convex pieces at rest in the world, and the boxes around them.
 
     Attributes:
-        names: of the fixtures, then of the objects.
-        rows: of their places, in the same order.
-        fixtures: how many fixtures there are.
+        names: of the fixtures, then of the objects: of each as often as it has pieces.
+        rows: of the places of the pieces, in the same order.
+        fixtures: how many pieces the fixtures have.
         places: arrays that the rows are of.
         in_hand: names of those that another robot holds.
     """
@@ -117,9 +120,12 @@ class StandingBoxes:
     in_hand: frozenset[str] = frozenset()
 
     @cached_property
-    def column(self) -> Mapping[str, int]:
-        """At which place each name stands."""
-        return {name: k for k, name in enumerate(self.names)}
+    def columns(self) -> Mapping[str, list[int]]:
+        """At which places the pieces of each name stand."""
+        found: dict[str, list[int]] = {}
+        for k, name in enumerate(self.names):
+            found.setdefault(name, []).append(k)
+        return found
 
     @property
     def pose(self) -> Array:
@@ -137,7 +143,7 @@ class StandingBoxes:
         return self.places.bounds[self.rows]
 
     def solid(self, k: int) -> Solid:
-        """Return a box for exact decisions."""
+        """Return a piece for exact decisions."""
         return self.places.solids[int(self.rows[k])]
 
     @property
@@ -164,7 +170,7 @@ class StandingBoxes:
 
     def without(self, names: Iterable[str]) -> StandingBoxes:
         """Return all but some objects."""
-        gone = [self.column[name] for name in names if name in self.column]
+        gone = [k for name in names for k in self.columns.get(name, ())]
         if not gone:
             return self
         kept = np.ones(len(self.names), dtype=bool)
@@ -172,10 +178,10 @@ class StandingBoxes:
         return self.only(kept[self.fixtures :])
 
     def only(self, keep: Iterable[bool]) -> StandingBoxes:
-        """Return the fixtures and those of the objects that are marked.
+        """Return the fixtures and those pieces of the objects that are marked.
 
         Args:
-            keep: one mark an object.
+            keep: one mark a piece.
         """
         chosen = np.flatnonzero(np.asarray(keep)) + self.fixtures
         chosen = np.concatenate([np.arange(self.fixtures), chosen])
@@ -188,11 +194,11 @@ class StandingBoxes:
 
     def plus(
         self,
-        boxes: Sequence[tuple[str, ConvexBody, Array, Transform]],
+        boxes: Sequence[Placed],
         *,
         in_hand: bool = False,
     ) -> StandingBoxes:
-        """Return these boxes and more of them, each with name, body, size and pose.
+        """Return these pieces and more of them.
 
         Args:
             boxes: the others.
@@ -200,7 +206,7 @@ class StandingBoxes:
         """
         if not boxes:
             return self
-        rows = [self.places.row(body, size, pose) for _, body, size, pose in boxes]
+        rows = [self.places.row(body, pose) for _, body, pose in boxes]
         return StandingBoxes(
             (*self.names, *(name for name, *_ in boxes)),
             np.concatenate([self.rows, np.array(rows, dtype=np.int64)]),
@@ -210,16 +216,13 @@ class StandingBoxes:
         )
 
 
-def stand_boxes(
-    fixtures: Sequence[Fixture],
-    boxes: Iterable[tuple[str, ConvexBody, Array, Transform]],
-) -> StandingBoxes:
-    """Return fixtures and some objects, each with name, body, size and pose."""
+def stand_boxes(fixtures: Sequence[Fixture], boxes: Iterable[Placed]) -> StandingBoxes:
+    """Return fixtures, and the pieces of some objects."""
     global _places
     if _places.full:
         _places = _Places()
-    empty = StandingBoxes((), np.empty(0, dtype=np.int64), len(fixtures), _places)
-    still = [(f.name, f.body, f.size, f.pose) for f in fixtures]
+    still = [piece for f in fixtures for piece in f.shape.placed(f.name, f.pose)]
+    empty = StandingBoxes((), np.empty(0, dtype=np.int64), len(still), _places)
     return empty.plus([*still, *boxes])
 
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
+from typing import Any
 
 import numpy as np
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
-from planning.geometry.exact import distance, place, resting_solid
+from planning.geometry.exact import Solid, distance, place, resting_solid
 from planning.transforms import Array, Transform
 
 Lying = tuple[CellObject | Fixture, Transform]
-"""A box and the pose of its centre in the world."""
+"""A thing and the pose of its frame in the world."""
 
 _NOWHERE = np.zeros(0)
 """Configuration of what no robot carries."""
@@ -30,23 +32,29 @@ def near_to(
     Returns:
         Signed distances by name, negative for overlap [m].
     """
-    low, high = _bounds(part)
-    mine = resting_solid("part", part[0].body, part[1])
+    low, high = bounds(part)
     out = {}
     for name, other in others.items():
-        other_low, other_high = _bounds(other)
+        other_low, other_high = bounds(other)
         if np.any(low > other_high + within) or np.any(other_low > high + within):
             continue
-        theirs = resting_solid(name, other[0].body, other[1])
-        gap = distance(
-            mine,
-            place(mine, _NOWHERE, _NOWHERE)[0],
-            theirs,
-            place(theirs, _NOWHERE, _NOWHERE)[0],
-        )
+        gap = _gap(part, other)
         if gap <= within:
             out[name] = gap
     return out
+
+
+def _gap(one: Lying, other: Lying) -> float:
+    """Return the signed distance of the nearest two pieces, the deepest overlap if any [m]."""
+    pairs = product(_solids(one), _solids(other))
+    return min(distance(a, pose_a, b, pose_b) for (a, pose_a), (b, pose_b) in pairs)
+
+
+def _solids(lying: Lying) -> list[tuple[Solid, Any]]:
+    """Return the pieces of what lies somewhere, each with its pose for coal."""
+    item, pose = lying
+    found = [resting_solid(item.name, body, pose) for body in item.shape.pieces]
+    return [(solid, place(solid, _NOWHERE, _NOWHERE)[0]) for solid in found]
 
 
 def standing(cell: Workcell) -> dict[str, Lying]:
@@ -56,10 +64,10 @@ def standing(cell: Workcell) -> dict[str, Lying]:
 
 def lowest(lying: Lying) -> float:
     """Return the height of the lowest corner of what lies somewhere [m]."""
-    return float(_bounds(lying)[0][2])
+    return float(bounds(lying)[0][2])
 
 
-def _bounds(lying: Lying) -> tuple[Array, Array]:
+def bounds(lying: Lying) -> tuple[Array, Array]:
+    """Return the least and greatest corners of the upright box around what lies somewhere [m]."""
     item, pose = lying
-    reach = np.abs(pose[:3, :3]) @ (0.5 * np.asarray(item.size))
-    return pose[:3, 3] - reach, pose[:3, 3] + reach
+    return item.shape.bounds(pose)

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from planning.cell import shape
 from planning.cell.workcell import (
     Attachment,
     CellObject,
@@ -104,19 +105,20 @@ class SkillScene:
             allowed: who may touch whom in it.
         """
         after = phase in (Phase.SINCE_CHANGE, Phase.AFTER)
-        more, in_hand = [], []
+        more: list[shape.Placed] = []
+        in_hand: list[shape.Placed] = []
         for name, (item, at) in self._not_at_rest(after=after).items():
             if at.holder == robot:
                 continue
             if at.holder is None:
-                more.append((name, item.body, item.size, at.pose))
+                more += item.shape.placed(name, at.pose)
                 continue
             holder = self.cell.robot(at.holder)
             pose = frame_pose(holder, self.configurations[at.holder]) @ at.pose
-            in_hand.append((name, item.body, item.size, pose))
+            in_hand += item.shape.placed(name, pose)
         if phase is Phase.AFTER and self.refill is not None:
             item, at = self.refill
-            more.append((item.name, item.body, item.size, at.pose))
+            more += item.shape.placed(item.name, at.pose)
         return SceneChecker(
             self.cell,
             robot,
@@ -137,9 +139,10 @@ class SkillScene:
         return stand_boxes(
             self.cell.fixtures,
             [
-                (name, item.body, item.size, at.pose)
+                piece
                 for name, (item, at) in self.objects.items()
                 if at.holder is None and name != handed
+                for piece in item.shape.placed(name, at.pose)
             ],
         )
 

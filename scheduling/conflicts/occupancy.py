@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.cell.body import ConvexBody
+from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.geometry.exact import Solid, resting_solid
 from planning.geometry.hull_table import HullTable, hull_table, standing_hulls
@@ -63,7 +64,7 @@ class Occupancy:
 def cut_nodes(
     robot: PlacedRobot,
     chain: NodeChain,
-    held: Sequence[tuple[ConvexBody, Transform]] = (),
+    held: Sequence[tuple[Shape, Transform]] = (),
 ) -> tuple[Array, Array, Indices, Indices]:
     """Cut the path of a chain into segments that move no point further than MOTION.
 
@@ -100,13 +101,17 @@ def cut_nodes(
 
 
 def _with_ball(
-    robot: PlacedRobot, held: Sequence[tuple[ConvexBody, Transform]]
+    robot: PlacedRobot, held: Sequence[tuple[Shape, Transform]]
 ) -> HullTable:
     """Return a robot's bodies, and a ball that contains what is ever held."""
     hulls = robot_bodies(robot).hulls
     if not held:
         return hulls
-    loads = [Solid("", body, robot.model.flange @ pose) for body, pose in held]
+    loads = [
+        Solid("", body, robot.model.flange @ pose)
+        for shape, pose in held
+        for body in shape.pieces
+    ]
     ends = np.concatenate([load.ends for load in loads])
     radius = np.concatenate([load.body.capsules.radius for load in loads])
     low = (ends - radius[:, None, None]).min(axis=(0, 1))
@@ -141,6 +146,9 @@ class _Segments(NamedTuple):
 _Run = tuple[ObjectSpan, int, int]
 """An object, and the segments, ``range(first, stop)``, in which it is there."""
 
+_PieceRun = tuple[ConvexBody, ObjectSpan, int, int]
+"""A convex piece of an object, and the same."""
+
 
 def chain_occupancy(
     cell: Workcell,
@@ -161,7 +169,7 @@ def chain_occupancy(
     """
     robot = cell.robot(chain.robot)
     bodies = {
-        (s.object, s.pose.tobytes()): (cell.object(s.object).body, s.pose)
+        (s.object, s.pose.tobytes()): (cell.object(s.object).shape, s.pose)
         for s in spans
         if s.carried
     }
@@ -219,10 +227,10 @@ def rest_occupancy(
     cell: Workcell, rest: Rest, entities: Mapping[str, int]
 ) -> Occupancy:
     """Return the occupancy of an object at rest, or in the hand of a robot that stands."""
-    body = cell.object(rest.object).body
-    solids = (resting_solid(rest.object, body, rest.pose),)
+    pieces = cell.object(rest.object).shape.pieces
+    solids = tuple(resting_solid(rest.object, body, rest.pose) for body in pieces)
     hulls = standing_hulls(solids)
-    entity = np.full((1, 1), entities[rest.object], dtype=np.int32)
+    entity = np.full((1, len(solids)), entities[rest.object], dtype=np.int32)
     node = np.zeros(1, dtype=np.int64)
     return Occupancy(swept_sequence(node, _NO_TASK, _NO_TASK, entity, hulls), solids)
 
@@ -254,17 +262,21 @@ def _assemble(
     *,
     leaf: int = LEAF,
 ) -> Occupancy:
-    """Collect the bodies of the robot and, in slots, the objects of each run of segments."""
+    """Collect the bodies of the robot and, in slots, the pieces of objects in each run."""
     joints, own = placed_joints(robot), robot_bodies(robot)
     solids = list(own.solids)
-    slots = _assign_slots(runs)
+    pieces = [
+        (piece, *run)
+        for run in runs
+        for piece in cell.object(run[0].object).shape.pieces
+    ]
+    slots = _assign_slots(pieces)
     shape = (len(segments.q_a), own.parts + max(slots, default=-1) + 1)
     entity = np.full(shape, -1, dtype=np.int32)
     entity[:, : own.parts] = [entities[name] for name in own.entities]
     solid = np.full(shape, -1, dtype=np.int32)
     solid[:, : own.parts] = np.arange(own.parts)
-    for (span, first, stop), slot in zip(runs, slots, strict=True):
-        body = cell.object(span.object).body
+    for (body, span, first, stop), slot in zip(pieces, slots, strict=True):
         if span.carried:
             local = robot.model.flange @ span.pose
             joint = robot.model.dof - 1
@@ -280,11 +292,11 @@ def _assemble(
     return Occupancy(sequence, tuple(solids))
 
 
-def _assign_slots(runs: Sequence[_Run]) -> list[int]:
+def _assign_slots(runs: Sequence[_PieceRun]) -> list[int]:
     """Give runs that overlap different slots; ``runs`` in order of their first segment."""
     slots: list[int] = []
     free_from: list[int] = []
-    for _, first, stop in runs:
+    for _, _, first, stop in runs:
         for slot, free in enumerate(free_from):
             if free <= first:
                 free_from[slot] = stop

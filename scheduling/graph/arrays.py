@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -79,6 +79,24 @@ def check_limits(tpg: TemporalPlanGraph) -> None:
             )
 
 
+def _expected_of_shape(
+    name: str, elements: Sequence[Mapping[str, Any]], arrays: Arrays
+) -> Iterator[tuple[str, type, tuple[int, ...]]]:
+    """Yield name, type and shape of the arrays of what is no box."""
+    yield f"shape_{name}_pose", np.float64, (len(elements), 4, 4)
+    for k, element in enumerate(elements):
+        if element["form"] != "mesh":
+            continue
+        key = f"shape_{name}_{k}"
+        vertices, faces = arrays[f"{key}_vertices"], arrays[f"{key}_faces"]
+        yield f"{key}_vertices", np.float64, (len(vertices), 3)
+        yield f"{key}_faces", np.int64, (len(faces), 3)
+        known = (faces >= 0) & (faces < len(vertices))
+        _require(known, f"{key}_faces", faces, "is no vertex")
+        yield f"{key}_corners", np.float64, (sum(element["hulls"]), 3)
+        yield f"{key}_centre", np.float64, (3,)
+
+
 def _expected(
     document: Mapping[str, Any], arrays: Arrays
 ) -> Iterator[tuple[str, type, tuple[int, ...]]]:
@@ -97,6 +115,9 @@ def _expected(
         yield f"{what}_size", np.float64, (count, 3)
         pose = "pose" if what == "fixture" else "start"
         yield f"{what}_{pose}", np.float64, (count, 4, 4)
+    for item in (*cell["fixtures"], *cell["objects"]):
+        if item.get("shape") is not None:
+            yield from _expected_of_shape(item["name"], item["shape"], arrays)
     yield "task_shape", np.int64, (len(tasks), 2)
     shape = arrays["task_shape"]
     _require(shape >= 0, "task_shape", shape, "must be at least 0")

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from planning.cell.cover import box_body
 from planning.cell.machine import machine
 from planning.cell.robot_model import RobotModel
+from planning.cell.shape import box_shape
 from planning.cell.workcell import (
     CellObject,
     Clearances,
@@ -20,11 +20,12 @@ from planning.cell.workcell import (
     PlacedRobot,
     Workcell,
 )
-from planning.errors import OutputError, RobotModelError
+from planning.errors import RobotModelError
 from planning.robots.description_files import description_sha256
 from planning.robots.registry import ROBOTS, robot_model
 from planning.tasks.task import AllowedContact, Handling, Task
 from planning.transforms import Array
+from scheduling.graph.shape_document import shape_document, stored_shape
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
     NodeHandling,
@@ -41,8 +42,8 @@ def _keys(kind: type, *arrays: str, **renamed: str) -> dict[str, str]:
     return {renamed.get(name, name): name for name in names}
 
 
-_FIXTURE = _keys(Fixture, "size", "pose", "frames")
-_OBJECT = _keys(CellObject, "size", "start", mass="mass_kg")
+_FIXTURE = _keys(Fixture, "shape", "pose", "frames")
+_OBJECT = _keys(CellObject, "shape", "start", mass="mass_kg")
 _CLEARANCE = _keys(
     Clearances,
     robot_robot="robot_robot_m",
@@ -57,11 +58,7 @@ _GRAPH_ARRAYS = ("edges", "cause", "dependencies", "slots")
 
 
 def graph_document(tpg: TemporalPlanGraph) -> tuple[Document, Arrays]:
-    """Return a graph as a document and arrays of numbers, as the head of this file says.
-
-    Raises:
-        OutputError: a fixture or object is no box.
-    """
+    """Return a graph as a document and arrays of numbers, as the head of plan_files says."""
     arrays: Arrays = {name: getattr(tpg, name) for name in _GRAPH_ARRAYS}
     if len(tpg.products):
         arrays["products"] = tpg.products
@@ -136,22 +133,25 @@ def _values(entry: Document, keys: Mapping[str, str]) -> dict[str, Any]:
     return {name: entry[key] for key, name in keys.items()}
 
 
-def _box_entry(item: Fixture | CellObject, keys: Mapping[str, str]) -> Document:
-    """Return what is written of a box, which its size and the name of its body describe.
-
-    Raises:
-        OutputError: it is no box.
-    """
-    box = box_body(item.body.name, item.size)
-    if not np.array_equal(box.vertices, item.body.vertices):
-        raise OutputError(
-            f"{item.name!r} is no box: its shape cannot be written to a plan"
-        )
-    return _entry(item, keys) | {"body": item.body.name}
+def _shaped(
+    item: Fixture | CellObject, keys: Mapping[str, str], arrays: Arrays
+) -> Document:
+    """Return what is written of a thing; a box is described by its size alone."""
+    entry = _entry(item, keys) | {"body": item.shape.pieces[0].name}
+    if not item.shape.is_box:
+        entry["body"] = item.name
+        entry["shape"] = shape_document(item.name, item.shape, arrays)
+    return entry
 
 
-def _box_values(entry: Document, keys: Mapping[str, str], size: Array) -> Document:
-    return _values(entry, keys) | {"size": size, "body": box_body(entry["body"], size)}
+def _shaped_values(
+    entry: Document, keys: Mapping[str, str], size: Array, arrays: Arrays
+) -> Document:
+    if entry.get("shape") is None:
+        shape = box_shape(entry["body"], size)
+    else:
+        shape = stored_shape(entry["name"], entry["shape"], arrays)
+    return _values(entry, keys) | {"shape": shape}
 
 
 def _cell_document(cell: Workcell, arrays: Arrays) -> Document:
@@ -180,8 +180,8 @@ def _cell_document(cell: Workcell, arrays: Arrays) -> Document:
     machines = [item.name for item in cell.machines]
     return {
         "robots": robots,
-        "fixtures": [_box_entry(fixture, _FIXTURE) for fixture in cell.fixtures],
-        "objects": [_box_entry(item, _OBJECT) for item in cell.objects],
+        "fixtures": [_shaped(fixture, _FIXTURE, arrays) for fixture in cell.fixtures],
+        "objects": [_shaped(item, _OBJECT, arrays) for item in cell.objects],
         "clearance": _entry(cell.clearances, _CLEARANCE),
     } | ({"machines": machines} if machines else {})
 
@@ -225,13 +225,13 @@ def _cell(
         robots.append(PlacedRobot(entry["name"], model, base, home))
     sizes, poses = arrays["fixture_size"], arrays["fixture_pose"]
     fixtures = tuple(
-        Fixture(**_box_values(entry, _FIXTURE, size), pose=pose)
+        Fixture(**_shaped_values(entry, _FIXTURE, size, arrays), pose=pose)
         for entry, size, pose in zip(document["fixtures"], sizes, poses, strict=True)
     )
     sizes, starts = arrays["object_size"], arrays["object_start"]
     objects = []
     for entry, size, start in zip(document["objects"], sizes, starts, strict=True):
-        values = _box_values({"later": False, **entry}, _OBJECT, size)
+        values = _shaped_values({"later": False, **entry}, _OBJECT, size, arrays)
         values["colour"] = tuple(values["colour"])
         objects.append(CellObject(**values, start=start))
     # Plans of earlier versions grazed nothing.

@@ -1,9 +1,10 @@
 """Temporal plan graphs as files: plan.json says what there is, plan.npz holds the numbers.
 
-plan.json, version 1:
+plan.json, version 1, or 2 where a shape is no box:
     format, version, arrays_sha256 (of plan.npz)
     cell       robots [{name, model, urdf, sha256, joints, frames}], fixtures [{name, body}],
-               objects [{name, kind, body, mass_kg, fixed, colour, later}],
+               objects [{name, kind, body, mass_kg, fixed, colour, later}]; what is no box has
+               shape [{form, and what it measures}] beside that,
                clearance {robot_robot_m, robot_object_m, contact_tolerance_m},
                machines [name] where there are any
     tasks      [{index, robot, kind, step, label, object, goal, handlings [{object, waypoint, holder}]}]
@@ -16,6 +17,8 @@ that the robot collides with: a plan is refused when they have changed.
 
 plan.npz (rows in the order of plan.json; poses are (4, 4) matrices; SI units):
     robot_<i>_base (4, 4), robot_<i>_home (n,), robot_<i>_frames (f, 4, 4)
+    shape_<name>_pose (e, 4, 4); of element k, a mesh, shape_<name>_<k>_{vertices (v, 3),
+    faces (f, 3), corners (of all hulls, 3), centre (3,)}
     fixture_size (f, 3), fixture_pose (f, 4, 4), object_size (o, 3), object_start (o, 4, 4)
     task_path (all values), task_shape (tasks, 2), task_handling_pose (h, 4, 4)
     chain_<i>_{start, waypoints, fraction, first, task, skill, duration, planned_start}
@@ -38,12 +41,14 @@ from planning.errors import OutputError
 from planning.files import NPZ_ERRORS, arrays_text, read_file, read_npz, replacing
 from planning.robots.description_files import copy_description
 from scheduling.graph.arrays import LARGEST_BYTES, check_arrays, check_limits
-from scheduling.graph.document import graph_document, graph_of
+from scheduling.graph.document import Document, graph_document, graph_of
 from scheduling.graph.schema import check_document
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 FORMAT = "assembly-twin temporal plan graph"
 VERSION = 1
+VERSION_OF_SHAPES = 2
+"""Of plans in which something is no box: earlier programs would take it for one."""
 
 _AGAIN = "it was written by another version of this program; plan again"
 
@@ -56,7 +61,7 @@ def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
         folder: where the files go; older ones are replaced.
 
     Raises:
-        OutputError: the files cannot be written, or a fixture or object is no box.
+        OutputError: the files cannot be written.
     """
     described, arrays = graph_document(tpg)
     for robot, placed in zip(described["cell"]["robots"], tpg.cell.robots, strict=True):
@@ -69,7 +74,7 @@ def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
     content = buffer.getvalue()
     document = {
         "format": FORMAT,
-        "version": VERSION,
+        "version": VERSION_OF_SHAPES if _has_shapes(described) else VERSION,
         "arrays_sha256": sha256(content).hexdigest(),
         **described,
     }
@@ -81,6 +86,12 @@ def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
     for name, written in (("plan.npz", content), ("plan.json", text.encode())):
         with replacing(folder / name) as temporary:
             temporary.write_bytes(written)
+
+
+def _has_shapes(described: Document) -> bool:
+    """Tell whether something in a plan is no box."""
+    cell = described["cell"]
+    return any("shape" in item for item in (*cell["fixtures"], *cell["objects"]))
 
 
 def plan_sha256(tpg: TemporalPlanGraph) -> str:
@@ -118,10 +129,10 @@ def load_plan(
         raise OutputError(f"{folder / 'plan.json'} is damaged: {error}") from error
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise OutputError(f"{folder / 'plan.json'} holds no temporal plan graph")
-    if document.get("version") != VERSION:
+    if document.get("version") not in (VERSION, VERSION_OF_SHAPES):
         raise OutputError(
             f"{folder / 'plan.json'} has format version {document.get('version')}: {_AGAIN}",
-            choices=(str(VERSION),),
+            choices=(str(VERSION), str(VERSION_OF_SHAPES)),
         )
     if sha256(content).hexdigest() != document.get("arrays_sha256"):
         raise OutputError(

@@ -11,6 +11,7 @@ from planning.tasks.supply_tasks import GONE
 
 Index = Annotated[int, Field(ge=0, lt=2**31)]
 Metres = Annotated[float, Field(ge=0, le=1000)]
+Length = Annotated[float, Field(gt=0, le=1000)]
 Channel = Annotated[int, Field(ge=0, le=255)]
 
 
@@ -29,9 +30,34 @@ class _Robot(_Entry):
     frames: list[str]
 
 
+class _Box(_Entry):
+    form: Literal["box"]
+    size_m: Annotated[list[Length], Field(min_length=3, max_length=3)]
+
+
+class _Round(_Entry):
+    form: Literal["cylinder", "capsule"]
+    radius_m: Length
+    length_m: Metres
+
+
+class _Mesh(_Entry):
+    form: Literal["mesh"]
+    source: str
+    volume_m3: Annotated[float, Field(gt=0)]
+    missed_m: Metres
+    hulls: Annotated[list[Index], Field(min_length=1, max_length=10_000)]
+
+
+_Element = Annotated[_Box | _Round | _Mesh, Field(discriminator="form")]
+
+
 class _Fixture(_Entry):
     name: str
     body: str
+    shape: Annotated[list[_Element], Field(min_length=1, max_length=10_000)] | None = (
+        None
+    )
 
 
 class _Object(_Fixture):

@@ -17,7 +17,7 @@ from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.verification.graph_structure import Precedence
 from scheduling.verification.motions import Motion
 from scheduling.verification.object_places import Carried, Resting
-from scheduling.verification.reference import ReferenceRobot, resting_part
+from scheduling.verification.reference import ReferenceRobot, resting_parts
 from scheduling.verification.sweeps import Sweeps
 
 PIECE = 0.02
@@ -100,9 +100,10 @@ class RobotBodies:
     ) -> None:
         self.name, self.chain = placed.name, tpg.chain_index.get(placed.name)
         loads = [
-            (c, robot.load(c.object, tpg.cell.object(c.object).size, c.pose))
+            (c, part)
             for c in carried
             if c.chain == self.chain
+            for part in robot.loads(c.object, tpg.cell.object(c.object).shape, c.pose)
         ]
         if self.chain is None:
             self.pieces = _standing_for_ever(placed.home)
@@ -166,20 +167,20 @@ class StillBodies:
         resting: what lies where, and when.
 
     Attributes:
-        resting: see above.
-        motions: of each, none.
+        resting: the same, as often as it has convex parts.
+        motions: of each part, none.
     """
 
     def __init__(self, resting: list[Resting]) -> None:
-        self.resting = resting
-        self.motions = [
-            Motion(
-                None,
-                resting_part(rest.object, rest.size, rest.pose),
-                np.zeros((2, 0)),
-                np.tile(np.eye(4), (2, 1, 1)),
-            )
+        parts = [
+            (rest, part)
             for rest in resting
+            for part in resting_parts(rest.object, rest.shape, rest.pose)
+        ]
+        self.resting = [rest for rest, _ in parts]
+        self.motions = [
+            Motion(None, part, np.zeros((2, 0)), np.tile(np.eye(4), (2, 1, 1)))
+            for _, part in parts
         ]
 
     @cached_property

@@ -6,8 +6,9 @@ from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from planning.cell.shape import Shape
 from planning.tasks.supply_tasks import GONE
-from planning.transforms import Array, Transform
+from planning.transforms import Transform
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
     NodeHandling,
@@ -45,8 +46,8 @@ class Resting:
 
     Attributes:
         object: its name.
-        pose: of its centre in the world.
-        size: edge lengths, shape (3,) [m].
+        pose: of its frame in the world.
+        shape: what it is.
         put: chain, node and waypoint that put it there, None from the start on.
         taken: chain, node and waypoint that take it away, None if it stays.
         tasks: of the robot in whose hand it rests, None when it lies in the world.
@@ -54,7 +55,7 @@ class Resting:
 
     object: str
     pose: Transform
-    size: Array
+    shape: Shape
     put: tuple[int, int, int] | None
     taken: tuple[int, int, int] | None
     tasks: tuple[int, ...] | None = None
@@ -91,7 +92,7 @@ def object_histories(
         flange: returns the world pose of a chain's flange as it stands before a node.
     """
     carried: list[Carried] = []
-    resting = [Resting(f.name, f.pose, f.size, None, None) for f in tpg.cell.fixtures]
+    resting = [Resting(f.name, f.pose, f.shape, None, None) for f in tpg.cell.fixtures]
     index = tpg.chain_index
     for name, events in handled_objects(tpg).items():
         item = tpg.cell.object(name)
@@ -108,7 +109,7 @@ def object_histories(
             if holder == GONE:
                 break
             if holder is None:
-                resting.append(Resting(name, pose, item.size, put, taken))
+                resting.append(Resting(name, pose, item.shape, put, taken))
             else:
                 assert put is not None
                 chain = index[holder]
@@ -119,14 +120,14 @@ def object_histories(
                     leaves = start if start[1] < count else None
                     hand = flange(chain, start[1]) @ pose
                     tasks = _tasks(tpg, chain, start[1])
-                    resting.append(Resting(name, hand, item.size, put, leaves, tasks))
+                    resting.append(Resting(name, hand, item.shape, put, leaves, tasks))
                 end, fetched = taken or (chain, count, 0), False
                 if taken is not None and taken[0] != chain:
                     end, fetched = stand_during(tpg, chain, taken), True
                     stood = _end_before(tpg.chains[chain], end)
                     hand = flange(chain, end[1]) @ pose
                     tasks = _tasks(tpg, chain, end[1])
-                    resting.append(Resting(name, hand, item.size, stood, taken, tasks))
+                    resting.append(Resting(name, hand, item.shape, stood, taken, tasks))
                 carried.append(
                     Carried(name, chain, start[1:], end[1:], pose, given, fetched)
                 )

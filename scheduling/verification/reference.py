@@ -1,4 +1,4 @@
-"""Robots and boxes for independent checks: loaded by pinocchio, measured by coal, and no capsules."""
+"""Robots and things for independent checks: loaded by pinocchio, measured by coal, and no capsules."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ import coal
 import numpy as np
 import pinocchio
 
+from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform
+from scheduling.verification.exact_forms import coal_forms
 
 TOLERANCE = 2e-5
 """Distances may fall short of the clearance by this much: coal's are that exact [m]."""
@@ -80,10 +82,13 @@ class ReferenceRobot:
                 )
             )
 
-    def load(self, entity: str, size: Array, pose: Transform) -> Part:
-        """Return a box held at ``pose`` in the flange frame as a part of the robot."""
-        box = coal.Box(*(float(s) for s in size))
-        return self._part(entity, self.dof - 1, self._flange @ pose, box)
+    def loads(self, entity: str, shape: Shape, pose: Transform) -> list[Part]:
+        """Return what is held at ``pose`` in the flange frame as parts of the robot."""
+        hand = self._flange @ pose
+        return [
+            self._part(entity, self.dof - 1, hand @ local, item)
+            for item, local in coal_forms(shape)
+        ]
 
     def joint_frame(self, q: Array, joint: int) -> Array:
         """Return the world pose of a joint at ``q``, of the base for -1, shape (4, 4)."""
@@ -135,11 +140,16 @@ class ReferenceRobot:
         return Part(entity, joint, local, shape, centre, radius, weight)
 
 
-def resting_part(entity: str, size: Array, pose: Transform) -> Part:
-    """Return a box at rest in the world."""
-    box = coal.Box(*(float(s) for s in size))
-    radius = 0.5 * float(np.linalg.norm(size))
-    return Part(entity, -1, pose, box, pose[:3, 3], radius, np.zeros(0))
+def resting_parts(entity: str, shape: Shape, pose: Transform) -> list[Part]:
+    """Return the parts of what rests in the world."""
+    out = []
+    for item, local in coal_forms(shape):
+        item.computeLocalAABB()
+        at = pose @ local
+        middle = at[:3, :3] @ np.array(item.aabb_center) + at[:3, 3]
+        radius = float(item.aabb_radius)
+        out.append(Part(entity, -1, at, item, middle, radius, np.zeros(0)))
+    return out
 
 
 def measure(a: Part, frame_a: Transform, b: Part, frame_b: Transform) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from planning.cell.body import ConvexBody
 from planning.cell.cover import box_body
 from planning.cell.robot_model import KinematicChain, LinkPart, RobotModel
+from planning.cell.shape import box_shape
 from planning.cell.workcell import (
     Attachment,
     CellObject,
@@ -86,9 +87,8 @@ def planar_cell(
         CellObject(
             f"box{k}",
             "box",
-            np.array([0.06, 0.06, 0.04]),
+            box_shape("box", (0.06, 0.06, 0.04)),
             translation(0.0, 0.0, -1.0 - k),
-            box_body("box", (0.06, 0.06, 0.04)),
         )
         for k in range(objects)
     )
@@ -252,7 +252,7 @@ def _pick_up(
     pose = frame_pose(writer.cell.robot(robot), wiggle[1]) @ translation(0.04, 0, 0)
     cell = writer.cell
     objects = tuple(
-        CellObject(o.name, o.kind, o.size, pose if o.name == box else o.start, o.body)
+        CellObject(o.name, o.kind, o.shape, pose if o.name == box else o.start)
         for o in cell.objects
     )
     trial = Workcell(cell.robots, cell.fixtures, objects, cell.clearances)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan
@@ -86,9 +86,8 @@ def _with_box(plan: MotionPlan, x: float, y: float, **changes: object) -> Motion
     box = CellObject(
         "box",
         "box",
-        np.full(3, 0.04),
+        box_shape("box", (0.04, 0.04, 0.04)),
         translation(x, y, 0.0),
-        box_body("box", (0.04, 0.04, 0.04)),
     )
     cell = replace(plan.cell, objects=(box,))
     return replace(plan, cell=cell, **changes)  # type: ignore[arg-type]

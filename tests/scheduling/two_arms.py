@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import (
     Attachment,
     CellObject,
@@ -27,7 +27,7 @@ STEP = 0.05
 
 
 def block(name: str, size: tuple[float, float, float], pose: Transform) -> CellObject:
-    return CellObject(name, "block", np.array(size), pose, box_body(name, size))
+    return CellObject(name, "block", box_shape(name, size), pose)
 
 
 def two_arms(objects: tuple[CellObject, ...] = (), gap: float = 0.88) -> Workcell:
@@ -43,9 +43,8 @@ def two_arms(objects: tuple[CellObject, ...] = (), gap: float = 0.88) -> Workcel
         (
             Fixture(
                 "table",
-                table,
+                box_shape("table", table),
                 translation(gap / 2, 0.0, 0.17),
-                box_body("table", table),
             ),
         ),
         objects,

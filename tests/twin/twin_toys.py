@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from planning.cell.body import Capsules, ConvexBody
 from planning.cell.robot_model import KinematicChain, RobotModel
+from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
 from planning.tasks.task import SKILLS, TRANSIT, Task
 from planning.transforms import translation
@@ -18,8 +18,8 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 
-_CAPSULE = Capsules(np.zeros((1, 3)), np.zeros((1, 3)), np.full(1, 0.05))
-_BODY = ConvexBody("box", np.zeros((8, 3)), _CAPSULE)
+_SHAPE = box_shape("box", (0.016, 0.032, 0.0096))
+_TABLE = box_shape("table", (2.0, 2.0, 0.1))
 
 
 def toy_model(dof: int, urdf: Path = Path("toy.urdf")) -> RobotModel:
@@ -59,13 +59,12 @@ def toy_cell(
         CellObject(
             f"brick_{k}",
             "2x4",
-            np.array([0.016, 0.032, 0.0096]),
+            _SHAPE,
             translation(0.1 * k, 0.5, 0),
-            _BODY,
         )
         for k in range(objects)
     )
-    table = Fixture("table", np.array([2.0, 2.0, 0.1]), translation(0, 0, -0.1), _BODY)
+    table = Fixture("table", _TABLE, translation(0, 0, -0.1))
     return Workcell(robots, (table,), bricks)
 
 

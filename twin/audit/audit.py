@@ -41,7 +41,12 @@ from twin.audit.worlds.engine import (
     engine_named,
     open_world,
 )
-from twin.audit.worlds.world import AuditWorld, Shape, overlapping_at_home
+from twin.audit.worlds.world import (
+    AuditWorld,
+    Shape,
+    overlapping_at_home,
+    shapes_by_entity,
+)
 from twin.host.atomic import finite
 from twin.host.progress import Report, report_nothing
 
@@ -229,7 +234,9 @@ class _Watch:
         self._overlaps: dict[tuple[str, str], dict[int, tuple[float, float, str]]] = {}
         self._jumped: list[Violation] = []
         self._before: Stretch | None = None
-        self._number = {shape.entity: k for k, shape in enumerate(world.objects)}
+        self._shapes = shapes_by_entity(world.objects)
+        self._starts = {item.name: item.start for item in world.cell.objects}
+        self._number = {name: k for k, name in enumerate(self._shapes)}
 
     def look(self, stretch: Stretch) -> None:
         """Check one stretch."""
@@ -283,17 +290,16 @@ class _Watch:
         if not moved:
             return
         for name in sorted(moved, key=self._number.__getitem__):
-            shape = self._world.objects[self._number[name]]
-            row = before.get(name)
-            old = (
-                self._world.cell.objects[self._number[name]].start
-                if row is None
-                else _pose_of(self._before, name, -1)
-            )
-            ends = np.stack([old, _pose_of(stretch, name, 0)])
-            jump = float(
-                travel_of_points(ends[:, :3, :3], ends[:, :3, 3], shape.radius)[0]
-            )
+            row, jump = before.get(name), 0.0
+            for shape in self._shapes[name]:
+                old = (
+                    shape.at(self._starts[name])
+                    if row is None
+                    else _pose_of(self._before, shape, -1)
+                )
+                ends = np.stack([old, _pose_of(stretch, shape, 0)])
+                turn, at = ends[:, :3, :3], ends[:, :3, 3]
+                jump = max(jump, float(travel_of_points(turn, at, shape.radius)[0]))
             if jump > JUMP:
                 after = now[name].holder
                 detail = f"when it goes from {_whose(row)} to {after or 'rest'}"
@@ -319,12 +325,12 @@ class _Watch:
         )
 
 
-def _pose_of(piece: Stretch, name: str, sample: int) -> Transform:
-    """Return where an object is at a sample of a stretch."""
-    row = piece.placements[name]
+def _pose_of(piece: Stretch, shape: Shape, sample: int) -> Transform:
+    """Return where a shape of an object is at a sample of a stretch."""
+    row = piece.placements[shape.entity]
     if row.holder is None:
-        return row.pose
-    (track,) = (k for k in piece.moving if k.shape.entity == name)
+        return shape.at(row.pose)
+    (track,) = (k for k in piece.moving if k.shape is shape)
     return track.pose(sample)
 
 

@@ -55,16 +55,19 @@ class GripWatch:
         return self._found
 
     def _measure(self, stretch: Stretch, name: str, holder: str) -> None:
-        (track,) = (k for k in stretch.moving if k.shape.entity == name)
-        assert track.holder is not None
-        self._world.configure(track.holder, stretch.robots[track.holder].q[0])
-        self._world.place(track.shape, track.pose(0))
+        tracks = [k for k in stretch.moving if k.shape.entity == name]
+        arm = tracks[0].holder
+        assert arm is not None
+        self._world.configure(arm, stretch.robots[arm].q[0])
+        for track in tracks:
+            self._world.place(track.shape, track.pose(0))
         gap, tool = min(
             (self._world.distance(shape, track.shape, _FAR), shape.detail)
-            for shape in tool_shapes(self._world, track.holder)
+            for shape in tool_shapes(self._world, arm)
+            for track in tracks
         )
-        size = self._world.cell.object(name).size
-        closing = max(0.0, 0.5 * (self._opening - float(np.min(size))))
+        thinnest = min(2.0 * float(np.min(track.shape.half)) for track in tracks)
+        closing = max(0.0, 0.5 * (self._opening - thinnest))
         if gap > GRIP + closing:
             t = float(stretch.t[0])
             detail = f"is held {gap * 1e3:.2f} mm away from {tool}"

@@ -131,8 +131,9 @@ def taken(
 
 
 def distance_of(box: CellObject, pose: Transform, place: Transform) -> float:
-    """Return how far the furthest point of a box is from where it belongs [m]."""
-    radius = 0.5 * float(np.linalg.norm(box.size))
+    """Return how far the furthest point of an object is from where it belongs [m]."""
+    farthest = np.maximum(np.abs(box.shape.low), np.abs(box.shape.high))
+    radius = float(np.linalg.norm(farthest))
     ends = np.stack([pose, place])
     return float(travel_of_points(ends[:, :3, :3], ends[:, :3, 3], radius)[0])
 

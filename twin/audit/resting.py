@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import product
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from twin.audit.motion.executed import ObjectRow
 from twin.audit.motion.sampling import Stretch
 from twin.audit.violation import Violation
 from twin.audit.wanted import TOUCH, Wanted
-from twin.audit.worlds.world import AuditWorld, Shape
+from twin.audit.worlds.world import AuditWorld, Shape, shapes_by_entity
 
 _SINKS = 0.3
 """What comes nearer by this share of the way that an object sinks carries it."""
@@ -33,13 +34,10 @@ class RestWatch:
     def __init__(self, world: AuditWorld, wanted: Wanted) -> None:
         self._world, self._wanted = world, wanted
         cell = world.cell
-        shapes = {shape.entity: shape for shape in (*world.fixtures, *world.objects)}
-        sizes = {f.name: f.size for f in cell.fixtures}
-        sizes |= {o.name: o.size for o in cell.objects}
-        self._boxes = {name: (shapes[name], size) for name, size in sizes.items()}
+        self._shapes = shapes_by_entity((*world.fixtures, *world.objects))
         self._poses: dict[str, Transform] = {f.name: f.pose for f in cell.fixtures}
         # The upright box around each thing; nowhere, where it is not at rest.
-        self._names = tuple(self._boxes)
+        self._names = tuple(self._shapes)
         self._number = {name: k for k, name in enumerate(self._names)}
         self._bounds = np.full((len(self._names), 2, 3), np.nan)
         for name in self._poses:
@@ -119,9 +117,10 @@ class RestWatch:
 
     def _box_of(self, name: str) -> Array:
         """Return the corners of the upright box around an object, shape (2, 3)."""
-        pose, (_, size) = self._poses[name], self._boxes[name]
-        reach = np.abs(pose[:3, :3]) @ (0.5 * size)
-        return np.array([pose[:3, 3] - reach, pose[:3, 3] + reach])
+        places = [(shape.at(self._poses[name]), shape) for shape in self._shapes[name]]
+        middle = np.array([pose[:3, 3] for pose, _ in places])
+        reach = np.array([np.abs(pose[:3, :3]) @ shape.half for pose, shape in places])
+        return np.array([(middle - reach).min(axis=0), (middle + reach).max(axis=0)])
 
     def _near(self, name: str) -> list[str]:
         low, high = self._bounds[self._number[name]]
@@ -168,13 +167,15 @@ class RestWatch:
         return nearer >= _SINKS * way
 
     def _gap(self, first: str, second: str, *, sunk: float = 0.0) -> float:
-        a, b = self._placed(first, sunk), self._placed(second, 0.0)
-        return self._world.distance(a, b, _FAR)
+        pairs = product(self._placed(first, sunk), self._placed(second, 0.0))
+        return min(self._world.distance(a, b, _FAR) for a, b in pairs)
 
-    def _placed(self, name: str, sunk: float) -> Shape:
-        shape, _ = self._boxes[name]
-        self._world.place(shape, translation(0.0, 0.0, -sunk) @ self._poses[name])
-        return shape
+    def _placed(self, name: str, sunk: float) -> list[Shape]:
+        pose = translation(0.0, 0.0, -sunk) @ self._poses[name]
+        shapes = self._shapes[name]
+        for shape in shapes:
+            self._world.place(shape, shape.at(pose))
+        return shapes
 
     def _floating(self) -> list[str]:
         return [name for name in self._rows if name not in self._stands]

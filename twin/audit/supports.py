@@ -164,9 +164,9 @@ def _gap_to_objects(
         at = there.get(shape.entity)
         if at is None or at.holder is not None:
             continue
-        world.place(shape, at.pose)
+        world.place(shape, shape.at(at.pose))
         gap = min(world.distance(part, shape, _FAR) for part in tool)
-        edge = float(np.min(world.cell.object(shape.entity).size))
+        edge = 2.0 * float(np.min(shape.half))
         closes = max(0.0, 0.5 * (opening - edge))
         if gap - closes < least - closing:
             least, closing = gap, closes

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from planning.errors import ConstructionError, InfeasibleStepError
-from planning.parts.contact_graph import Lying, near_to, standing
+from planning.parts.contact_graph import Lying, bounds, near_to, standing
 from planning.parts.part_steps import MOST_OVERLAP
 from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, Subject, millimetres
@@ -127,13 +127,9 @@ def close_pairs(
     """
     if not lying:
         return
-    centre = np.array([pose[:3, 3] for _, (_, pose) in lying])
-    half = np.array(
-        [
-            np.abs(pose[:3, :3]) @ (0.5 * np.asarray(item.size))
-            for _, (item, pose) in lying
-        ]
-    )
+    corners = np.array([bounds(item) for _, item in lying])
+    centre = 0.5 * (corners[:, 0] + corners[:, 1])
+    half = 0.5 * (corners[:, 1] - corners[:, 0])
     for i in range(len(lying) if first is None else first):
         apart = np.abs(centre[i + 1 :] - centre[i]) - half[i + 1 :] - half[i]
         near = i + 1 + np.flatnonzero(np.all(apart <= within, axis=1))
@@ -150,10 +146,10 @@ def _touch(subject: Subject) -> float:
 def _below(lying: Sequence[tuple[str, Lying]], name: str) -> str:
     """Return what is below a thing, and how far, in words."""
     things: Mapping[str, Lying] = dict(lying)
-    low, high = _bounds(things[name])
+    low, high = bounds(things[name])
     best: tuple[float, str] | None = None
     for other, item in things.items():
-        other_low, other_high = _bounds(item)
+        other_low, other_high = bounds(item)
         beside = np.any(low[:2] > other_high[:2]) or np.any(high[:2] < other_low[:2])
         drop = float(low[2] - other_high[2])
         if other == name or beside or drop < 0.0:
@@ -161,8 +157,3 @@ def _below(lying: Sequence[tuple[str, Lying]], name: str) -> str:
         if best is None or drop < best[0]:
             best = drop, other
     return "" if best is None else f"; {best[1]} is {millimetres(best[0])} below"
-
-
-def _bounds(item: Lying) -> tuple[np.ndarray, np.ndarray]:
-    reach = np.abs(item[1][:3, :3]) @ (0.5 * np.asarray(item[0].size))
-    return item[1][:3, 3] - reach, item[1][:3, 3] + reach

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 from scipy.spatial import ConvexHull, QhullError
 
+from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot
 from planning.errors import OutputError
 from planning.kinematics.kinematics import frame_pose, joint_poses_of
@@ -158,13 +159,15 @@ def reach_radius(robot: PlacedRobot, frame: str) -> float | None:
 def _shapes(subject: Subject) -> Iterator[_Shape]:
     cell = subject.cell
     for item in cell.fixtures:
-        corners = _placed(item.body.vertices, item.pose)
         counts = item.name in subject.own_fixtures or float(np.max(item.size)) < 5.0
-        yield _Shape(corners, _FIXTURE, _FIXTURE_EDGE, 1.0, counts)
+        for piece in item.shape.pieces:
+            corners = _placed(piece.vertices, item.pose)
+            yield _Shape(corners, _FIXTURE, _FIXTURE_EDGE, 1.0, counts)
     for thing in cell.objects:
         if not thing.later:
             face = tuple(value / 255.0 for value in thing.colour)
-            yield _Shape(_placed(thing.body.vertices, thing.start), face, INK, 0.95)
+            for piece in thing.shape.pieces:
+                yield _Shape(_placed(piece.vertices, thing.start), face, INK, 0.95)
     for number, robot in enumerate(cell.robots):
         colour = _ROBOTS[number % len(_ROBOTS)]
         poses = joint_poses_of(robot, robot.home)
@@ -172,6 +175,10 @@ def _shapes(subject: Subject) -> Iterator[_Shape]:
             corners = _placed(part.body.vertices, poses[part.joint + 1])
             alpha = 0.9 if part.group == "tool" else 0.55
             yield _Shape(corners, colour, colour, alpha)
+
+
+def _corners(shape: Shape) -> Array:
+    return np.vstack([piece.vertices for piece in shape.pieces])
 
 
 def _extent(
@@ -257,12 +264,12 @@ def _draw_names(
     """Write names of objects and fixtures where there is room for them, small things first."""
     cell = subject.cell
     named = [
-        (o.name, _placed(o.body.vertices, o.start), INK)
+        (o.name, _placed(_corners(o.shape), o.start), INK)
         for o in cell.objects
         if not o.later
     ]
     fixtures = [
-        (f.name, _placed(f.body.vertices, f.pose), _FIXTURE_NAME)
+        (f.name, _placed(_corners(f.shape), f.pose), _FIXTURE_NAME)
         for f in cell.fixtures
         if f.name in subject.own_fixtures
     ]

@@ -1,4 +1,4 @@
-"""The places that objects go to, as boxes, for every kind of assembly."""
+"""The places that objects go to, as convex pieces, for every kind of assembly."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from twin.scenario.sections.parts import PartsSection
 
 
 def goal_boxes(subject: Subject) -> Iterator[tuple[str, Array]]:
-    """Yield what is put somewhere, with the corners of its box there, shape (8, 3) [m]."""
+    """Yield what is put somewhere, with the corners of each of its pieces there, shape (v, 3) [m]."""
     section = subject.scenario.assembly
     if isinstance(section, PartsSection):
         from twin.planning.parts import build_assembly
 
         for name, goal in build_assembly(section).goals.items():
-            yield name, _corners(subject.cell.object(name).size, goal)
+            for piece in subject.cell.object(name).shape.pieces:
+                yield name, piece.vertices @ goal[:3, :3].T + goal[:3, 3]
     elif isinstance(section, LegoSection):
         yield from _bricks(section)
     else:

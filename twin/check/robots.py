@@ -58,9 +58,10 @@ def check_bases(subject: Subject) -> Findings:
             if solid.joint >= 0:
                 continue
             for item in fixtures:
-                box = resting_solid(item.name, item.body, item.pose)
-                gap = distance_at(solid, robot.home, box, _NOWHERE)
-                deepest[item.name] = min(deepest[item.name], gap)
+                for piece in item.shape.pieces:
+                    box = resting_solid(item.name, piece, item.pose)
+                    gap = distance_at(solid, robot.home, box, _NOWHERE)
+                    deepest[item.name] = min(deepest[item.name], gap)
         for name, gap in deepest.items():
             if gap < -_SUNK:
                 yield Finding(

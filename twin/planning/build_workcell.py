@@ -10,6 +10,7 @@ import numpy as np
 
 from planning.cell.workcell import Clearances, Fixture, PlacedRobot, Workcell
 from planning.transforms import readonly
+from twin.planning.build_shape import build_shape
 from twin.planning.kind import assembly_kind
 from twin.scenario.sections.poses import build_transform
 from twin.scenario.sections.scenario import FixtureSection, RobotSection, Scenario
@@ -25,6 +26,7 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
 
     Raises:
         RobotModelError: a robot description cannot be used.
+        ShapeError: a mesh cannot be used.
     """
     clearance = scenario.cell.clearance
     assembly = assembly_kind(scenario.assembly)
@@ -32,8 +34,11 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
         robots=tuple(
             _robot(r, scenario.cell.tools, folder) for r in scenario.cell.robots
         ),
-        fixtures=(*(_fixture(f) for f in scenario.cell.fixtures), *assembly.fixtures()),
-        objects=assembly.objects(),
+        fixtures=(
+            *(_fixture(f, folder) for f in scenario.cell.fixtures),
+            *assembly.fixtures(),
+        ),
+        objects=assembly.objects(folder),
         clearances=Clearances(
             clearance.robot_robot_m,
             clearance.robot_object_m,
@@ -66,10 +71,7 @@ def _robot(
     )
 
 
-def _fixture(section: FixtureSection) -> Fixture:
-    from planning.cell.cover import box_body
-
-    size = readonly(section.size_m)
-    pose = build_transform(section.pose)
+def _fixture(section: FixtureSection, folder: Path) -> Fixture:
+    shape = build_shape(section.name, section.described, folder)
     frames = {name: build_transform(at) for name, at in section.frames.items()}
-    return Fixture(section.name, size, pose, box_body(section.name, size), frames)
+    return Fixture(section.name, shape, build_transform(section.pose), frames)

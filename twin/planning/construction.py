@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -84,7 +85,7 @@ class ConstructionKind(AssemblyKind):
 
         return (ground_fixture(self.section.ground_m),)
 
-    def objects(self) -> tuple[CellObject, ...]:
+    def objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
         """Return the parts where they are at the start."""
         from planning.construction.problem.site import part_objects
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
@@ -86,8 +87,12 @@ class AssemblyKind(Protocol):
         """Return the fixtures it brings."""
         return ()
 
-    def objects(self) -> tuple[CellObject, ...]:
-        """Return the objects it brings."""
+    def objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
+        """Return the objects it brings.
+
+        Args:
+            folder: where relative paths of meshes start, that of the scenario's file.
+        """
         return ()
 
     def wanted(self, cell: CellSection) -> Wanted:

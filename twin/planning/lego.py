@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -105,7 +106,7 @@ class LegoKind(AssemblyKind):
             plates.append(plate_fixture(assembly.storage, STORAGE))
         return tuple(plates)
 
-    def objects(self) -> tuple[CellObject, ...]:
+    def objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
         """Return the stock."""
         from planning.lego.bricks.objects import stock_objects
 

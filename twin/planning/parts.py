@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +16,7 @@ from planning.transforms import Transform, readonly
 from twin.audit.wanted import Place as WantedPlace
 from twin.audit.wanted import Wanted, WantedProcess
 from twin.host.progress import StageWatch
+from twin.planning.build_shape import build_shape
 from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.planning.part_problems import check_steps
 from twin.scenario.document.problems import Problem, mark_problems
@@ -60,19 +62,24 @@ class PartKind(AssemblyKind):
         """Return the problems of the section: steps name what there is, and no part twice."""
         return mark_problems(document, check_steps(self.section))
 
-    def objects(self) -> tuple[CellObject, ...]:
+    def object_kinds(self) -> Iterable[str]:
+        """Return the types of the parts, each once."""
+        return dict.fromkeys(part.shape_words for part in self.section.parts)
+
+    def objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
         """Return the parts where they are at the start."""
-        return tuple(_part(part, self.section.placed) for part in self.section.parts)
+        placed = self.section.placed
+        return tuple(_part(part, placed, folder) for part in self.section.parts)
 
     def wanted(self, cell: CellSection) -> Wanted:
         """Return the goals of the parts, the processes, and how far fingers stand open."""
         assembly, section = build_assembly(self.section), self.section
-        objects = {item.name: item for item in self.objects()}
+        kinds = {part.name: part.shape_words for part in section.parts}
         places = tuple(
             WantedPlace(
                 f"goal of step {k}",
                 assembly.goals[step.part],
-                objects[step.part].kind,
+                kinds[step.part],
                 step.part,
                 held=step.hold is not None,
                 name=step.name,
@@ -211,17 +218,13 @@ def _words(at: PlaceOfWork) -> str:
     return "/".join(named)
 
 
-def _part(part: PartSection, steps: tuple[str, ...]) -> CellObject:
-    from planning.cell.cover import box_body
-
-    size = readonly(part.size_m)
+def _part(part: PartSection, steps: tuple[str, ...], folder: Path) -> CellObject:
     red, green, blue = part.colour
     return CellObject(
         name=part.name,
-        kind=" x ".join(f"{edge:g}" for edge in part.size_m),
-        size=size,
+        kind=part.shape_words,
+        shape=build_shape(part.name, part.described, folder),
         start=readonly(build_transform(part.start)),
-        body=box_body(part.name, size),
         mass=part.mass_kg,
         fixed=part.name not in steps,
         colour=(red, green, blue),

@@ -180,15 +180,17 @@ def _still_boxes(
     cell = world.cell
     items = [(rest, cell.object(rest.object)) for rest in rests]
     boxes = stand_boxes(
-        cell.fixtures, [(r.object, i.body, i.size, r.pose) for r, i in items]
+        cell.fixtures,
+        [piece for r, i in items for piece in i.shape.placed(r.object, r.pose)],
     )
-    always = np.full(len(cell.fixtures), np.inf)
+    each = [r for r, i in items for _ in i.shape.pieces]
+    always = np.full(boxes.fixtures, np.inf)
     return boxes.names, StillBoxes(
         boxes.pose,
         boxes.half,
         boxes.bounds,
-        np.append(-always, [r.start for r in rests]),
-        np.append(always, [r.end for r in rests]),
+        np.append(-always, [r.start for r in each]),
+        np.append(always, [r.end for r in each]),
         np.arange(len(boxes.names)),
         boxes.hulls,
     )

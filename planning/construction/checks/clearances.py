@@ -49,7 +49,7 @@ def body_limits(
     Args:
         cell: for its clearances.
         movers: who moves.
-        boxes: entity of each box, the cell's fixtures first.
+        boxes: entity of each piece at rest, those of the cell's fixtures first.
         bounds: least and greatest corner of each, shape (b, 6) [m].
         numbers: of all entities, those of robots first.
         allowed: unordered pairs of entities that may touch.
@@ -57,12 +57,13 @@ def body_limits(
     between = cell.clearances.robot_robot + MARGIN
     to_objects = cell.clearances.robot_object + MARGIN
     own = [body for m, mover in enumerate(movers) for body in _bodies(m, mover)]
+    still = sum(len(fixture.shape.pieces) for fixture in cell.fixtures)
     touchable = [_touchable(body.entity, allowed) for body in own]
     to_boxes = np.full((len(own), len(boxes)), to_objects)
     to_entities = np.full((len(own), len(numbers)), between)
     for i, body in enumerate(own):
         if body.part and body.joint < 0:
-            to_boxes[i, : len(cell.fixtures)] = SKIP
+            to_boxes[i, :still] = SKIP
         to_entities[i, [numbers[e] for e in touchable[i] if e in numbers]] = SKIP
         to_boxes[i, [name in touchable[i] for name in boxes]] = SKIP
         if body.level is not None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from planning.cell.body import ConvexBody
 from planning.cell.robot_model import KinematicChain, LinkPart, RobotModel
+from planning.cell.shape import Shape
 from planning.cell.workcell import Attachment, PlacedRobot
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.problem.problem import ConstructionProblem, Part
@@ -112,7 +113,7 @@ class StepScenes:
         left out.
         """
         world, item = self.world, self.problem.object(self.part)
-        ghost = _ghost(item.body, self.part)
+        ghost = _ghost(item.shape, self.part)
         cell = replace(world.cell, robots=(*world.cell.robots, ghost))
         begin = min(world.robots[name].end for name in self.team)
         line = RobotTimeline(_GHOST, np.array([begin]), np.zeros((1, 1)))
@@ -131,7 +132,7 @@ class StepScenes:
         return checker, np.zeros((1, 1))
 
 
-def _ghost(body: ConvexBody, part: Part) -> PlacedRobot:
+def _ghost(shape: Shape, part: Part) -> PlacedRobot:
     """Return a robot that is nothing but the part in its place."""
     model = RobotModel(
         name=_GHOST,
@@ -146,8 +147,8 @@ def _ghost(body: ConvexBody, part: Part) -> PlacedRobot:
         ),
         flange=readonly(np.eye(4)),
         frames={},
-        parts=(LinkPart(0, "arm", body),),
-        never_collide=frozenset(),
+        parts=tuple(LinkPart(0, "arm", body) for body in shape.pieces),
+        never_collide=frozenset(combinations(range(len(shape.pieces)), 2)),
         home=readonly(np.zeros(1)),
     )
     return PlacedRobot(_GHOST, model, part.goal, readonly(np.zeros(1)))

@@ -14,8 +14,8 @@ from itertools import islice
 import numpy as np
 from scipy.spatial import KDTree
 
-from planning.cell.cover import box_body
 from planning.cell.robot_model import RobotModel
+from planning.cell.shape import box_shape
 from planning.cell.workcell import (
     Attachment,
     CellObject,
@@ -224,9 +224,8 @@ def _with_probe(robot: PlacedRobot, frame: str) -> SceneChecker:
     """Return a checker of a robot by itself, holding something as small as parts are."""
     tool = frame_in_flange(robot.model, frame)
     size = readonly(_PROBE)
-    body = box_body("probe", size)
     pose = tool @ translation(0.0, 0.0, 0.5 * _PROBE[2])
-    probe = CellObject("probe", "probe", size, pose, body)
+    probe = CellObject("probe", "probe", box_shape("probe", size), pose)
     cell = Workcell((robot,), (), (probe,))
     held = WorldState({robot.name: robot.home}, {"probe": Attachment(robot.name, pose)})
     touching = frozenset({frozenset((entity(robot.name, "tool"), "probe"))})

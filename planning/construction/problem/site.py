@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.construction.problem.models import ModelPart
 from planning.construction.problem.problem import (
@@ -35,9 +35,8 @@ def ground_fixture(edge: float = 30.0) -> Fixture:
     Args:
         edge: its length [m].
     """
-    size = readonly((edge, edge, _DEPTH))
     pose = readonly(translation(0.0, 0.0, -_DEPTH / 2.0))
-    return Fixture(GROUND, size, pose, box_body(GROUND, size))
+    return Fixture(GROUND, box_shape(GROUND, (edge, edge, _DEPTH)), pose)
 
 
 def part_objects(
@@ -62,9 +61,8 @@ def part_objects(
         CellObject(
             name=part.name,
             kind=" x ".join(f"{edge:.4g}" for edge in part.size),
-            size=part.size,
+            shape=box_shape(part.name, part.size),
             start=readonly(poses[part.name]),
-            body=box_body(part.name, part.size),
             mass=part.mass,
             colour=part.colour,
         )

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import Attachment, CellObject, Workcell
 from planning.geometry.standing import StandingBoxes, stand_boxes
 from planning.lego.bricks.assembly import (
@@ -132,8 +132,7 @@ class BrickWorld:
         for number, step in enumerate(self.assembly.steps, start=1):
             name, size = goal_name(number), box_size(step.brick)
             pose = readonly(box_pose(self.assembly.plate, step.cell, step.brick))
-            body = box_body(name, size)
-            item = CellObject(name, step.brick.name, readonly(size), pose, body)
+            item = CellObject(name, step.brick.name, box_shape(name, size), pose)
             goals.append((item, Attachment(None, pose)))
         return tuple(goals)
 
@@ -189,8 +188,9 @@ class BrickWorld:
         return stand_boxes(
             self.cell.fixtures,
             [
-                (item.name, item.body, item.size, at.pose)
+                piece
                 for item, at in (*self.stock_at_rest.values(), *self._goals)
+                for piece in item.shape.placed(item.name, at.pose)
             ],
         )
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Fixture
 from planning.lego.bricks.assembly import (
     STUD_PITCH,
@@ -98,9 +98,8 @@ def _stock_object(assembly: LegoAssembly, item: StockBrick) -> CellObject:
     return CellObject(
         name=copy_name(item.name, 1) if item.station else item.name,
         kind=brick.name,
-        size=readonly(size),
+        shape=box_shape(item.name, size),
         start=readonly(box_pose(assembly.plate_of(item), item.cell, brick)),
-        body=box_body(item.name, size),
         mass=brick.mass,
         fixed=item.fixed,
         colour=_FIXED if item.fixed else brick_colour(brick),
@@ -111,4 +110,4 @@ def plate_fixture(plate: Plate, name: str = "plate") -> Fixture:
     """Return the base plate as a box whose top face is the surface that bricks rest on."""
     size = np.array([*(n * STUD_PITCH for n in plate.studs), PLATE_THICKNESS])
     pose = plate.pose @ translation(0.0, 0.0, -PLATE_THICKNESS / 2)
-    return Fixture(name, readonly(size), readonly(pose), box_body(name, size))
+    return Fixture(name, box_shape(name, size), readonly(pose))

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from planning.cell.differences import cell_differences
+from planning.cell.forms import Mesh
+from planning.cell.shape import Element, Shape, box_shape, shape_of
 from planning.cell.workcell import Clearances, Workcell
 from planning.transforms import from_rpy, translation
 from tests.scheduling.mini_world import random_plan
@@ -29,6 +31,13 @@ def _object(**changes: object) -> Change:
     )
 
 
+def _wedge(size: np.ndarray) -> Shape:
+    """Half of a box."""
+    corners = box_shape("w", size).pieces[0].vertices[:6]
+    mesh = Mesh(corners, np.zeros((1, 3), int), (corners,), 1.0, np.zeros(3))
+    return shape_of("w", [Element(mesh, np.eye(4))])
+
+
 def test_a_cell_does_not_differ_from_itself() -> None:
     assert cell_differences(CELL, CELL) == []
 
@@ -46,7 +55,8 @@ ROBOT, OBJECT = CELL.robots[0], CELL.objects[0]
         ),
         (_robot(home=ROBOT.home + 0.01), "another HOME"),
         (_robot(name="new"), "robot 'new' is not in the plan"),
-        (_object(size=OBJECT.size * 2.0), "measures"),
+        (_object(shape=box_shape("b", OBJECT.size * 2.0)), "measures"),
+        (_object(shape=_wedge(OBJECT.size)), "another shape of the same size"),
         (_object(start=translation(0.0, 0.0, 0.002) @ OBJECT.start), "0.002 m from"),
         (_object(kind="other"), "'other' here"),
         (lambda c: replace(c, objects=c.objects[:-1]), "is not in the cell"),

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from benchmarks.construction.fine_check.check import check_construction
 from benchmarks.construction.fixed_time import FixedTimeSolver, plan_fixed_time
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
 from planning.construction.candidates import Candidates, robot_groups
 from planning.construction.export.motion_plan_export import motion_plan
@@ -203,9 +203,8 @@ def test_a_handover_is_found_where_nobody_can_do_it_alone() -> None:
     size = readonly((0.7, 0.2, height))
     plinth = Fixture(
         "plinth",
-        size,
+        box_shape("plinth", size),
         readonly(translation(0.0, 0.0, 0.5 * height)),
-        box_body("plinth", size),
     )
     beam = toy_part("beam", (0.7, 0.2, 0.096), (0.0, 0.0, height + 0.048))
     cell = Workcell(

@@ -10,8 +10,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from planning.cell.cover import box_body
 from planning.cell.robot_model import RobotModel
+from planning.cell.shape import box_shape
 from planning.cell.workcell import (
     CellObject,
     Clearances,
@@ -155,9 +155,7 @@ def placed(name: str, model: RobotModel, home: tuple[float, ...]) -> PlacedRobot
 def box(
     name: str, size: tuple[float, float, float], at: tuple[float, float, float]
 ) -> CellObject:
-    return CellObject(
-        name, "box", np.array(size), translation(*at), box_body(name, size), mass=0.1
-    )
+    return CellObject(name, "box", box_shape(name, size), translation(*at), mass=0.1)
 
 
 def fixture(
@@ -168,9 +166,8 @@ def fixture(
 ) -> Fixture:
     return Fixture(
         name,
-        np.array(size),
+        box_shape(name, size),
         translation(*at) @ rotation("z", turn),
-        box_body(name, size),
     )
 
 

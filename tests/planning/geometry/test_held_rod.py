@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import (
     Attachment,
     CellObject,
@@ -37,12 +37,12 @@ HANDED = frozenset({frozenset(("panda/tool", "rod"))})
 
 def box(name: str, size: tuple[float, float, float], at: Array) -> Fixture:
     edges = np.array(size)
-    return Fixture(name, edges, at, box_body(name, edges))
+    return Fixture(name, box_shape(name, edges), at)
 
 
 def checker(*fixtures: Fixture) -> tuple[SceneChecker, CellObject]:
     size = np.array([0.02, LENGTH, 0.02])
-    rod = CellObject("rod", "rod", size, identity(), box_body("rod", size))
+    rod = CellObject("rod", "rod", box_shape("rod", size), identity())
     cell = Workcell((PANDA,), fixtures, (rod,), Clearances(0.001, 0.0))
     state = WorldState({"panda": PANDA.home}, {"rod": Attachment("panda", GRIP)})
     return SceneChecker(cell, "panda", state, HANDED), rod

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import (
     Attachment,
     CellObject,
@@ -29,7 +29,7 @@ OTHER = PlacedRobot("other", MODEL, readonly(translation(0.8, 0, 0)), MODEL.home
 def brick(name, x, y, z):
     size = readonly([0.016, 0.032, 0.0096])
     return CellObject(
-        name, "2x4", size, readonly(translation(x, y, z)), box_body(name, size)
+        name, "2x4", box_shape(name, size), readonly(translation(x, y, z))
     )
 
 

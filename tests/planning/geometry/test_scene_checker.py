@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import (
     Attachment,
     CellObject,
@@ -28,21 +28,18 @@ def _cell(make_arm: Callable[..., PlacedRobot], seed: int) -> Workcell:
     one = make_arm("one")
     two = make_arm("two", from_rpy((0.9, 0.1, 0.0), (0.0, 0.0, 3.0)))
     size = np.array([0.06, 0.12, 0.04])
-    brick = box_body("brick", size)
+    brick = box_shape("brick", size)
     objects = tuple(
         CellObject(
             f"brick{k}",
             "brick",
-            size,
-            from_rpy(rng.uniform(-0.6, 0.6, 3), rng.uniform(-3, 3, 3)),
             brick,
+            from_rpy(rng.uniform(-0.6, 0.6, 3), rng.uniform(-3, 3, 3)),
         )
         for k in range(6)
     )
     table_size = np.array([2.0, 2.0, 0.02])
-    table = Fixture(
-        "table", table_size, translation(0, 0, -0.2), box_body("table", table_size)
-    )
+    table = Fixture("table", box_shape("table", table_size), translation(0, 0, -0.2))
     return Workcell((one, two), (table,), objects)
 
 
@@ -143,7 +140,7 @@ def test_an_allowed_pair_is_not_checked(make_arm: Callable[..., PlacedRobot]) ->
     arm = make_arm("one")
     size = np.array([0.05, 0.05, 0.05])
     at_tip = frame_pose(arm, np.zeros(4)) @ translation(0.0, 0.0, 0.0)
-    brick = CellObject("brick0", "brick", size, at_tip, box_body("brick", size))
+    brick = CellObject("brick0", "brick", box_shape("brick", size), at_tip)
     cell = Workcell((arm,), (), (brick,))
     state = WorldState({"one": np.zeros(4)}, {"brick0": Attachment(None, at_tip)})
     assert not SceneChecker(cell, "one", state).configuration_free(np.zeros(4))

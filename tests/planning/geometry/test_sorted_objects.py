@@ -6,18 +6,17 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import Attachment, CellObject, Fixture
 from planning.geometry.sorted_objects import sort_objects
 from planning.geometry.standing import stand_boxes
 from planning.transforms import readonly, translation
 
 SIZE = readonly([0.016, 0.032, 0.0096])
-BODY = box_body("brick", SIZE)
-TABLE = Fixture("table", SIZE, readonly(np.eye(4)), BODY)
+SHAPE = box_shape("brick", SIZE)
+TABLE = Fixture("table", SHAPE, readonly(np.eye(4)))
 OBJECTS = tuple(
-    CellObject(f"b{k}", "2x4", SIZE, readonly(translation(k, 0, 0)), BODY)
-    for k in range(6)
+    CellObject(f"b{k}", "2x4", SHAPE, readonly(translation(k, 0, 0))) for k in range(6)
 )
 
 places = st.none() | st.tuples(
@@ -46,7 +45,12 @@ def test_following_is_sorting_anew(run):
         assert held == [pair for pair in there if pair[1].holder is not None]
         anew = stand_boxes(
             fixtures,
-            [(i.name, i.body, i.size, a.pose) for i, a in there if a.holder is None],
+            [
+                p
+                for i, a in there
+                if a.holder is None
+                for p in i.shape.placed(i.name, a.pose)
+            ],
         )
         assert boxes.names == anew.names
         assert np.array_equal(boxes.pose, anew.pose)
@@ -54,7 +58,9 @@ def test_following_is_sorting_anew(run):
 
 
 def test_boxes_left_out_and_the_first_ones():
-    boxes = stand_boxes((TABLE,), [(i.name, i.body, i.size, i.start) for i in OBJECTS])
+    boxes = stand_boxes(
+        (TABLE,), [p for i in OBJECTS for p in i.shape.placed(i.name, i.start)]
+    )
     assert boxes.first(3).names == ("table", "b0", "b1")
     fewer = boxes.without(["b1", "unknown", "b4"])
     assert fewer.names == ("table", "b0", "b2", "b3", "b5")

@@ -23,11 +23,9 @@ def test_tables_reach_as_far_as_the_rows_of_a_scene(
     brick = box_body("brick", SIZE)
     rng = np.random.default_rng(0)
     poses = [from_rpy(rng.uniform(-1, 1, 3), rng.uniform(-3, 3, 3)) for _ in range(40)]
-    stand_boxes(
-        cell.fixtures, [(f"other{k}", brick, SIZE, p) for k, p in enumerate(poses)]
-    )
+    stand_boxes(cell.fixtures, [(f"other{k}", brick, p) for k, p in enumerate(poses)])
     # A scene of few boxes, whose rows come after those of many others.
-    few = stand_boxes(cell.fixtures, [("last", brick, SIZE, poses[-1])])
+    few = stand_boxes(cell.fixtures, [("last", brick, poses[-1])])
     table = few.hulls
     rows = table.solid[0]
     assert rows.tolist() == few.rows.tolist()

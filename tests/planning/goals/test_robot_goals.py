@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
 from planning.goals.robot_goals import RobotGoal, prepare_goals
@@ -23,7 +23,7 @@ from planning.transforms import from_rpy, translation
 def cell() -> Workcell:
     model = robot_model("panda")
     size = np.array([1.6, 1.2, 0.04])
-    table = Fixture("table", size, translation(0, 0, -0.02), box_body("table", size))
+    table = Fixture("table", box_shape("table", size), translation(0, 0, -0.02))
     return Workcell(
         (
             PlacedRobot("west", model, translation(-0.5, 0.0, 0.0), model.home),

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell, start_state
 from planning.errors import TransitError
 from planning.geometry.scene_checker import SceneChecker
@@ -32,7 +32,7 @@ def cell() -> Workcell:
         "right", model, from_rpy((0.88, 0, 0), (0, 0, np.pi)), model.home
     )
     at = frame_pose(left, model.home + REACH) @ translation(0, 0, 0.12)
-    box = CellObject("box", "box", SIZE, at, box_body("box", SIZE))
+    box = CellObject("box", "box", box_shape("box", SIZE), at)
     return Workcell((left, right), (), (box,))
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject
 from planning.parts.contact_graph import near_to
 from planning.transforms import from_rpy, translation
@@ -18,7 +18,7 @@ places = st.tuples(*[st.floats(-0.4, 0.4)] * 3)
 
 def box(size: tuple[float, float, float]) -> CellObject:
     edges = np.array(size)
-    return CellObject("part", "box", edges, np.eye(4), box_body("part", edges))
+    return CellObject("part", "box", box_shape("part", edges), np.eye(4))
 
 
 def gap_of_upright(

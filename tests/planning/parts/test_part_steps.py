@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
 from planning.kinematics.kinematics import frame_pose
@@ -39,7 +39,7 @@ def pose(xyz: tuple[float, float, float], yaw: float) -> Transform:
 
 def rod(name: str, start: Transform) -> CellObject:
     size = np.array([0.2, 0.024, 0.024])
-    return CellObject(name, "rod", size, start, box_body(name, size), 0.05)
+    return CellObject(name, "rod", box_shape(name, size), start, 0.05)
 
 
 def two_arms() -> Workcell:
@@ -50,9 +50,7 @@ def two_arms() -> Workcell:
             PlacedRobot(name, model, pose((x, 0.0, 0.0), yaw), model.home)
             for name, x, yaw in (("west", -0.5, 0.0), ("east", 0.5, np.pi))
         ),
-        fixtures=(
-            Fixture("table", table, pose((0, 0, -0.01), 0), box_body("table", table)),
-        ),
+        fixtures=(Fixture("table", box_shape("table", table), pose((0, 0, -0.01), 0)),),
         objects=tuple(rod(k, pose(v[0], v[1])) for k, v in RODS.items()),
     )
 

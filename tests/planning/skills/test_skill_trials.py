@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import (
     Attachment,
     CellObject,
@@ -43,7 +43,7 @@ WAY = MODEL.home + np.array(
 def item(name, pose):
     size = readonly([0.016, 0.032, 0.0096])
     return (
-        CellObject(name, "2x4", size, readonly(pose), box_body(name, size)),
+        CellObject(name, "2x4", box_shape(name, size), readonly(pose)),
         Attachment(None, readonly(pose)),
     )
 

@@ -44,7 +44,7 @@ def beside_a_beam(gap: float, *, leaves: bool) -> Writer:
 def distance(writer: Writer, hold: Array, local: Array, goal: Array) -> float:
     """How far the beam is from the right robot."""
     left, right = (ReferenceRobot(robot) for robot in writer.cell.robots)
-    beam = left.load("beam", writer.cell.object("beam").size, local)
+    (beam,) = left.loads("beam", writer.cell.object("beam").shape, local)
     hand = left.joint_frame(hold, beam.joint)
     return min(
         measure(beam, hand, part, right.joint_frame(goal, part.joint))

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
 from planning.kinematics.kinematics import frame_pose, inverse_kinematics
 from planning.robots.registry import robot_model
@@ -34,13 +34,13 @@ PLATE_CENTRE = (0.44, 0.0)
 
 
 def fixture(name: str, size: Sequence[float], pose: Transform) -> Fixture:
-    return Fixture(name, np.array(size), pose, box_body(name, size))
+    return Fixture(name, box_shape(name, size), pose)
 
 
 def brick(name: str, x: float, y: float, layer: int = 1) -> CellObject:
     """A 2 x 4 brick whose centre is at (x, y), on the plate for layer 1."""
     pose = translation(x, y, TOP + (layer - 0.5) * BRICK[2])
-    return CellObject(name, "2x4", BRICK, pose, box_body(name, BRICK))
+    return CellObject(name, "2x4", box_shape(name, BRICK), pose)
 
 
 def two_arm_cell(objects: Sequence[CellObject] = (), gap: float = 0.88) -> Workcell:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.errors import OutputError
 from planning.kinematics.kinematics import frame_pose, inverse_kinematics
@@ -261,9 +261,7 @@ def test_carried_brick_and_brick_at_rest(tmp_path: Path) -> None:
 
 def test_carried_object_and_other_arm(tmp_path: Path) -> None:
     size = np.array([0.2, 0.016, 0.0096])
-    beam = CellObject(
-        "beam", "beam", size, translation(0, 0, 5), box_body("beam", size)
-    )
+    beam = CellObject("beam", "beam", box_shape("beam", size), translation(0, 0, 5))
     cell = two_arm_cell([beam])
     left = reach(cell, "left", 0.34, 0.0, 0.26)
     # The beam's end is 192 mm ahead of the tool's centre, 20 mm below the grip plane.
@@ -418,7 +416,7 @@ def test_bullet_measures_what_coal_measures(tmp_path: Path, name: str) -> None:
     model = robot_model(name)
     placed = PlacedRobot("arm", model, translation(0.1, 0.2, 0.3), model.home)
     size = np.array([0.1, 0.08, 0.06])
-    box = CellObject("box", "box", size, np.eye(4), box_body("box", size))
+    box = CellObject("box", "box", box_shape("box", size), np.eye(4))
     run = HandWrittenRun(Workcell((placed,), (), (box,)))
     run.move("arm", [0.0, 1.0], np.stack([model.home] * 2))
     world = open_world(run.tpg().cell)
@@ -426,7 +424,7 @@ def test_bullet_measures_what_coal_measures(tmp_path: Path, name: str) -> None:
     assert [s.entity for s in world.robot_shapes] == [p.entity for p in reference.parts]
     rng = np.random.default_rng(3)
     worst, close = 0.0, 0
-    held = reference.load("box", size, np.eye(4))
+    (held,) = reference.loads("box", box.shape, np.eye(4))
     for _ in range(150):
         q = rng.uniform(model.lower, model.upper)
         world.configure(0, q)

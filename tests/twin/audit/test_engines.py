@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.errors import RequestError
 from planning.robots.registry import robot_model
@@ -45,7 +45,7 @@ def _pair_of(names: tuple[str, str], sizes: np.ndarray) -> Workcell:
         for k, model in enumerate(map(robot_model, names))
     )
     boxes = tuple(
-        CellObject(f"b{k}", "box", size, np.eye(4), box_body(f"b{k}", size))
+        CellObject(f"b{k}", "box", box_shape(f"b{k}", size), np.eye(4))
         for k, size in enumerate(sizes)
     )
     return Workcell(robots, (), boxes)

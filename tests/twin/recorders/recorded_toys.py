@@ -30,7 +30,7 @@ def toy_of(models: Sequence[str], *, seed: int = 4, idle: int = 0) -> TemporalPl
         for k, model in enumerate(found)
     )
     brick = tpg.cell.objects[0]
-    later = CellObject("later", "2x4", brick.size, brick.start, brick.body, later=True)
+    later = CellObject("later", "2x4", brick.shape, brick.start, later=True)
     first, second = tpg.handlings
     comes = NodeHandling("later", first.robot, first.node, 1, None, brick.start)
     taken = replace(second, object="later", waypoint=0, holder=f"robot_{second.robot}")

@@ -25,8 +25,8 @@ def held_parts(
         ends = [*(row.t for row in rows[1:]), recording.end]
         for row, end in zip(rows, ends, strict=True):
             if row.holder is not None:
-                size = tpg.cell.object(name).size
-                part = robots[row.holder].load(name, size, row.pose)
+                shape = tpg.cell.object(name).shape
+                (part,) = robots[row.holder].loads(name, shape, row.pose)
                 out.append((row.holder, part, row.t, end))
     return out
 

@@ -230,6 +230,11 @@ def _pairs(
     movers = movers_of(moving, slice(0, 1) if stands else slice(None))
     holders = np.array([track.holder for track in moving])
     first, second = _own_pairs(len(moving), exempt)
+    loads = [track.shape.entity for track in moving[arms:]]
+    if len(set(loads)) < len(loads):  # what one load is made of may overlap
+        whose = np.array([*range(arms), *(arms + loads.index(name) for name in loads)])
+        apart = whose[first] != whose[second]
+        first, second = first[apart], second[apart]
     between = (holders[first] != holders[second]) & (second < arms)
     room = np.where(between, watched, 0.0)
     for n, close in movers.near_movers(first, second, room):

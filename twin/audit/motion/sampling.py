@@ -15,7 +15,7 @@ from twin.audit.motion.executed import ObjectRow, Recording
 from twin.audit.motion.reach import RobotSamples
 from twin.audit.motion.standing import RestingBoxes, StandingTable
 from twin.audit.motion.tracks import Carried, Sampled, Track, carried, sampled
-from twin.audit.worlds.world import AuditWorld
+from twin.audit.worlds.world import AuditWorld, shapes_by_entity
 
 STEP = 0.01
 """No point of a robot or of what it carries moves further than this between samples [m].
@@ -99,8 +99,8 @@ class _Sampler:
             [shape for shape in world.robot_shapes if shape.robot == k]
             for k in range(len(self._robots))
         ]
-        self._objects = {shape.entity: shape for shape in world.objects}
-        self._order = {shape.entity: k for k, shape in enumerate(world.objects)}
+        self._objects = shapes_by_entity(world.objects)
+        self._order = {shape.number: k for k, shape in enumerate(world.objects)}
         self._held: dict[str, ObjectRow] = {}
         self._standing = StandingTable(world)
 
@@ -141,9 +141,10 @@ class _Sampler:
         placed = self._robots[robot]
         flange, hand = placed.model.flange, len(self._world.axes[robot].prismatic)
         held = [
-            (self._objects[name], flange @ row.pose)
+            (shape, shape.at(flange @ row.pose))
             for name, row in self._held.items()
             if row.holder == placed.name
+            for shape in self._objects[name]
         ]
         return carried(robot, self._own[robot], held, hand)
 
@@ -160,7 +161,7 @@ class _Sampler:
         tracks = [track for item in found for track in item.tracks()]
         arms = [track for track in tracks if track.shape.robot is not None]
         loads = [track for track in tracks if track.shape.robot is None]
-        loads.sort(key=lambda track: self._order[track.shape.entity])
+        loads.sort(key=lambda track: self._order[track.shape.number])
         return (*arms, *loads)
 
 

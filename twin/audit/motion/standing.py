@@ -1,4 +1,4 @@
-"""Boxes at rest, kept from stretch to stretch: only what changes hands is worked out anew."""
+"""Fixtures and objects at rest, kept from stretch to stretch: only what changes hands is worked out anew."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class RestingBoxes:
     """Fixtures, and objects at rest.
 
     Attributes:
-        tracks: of the fixtures, then of the objects.
-        centre: of the boxes, shape (b, 3) [m].
+        tracks: of the shapes of the fixtures, then of the objects.
+        centre: of the shapes, shape (b, 3) [m].
         reach: half edges of the upright boxes around them, shape (b, 3) [m].
         radius: of the spheres around them, shape (b,) [m].
     """
@@ -40,24 +40,25 @@ class StandingTable:
     """
 
     def __init__(self, world: AuditWorld) -> None:
-        fixed = len(world.fixtures)
         shapes = [*world.fixtures, *world.objects]
-        self._shapes = {s.entity: s for s in world.objects}
-        self._number = {s.entity: fixed + k for k, s in enumerate(world.objects)}
+        self._shapes: dict[str, list[tuple[int, Shape]]] = {}
+        for k, shape in enumerate(shapes):
+            self._shapes.setdefault(shape.entity, []).append((k, shape))
         self._tracks: list[Track | None] = [None] * len(shapes)
         self._centre = np.zeros((len(shapes), 3))
         self._reach = np.zeros((len(shapes), 3))
         self._radius = np.array([shape.radius for shape in shapes])
-        for k, item in enumerate(world.cell.fixtures):
-            self._put(k, shapes[k], item.pose)
+        for item in world.cell.fixtures:
+            for k, shape in self._shapes[item.name]:
+                self._put(k, shape, shape.at(item.pose))
 
     def put(self, row: ObjectRow) -> None:
         """Take over where an object is from now on."""
-        k = self._number[row.object]
-        if row.holder is None:
-            self._put(k, self._shapes[row.object], row.pose)
-        else:
-            self._tracks[k] = None
+        for k, shape in self._shapes[row.object]:
+            if row.holder is None:
+                self._put(k, shape, shape.at(row.pose))
+            else:
+                self._tracks[k] = None
 
     def boxes(self) -> RestingBoxes:
         """Return what stands now."""

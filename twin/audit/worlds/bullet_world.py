@@ -1,4 +1,4 @@
-"""The audit's own copy of the cell in PyBullet: robots from their URDF files, boxes for the rest.
+"""The audit's own copy of the cell in PyBullet: robots from their URDF files, forms for the rest.
 
 Distances of Bullet and of coal on the same shapes differ by at most 0.04 mm (measured on boxes,
 cylinders, and hulls of meshes, up to 4 mm deep), once margins are made up for: that of single
@@ -10,18 +10,22 @@ neighbouring samples of a motion do not share such a slip.
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from planning.cell.forms import Box, Capsule, Cylinder
+from planning.cell.shape import Shape as Made
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import RobotModelError
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform, quat_wxyz
 from twin.audit.worlds.chain import LinkChain, measured_chain
 from twin.audit.worlds.exact_urdf import one_shape_a_link
+from twin.audit.worlds.solids import Convex, solids
 from twin.audit.worlds.world import BASE, JointAxes, JointLimits, Shape
 from twin.host.silence import silenced
 
@@ -61,8 +65,12 @@ class BulletWorld:
         self.axes: list[JointAxes] = []
         for index, robot in enumerate(cell.robots):
             self._load(index, robot)
-        self.fixtures = [self._box(f.name, f.size, f.pose) for f in cell.fixtures]
-        self.objects = [self._box(o.name, o.size, o.start) for o in cell.objects]
+        self.fixtures = [
+            item for f in cell.fixtures for item in self._thing(f.name, f.shape, f.pose)
+        ]
+        self.objects = [
+            item for o in cell.objects for item in self._thing(o.name, o.shape, o.start)
+        ]
 
     def close(self) -> None:
         """Disconnect from Bullet."""
@@ -165,28 +173,44 @@ class BulletWorld:
             )
         return body
 
-    def _box(self, name: str, size: Array, pose: Transform) -> Shape:
-        half = 0.5 * np.asarray(size, dtype=float)
-        shape = self._bullet.createCollisionShape(
-            pybullet.GEOM_BOX, halfExtents=half.tolist()
-        )
-        body = self._bullet.createMultiBody(0, shape)
-        self._bullet.changeDynamics(body, BASE, collisionMargin=0.0)
-        radius = float(np.linalg.norm(half))
-        number = self._know(body, BASE, 0.0)
-        box = Shape(
-            name, name, number, None, BASE, np.zeros(3), radius, half, np.eye(3)
-        )
-        self.place(box, pose)
-        return box
+    def _thing(self, name: str, made_of: Made, pose: Transform) -> Iterator[Shape]:
+        """Yield the shapes of a fixture or an object, placed."""
+        for solid in solids(made_of):
+            body = self._bullet.createMultiBody(0, self._geometry(solid.form))
+            # What is left of the margins of round forms is made up for when they are measured.
+            self._bullet.changeDynamics(body, BASE, collisionMargin=0.0)
+            item = solid.shape(name, self._know(body, BASE, 0.0))
+            self.place(item, item.at(pose))
+            yield item
 
-    def place(self, box: Shape, pose: Transform) -> None:
-        """Pose a fixture or an object in the world."""
-        if self._placed.get(box.number) is pose:
+    def _geometry(self, form: Convex) -> int:
+        """Return Bullet's number for a form."""
+        create = self._bullet.createCollisionShape
+        number: int
+        if isinstance(form, Box):
+            half = [0.5 * edge for edge in form.size]
+            number = create(pybullet.GEOM_BOX, halfExtents=half)
+        elif isinstance(form, Cylinder):
+            number = create(
+                pybullet.GEOM_CYLINDER, radius=form.radius, height=form.length
+            )
+        elif isinstance(form, Capsule) and form.length == 0.0:
+            number = create(pybullet.GEOM_SPHERE, radius=form.radius)
+        elif isinstance(form, Capsule):
+            number = create(
+                pybullet.GEOM_CAPSULE, radius=form.radius, height=form.length
+            )
+        else:
+            number = create(pybullet.GEOM_MESH, vertices=form.tolist())
+        return number
+
+    def place(self, item: Shape, pose: Transform) -> None:
+        """Pose a shape of a fixture or an object."""
+        if self._placed.get(item.number) is pose:
             return
-        self._placed[box.number] = pose
+        self._placed[item.number] = pose
         w, x, y, z = quat_wxyz(pose)
-        self._set_pose(self._known[box.number][0], pose[:3, 3].tolist(), [x, y, z, w])
+        self._set_pose(self._known[item.number][0], pose[:3, 3].tolist(), [x, y, z, w])
 
     def configure(self, robot: int, q: Array) -> None:
         """Put a robot at a configuration, shape (n,)."""

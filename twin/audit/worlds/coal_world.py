@@ -15,12 +15,15 @@ import coal
 import numpy as np
 import pinocchio
 
+from planning.cell.forms import Box, Capsule, Cylinder
+from planning.cell.shape import Shape as Made
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import RobotModelError
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform
 from twin.audit.worlds.chain import measured_chain
 from twin.audit.worlds.exact_urdf import one_shape_a_link
+from twin.audit.worlds.solids import Convex, solids
 from twin.audit.worlds.world import BASE, JointAxes, JointLimits, Shape
 
 
@@ -58,25 +61,27 @@ class CoalWorld:
             self.robot_shapes += arm.shapes(index, first)
         self.limits = {arm.name: arm.limits() for arm in self._arms}
         self.axes = [arm.axes() for arm in self._arms]
-        self.fixtures = [self._box(f.name, f.size, f.pose) for f in cell.fixtures]
-        self.objects = [self._box(o.name, o.size, o.start) for o in cell.objects]
+        self.fixtures = [
+            item for f in cell.fixtures for item in self._thing(f.name, f.shape, f.pose)
+        ]
+        self.objects = [
+            item for o in cell.objects for item in self._thing(o.name, o.shape, o.start)
+        ]
 
     def close(self) -> None:
         """Do nothing: coal holds nothing that is not freed by itself."""
 
-    def _box(self, name: str, size: Array, pose: Transform) -> Shape:
-        self._bodies.append(_Body(coal.Box(*map(float, size))))
-        radius, number = 0.5 * float(np.linalg.norm(size)), len(self._bodies) - 1
-        half = 0.5 * np.asarray(size, dtype=float)
-        box = Shape(
-            name, name, number, None, BASE, np.zeros(3), radius, half, np.eye(3)
-        )
-        self.place(box, pose)
-        return box
+    def _thing(self, name: str, made_of: Made, pose: Transform) -> Iterator[Shape]:
+        """Yield the shapes of a fixture or an object, placed."""
+        for solid in solids(made_of):
+            self._bodies.append(_Body(_geometry(solid.form)))
+            item = solid.shape(name, len(self._bodies) - 1)
+            self.place(item, item.at(pose))
+            yield item
 
-    def place(self, box: Shape, pose: Transform) -> None:
-        """Pose a fixture or an object in the world."""
-        self._bodies[box.number].pose = coal.Transform3s(pose[:3, :3], pose[:3, 3])
+    def place(self, item: Shape, pose: Transform) -> None:
+        """Pose a shape of a fixture or an object."""
+        self._bodies[item.number].pose = coal.Transform3s(pose[:3, :3], pose[:3, 3])
 
     def configure(self, robot: int, q: Array) -> None:
         """Put a robot at a configuration, shape (n,)."""
@@ -252,6 +257,21 @@ class _Arm:
                 frames[k, j + 1] = self._data.oMi[number].homogeneous
         frames = self._base.homogeneous @ frames
         return frames[..., :3, :3], frames[..., :3, 3]
+
+
+def _geometry(form: Convex) -> Any:
+    """Return a form as coal knows it."""
+    if isinstance(form, Box):
+        return coal.Box(*form.size)
+    if isinstance(form, Cylinder):
+        return coal.Cylinder(form.radius, form.length)
+    if isinstance(form, Capsule):
+        return coal.Capsule(form.radius, form.length)
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(0, len(form))
+    model.addVertices(form)
+    model.endModel()
+    return _convex(model)
 
 
 def _convex(geometry: Any) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Protocol
@@ -22,17 +22,18 @@ class Shape:
     """One convex shape that the audit watches.
 
     Attributes:
-        entity: the name allowed contacts use: ``"<robot>/arm"``, ``"<robot>/tool"``, a fixture
+        entity: the name allowed contacts use, of several shapes where it is made of several: ``"<robot>/arm"``, ``"<robot>/tool"``, a fixture
             or an object.
         detail: the link it belongs to, or the entity again.
         number: what its world knows it by.
-        robot: index of its robot, None for boxes.
+        robot: index of its robot, None for fixtures and objects.
         joint: index of the joint that moves it, -1 for a robot's base.
-        centre: of a sphere around it, in the frame of the link moved by ``joint`` (of the box
-            for boxes), shape (3,) [m].
+        centre: of a sphere around it, in the frame of the link moved by ``joint`` (the origin
+            for fixtures and objects), shape (3,) [m].
         radius: of that sphere [m].
         half: half edges of a box around it with the same centre, shape (3,) [m].
         turn: rotation of that box, in the same frame, shape (3, 3).
+        local: pose of its frame in that of the fixture or object, where they are not the same.
     """
 
     entity: str
@@ -44,6 +45,11 @@ class Shape:
     radius: float
     half: Array
     turn: Array
+    local: Transform | None = None
+
+    def at(self, pose: Transform) -> Transform:
+        """Return its pose where the fixture or object that it belongs to is at ``pose``."""
+        return pose if self.local is None else pose @ self.local
 
 
 @dataclass(frozen=True)
@@ -78,7 +84,7 @@ class JointAxes:
 
 
 class AuditWorld(Protocol):
-    """The audit's own copy of a cell: robots from their URDF files, boxes for the rest."""
+    """The audit's own copy of a cell: robots from their URDF files, what else there is from its forms."""
 
     @property
     def cell(self) -> Workcell:
@@ -90,11 +96,11 @@ class AuditWorld(Protocol):
 
     @property
     def fixtures(self) -> Sequence[Shape]:
-        """One shape a fixture, in the order of the cell."""
+        """At least one shape a fixture, in the order of the cell."""
 
     @property
     def objects(self) -> Sequence[Shape]:
-        """One shape an object, in the order of the cell."""
+        """At least one shape an object, in the order of the cell."""
 
     @property
     def limits(self) -> Mapping[str, JointLimits]:
@@ -107,8 +113,8 @@ class AuditWorld(Protocol):
     def close(self) -> None:
         """Let go of what the library holds."""
 
-    def place(self, box: Shape, pose: Transform) -> None:
-        """Pose a fixture or an object in the world; the pose may not change afterwards."""
+    def place(self, item: Shape, pose: Transform) -> None:
+        """Pose a shape of a fixture or an object; the pose may not change afterwards."""
 
     def configure(self, robot: int, q: Array) -> None:
         """Put a robot at a configuration, shape (n,)."""
@@ -132,6 +138,14 @@ class AuditWorld(Protocol):
             a, b: the shapes.
             reach: beyond this distance ``reach`` is returned.
         """
+
+
+def shapes_by_entity(shapes: Iterable[Shape]) -> dict[str, list[Shape]]:
+    """Return the shapes of each fixture or object by its name, in their order."""
+    out: dict[str, list[Shape]] = {}
+    for item in shapes:
+        out.setdefault(item.entity, []).append(item)
+    return out
 
 
 def overlapping_at_home(world: AuditWorld) -> frozenset[tuple[int, int]]:

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import rerun as rr
 
+from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, Workcell
 from planning.tasks.supply_tasks import GONE
 from twin.recorders.rerun import layout as layout
 from twin.recorders.rerun.layout import WORLD_FRAME, entity_path
 from twin.recorders.rerun.robots import flange_frame
-from twin.recorders.rerun.time_and_pose import quat_xyzw, time_column
+from twin.recorders.rerun.time_and_pose import fixed_pose, quat_xyzw, time_column
+from twin.recorders.rerun.triangles import triangles_of
 from twin.run.trajectory import Placement
 
 _FIXTURE_GREYS = ((178, 170, 158), (196, 201, 207), (140, 146, 154))
@@ -24,8 +27,20 @@ def draw_fixtures(rec: rr.RecordingStream, cell: Workcell) -> None:
     for k, fixture in enumerate(cell.fixtures):
         # The first one, mostly the table, is told apart from all that stand on it.
         grey = ground if k == 0 else others[(k - 1) % len(others)]
+        entity = entity_path(layout.FIXTURES, fixture.name)
+        if not fixture.shape.is_box:
+            frame = f"@{fixture.name}"
+            rec.log(
+                entity,
+                rr.CoordinateFrame(frame),
+                rr.Mesh3D.from_fields(**_mesh_fields(fixture.shape, grey)),
+                static=True,
+            )
+            pose = fixed_pose(fixture.pose, WORLD_FRAME, frame)
+            rec.log(f"{entity}/pose", pose, static=True)
+            continue
         rec.log(
-            entity_path(layout.FIXTURES, fixture.name),
+            entity,
             rr.CoordinateFrame(WORLD_FRAME),
             rr.Boxes3D(
                 # A hair larger each: faces that lie in one plane would flicker.
@@ -76,9 +91,13 @@ def unseen(item: CellObject) -> Placement:
 
 def draw_object(rec: rr.RecordingStream, item: CellObject) -> None:
     """Draw an object that is there from the start."""
-    for path, looks in _shapes(item).items():
-        frame = rr.CoordinateFrame(_frame(item.name))
-        rec.log(path, frame, rr.Boxes3D.from_fields(**looks), static=True)
+    frame = rr.CoordinateFrame(_frame(item.name))
+    if not item.shape.is_box:
+        looks = rr.Mesh3D.from_fields(**_mesh_fields(item.shape, item.colour))
+        rec.log(entity_path(layout.OBJECTS, item.name), frame, looks, static=True)
+        return
+    for path, fields in _boxes(item).items():
+        rec.log(path, frame, rr.Boxes3D.from_fields(**fields), static=True)
 
 
 def draw_later(
@@ -88,16 +107,23 @@ def draw_later(
     seen: Sequence[bool],
 ) -> None:
     """Draw an object that comes or leaves: at some times [ns], whether it is seen from then on."""
-    for path, looks in _shapes(item).items():
+    frames = rr.CoordinateFrame.columns(frame=[_frame(item.name)] * len(t_ns))
+    times = [time_column(t_ns)]
+    if not item.shape.is_box:
+        columns = [*frames]
+        for name, value in _mesh_fields(item.shape, item.colour).items():
+            every = np.concatenate([value] * sum(seen)) if any(seen) else value[:0]
+            counts = [len(value) * there for there in seen]
+            field: dict[str, Any] = {name: every}
+            columns += rr.Mesh3D.columns(**field).partition(counts)
+        rec.send_columns(entity_path(layout.OBJECTS, item.name), times, columns)
+        return
+    for path, looks in _boxes(item).items():
         some: dict[str, Any] = {
             name: value * sum(seen) for name, value in looks.items()
         }
-        frames = rr.CoordinateFrame.columns(frame=[_frame(item.name)] * len(t_ns))
-        rec.send_columns(
-            path,
-            indexes=[time_column(t_ns)],
-            columns=[*frames, *rr.Boxes3D.columns(**some).partition(seen)],
-        )
+        columns = [*frames, *rr.Boxes3D.columns(**some).partition(seen)]
+        rec.send_columns(path, indexes=times, columns=columns)
 
 
 def place_object(
@@ -124,8 +150,19 @@ def _frame(name: str) -> str:
     return f"@{name}"
 
 
-def _shapes(item: CellObject) -> dict[str, dict[str, Any]]:
-    """Return what is drawn of an object: by entity, one value each of what a box has."""
+def _mesh_fields(shape: Shape, colour: tuple[int, int, int]) -> dict[str, Any]:
+    """Return what is drawn of what is no box: triangles in one colour."""
+    drawn = triangles_of(shape)
+    return {
+        "vertex_positions": drawn.vertices.astype(np.float32),
+        "vertex_normals": drawn.normals.astype(np.float32),
+        "triangle_indices": drawn.faces.astype(np.uint32),
+        "albedo_factor": np.array([colour], dtype=np.uint8),
+    }
+
+
+def _boxes(item: CellObject) -> dict[str, dict[str, Any]]:
+    """Return what is drawn of a box: by entity, one value each of what it has."""
     entity = entity_path(layout.OBJECTS, item.name)
     fill = rr.components.FillMode
     half = item.size / 2.0

@@ -100,7 +100,8 @@ def eye_on(points: Array, towards: Array) -> tuple[Array, Array]:
 
 
 def _corners(item: CellObject, pose: Transform) -> Array:
-    corners: Array = (_CORNERS * item.size) @ pose[:3, :3].T + pose[:3, 3]
+    own = _CORNERS * item.size + item.shape.middle
+    corners: Array = own @ pose[:3, :3].T + pose[:3, 3]
     return corners
 
 

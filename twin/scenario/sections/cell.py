@@ -9,7 +9,8 @@ from pydantic import Field, model_validator
 
 from planning.errors import ScenarioError
 from twin.scenario.document.section import Name, Section, Two
-from twin.scenario.sections.poses import Configuration, Coordinate, PoseSection, Size3
+from twin.scenario.sections.poses import Configuration, Coordinate, PoseSection
+from twin.scenario.sections.shapes import ShapedSection
 from twin.scenario.sections.tools import (
     HeldJoints,
     JointName,
@@ -142,19 +143,17 @@ class TeamSection(Section):
         return tuple(out)
 
 
-class FixtureSection(Section):
-    """An immovable box; ``pose`` is that of its centre in the world.
+class FixtureSection(ShapedSection):
+    """Something immovable.
 
     Attributes:
         name: unique among fixtures and objects.
-        size_m: edge lengths.
-        pose: of its centre in the world.
-        frames: places on it where processes are done, by name: poses in the frame of its centre;
+        pose: of the frame of its shape in the world; of a box, its centre.
+        frames: places on it where processes are done, by name: poses in the frame of its shape;
             their z axes point out of it.
     """
 
     name: Name
-    size_m: Size3
     pose: PoseSection
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
 

@@ -8,20 +8,20 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from twin.durations import AnyDuration
 from twin.scenario.document.section import Name, Section, Several, Three
-from twin.scenario.sections.poses import Mass, PoseSection, Size3, Vector3
+from twin.scenario.sections.poses import Mass, PoseSection, Vector3
+from twin.scenario.sections.shapes import ShapedSection
 
 Distance = Annotated[float, Field(ge=1e-4, le=1)]
 Colour = Three[Annotated[int, Field(ge=0, le=255)]]
 
 
-class PartSection(Section):
-    """A box that is handled.
+class PartSection(ShapedSection):
+    """Something that is handled.
 
     Attributes:
         name: unique in the scenario.
-        size_m: edge lengths along its own x, y and z.
-        start: pose of its centre in the world at the start.
-        goal: pose of its centre once it is in place; a part without one stays where it is.
+        start: pose of the frame of its shape in the world at the start; of a box, its centre.
+        goal: pose of that frame once it is in place; a part without one stays where it is.
         mass_kg: its mass.
         colour: red, green, blue.
         frames: places on it where processes are done, by name: poses in the frame of its centre;
@@ -29,7 +29,6 @@ class PartSection(Section):
     """
 
     name: Name
-    size_m: Size3
     start: PoseSection
     goal: PoseSection | None = None
     mass_kg: Mass = 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
@@ -83,3 +83,43 @@ class PlacedShapeSection(ShapeSection):
 
 
 ShapeSection.model_rebuild()
+
+
+class ShapedSection(Section):
+    """Something with a shape.
+
+    Attributes:
+        size_m: edge lengths of a box along its own x, y and z: short for ``shape: {box: ..}``.
+        shape: box, cylinder, capsule, mesh or compound.
+    """
+
+    size_m: Size3 | None = None
+    shape: ShapeSection | None = None
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Self:
+        if self.size_m is None and self.shape is None:
+            raise ValueError("key 'size_m' is missing: give it for a box, or a shape")
+        if self.size_m is not None and self.shape is not None:
+            raise ValueError("give size_m or shape, not both")
+        return self
+
+    @property
+    def described(self) -> ShapeSection:
+        """The shape, whichever way it is given."""
+        return self.shape or ShapeSection(box=self.size_m)
+
+    @property
+    def shape_words(self) -> str:
+        """What kind of thing it is: a box by its edges, others by what they are."""
+        shape = self.described
+        if shape.box is not None:
+            return " x ".join(f"{edge:g}" for edge in shape.box)
+        if shape.mesh is not None:
+            return f"mesh {shape.mesh}"
+        if shape.compound is not None:
+            return f"compound of {len(shape.compound)}"
+        round_one = shape.cylinder or shape.capsule
+        assert round_one is not None
+        form = "capsule" if shape.cylinder is None else "cylinder"
+        return f"{form} {2 * round_one.radius_m:g} x {round_one.length_m:g}"

@@ -14,8 +14,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from planning.cell.body import Capsules, ConvexBody
 from planning.cell.robot_model import RobotModel
+from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, Workcell
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations import Nanoseconds
@@ -36,9 +36,7 @@ from twin.study.replications.block_results import (
 from twin.study.replications.experiment import Block
 from twin.uncertainty.least_durations import least_seconds
 
-_NO_BODY = ConvexBody(
-    "none", np.zeros((0, 3)), Capsules(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-)
+_NO_SHAPE = Shape((), ())
 
 
 @dataclass(frozen=True)
@@ -207,8 +205,7 @@ def timing_graph(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
 def bare_cell(kinds: dict[str, str]) -> Workcell:
     """Return a cell without robots in which objects have a name and a kind, and nothing else."""
     items = tuple(
-        CellObject(name, kind, np.zeros(3), np.eye(4), _NO_BODY)
-        for name, kind in kinds.items()
+        CellObject(name, kind, _NO_SHAPE, np.eye(4)) for name, kind in kinds.items()
     )
     return Workcell((), (), items)
 
