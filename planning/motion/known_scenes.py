@@ -100,7 +100,8 @@ class KnownScenes:
         """Return a number that objects of one shape have in common."""
         known = self._shapes.get(item)
         if known is None:
-            known = self._number((item.kind, item.body.vertices.tobytes()))
+            corners = tuple(p.vertices.tobytes() for p in item.shape.pieces)
+            known = self._number((item.kind, corners))
             self._shapes[item] = known
         return known
 

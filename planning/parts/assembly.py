@@ -27,12 +27,19 @@ class GripRules:
         positions: number of places along a part's longest edge.
         end_margin: distance of the outermost place from the end of the part [m].
         opening: widest edge that fits between the fingers [m].
+        least_opening: narrowest that they hold [m].
         depth: how far the tool frame goes below the face it comes from; never beyond the
             middle of the part [m].
         directions: unit vectors in the world along which the tool may point, each (3,).
         steepest: largest angle between the tool and the nearest of them, where a part is
             picked and where it is placed [rad].
         tilts: leanings of the tool about the axis along which its fingers close [rad].
+        around: step in which the tool is turned about a bar, and about the direction in which it
+            closes on a mesh [rad].
+        finger_width: of the fingers, along x [m].
+        finger_depth: how much room a finger takes beside a part when it is open, along y [m].
+        suction: whether the tool holds by suction, with its frame at the face.
+        cup: radius of the spot that must be flat then [m].
     """
 
     frame: str = "tool"
@@ -43,6 +50,12 @@ class GripRules:
     directions: tuple[tuple[float, float, float], ...] = (DOWN,)
     steepest: float = float(np.radians(60.0))
     tilts: tuple[float, ...] = (0.0,)
+    around: float = float(np.radians(45.0))
+    finger_width: float = 0.02
+    finger_depth: float = 0.01
+    suction: bool = False
+    cup: float = 0.01
+    least_opening: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -114,7 +127,7 @@ def box_grips(
         ):
             pose = np.eye(4)
             pose[:3, :3] = _tool_axes(face, sign, closing, turned) @ _about_y(tilt)
-            if not all(_points_well(pose, box, rules) for box in (start, goal)):
+            if not all(points_well(pose, box, rules) for box in (start, goal)):
                 continue
             pose[along, 3] = offset
             # From the middle towards the face that the tool comes from.
@@ -155,7 +168,7 @@ def _about_y(angle: float) -> Array:
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
-def _points_well(grip: Transform, box: Transform, rules: GripRules) -> bool:
+def points_well(grip: Transform, box: Transform, rules: GripRules) -> bool:
     """Return whether the tool points along one of the wanted directions."""
     pointing = box[:3, :3] @ grip[:3, 2]
     nearest = max(float(np.dot(pointing, wanted)) for wanted in rules.directions)

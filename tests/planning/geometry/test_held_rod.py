@@ -63,12 +63,12 @@ def least_gap(
     everything, the arm against the fixtures. The base stands on what it stands on.
     """
     arm = robot_bodies(PANDA).solids
-    boxes = [resting_solid(f.name, f.body, f.pose) for f in fixtures]
+    boxes = [resting_solid(f.name, f.shape.pieces[0], f.pose) for f in fixtures]
     gaps, ends = [], []
     for t in np.linspace(0.0, 1.0, SAMPLES + 1):
         q = q_a + t * (q_b - q_a)
         pose = frame_pose(PANDA, q) @ GRIP
-        held: Solid = resting_solid("rod", rod.body, pose)
+        held: Solid = resting_solid("rod", rod.shape.pieces[0], pose)
         pairs = [(held, other) for other in boxes]
         for part, solid in zip(MODEL.parts, arm, strict=True):
             if part.group != "tool":

@@ -68,17 +68,17 @@ def _least_gap(cell: Workcell, state: WorldState, q: np.ndarray) -> float:
         for j in range(i + 1, len(mine)):
             if (i, j) not in one.model.never_collide:
                 gaps.append(distance_at(mine[i], q, mine[j], q))
-    boxes = [(f.body, f.pose, 0.0) for f in cell.fixtures]
+    boxes = [(f.shape.pieces[0], f.pose, 0.0) for f in cell.fixtures]
     hand = None
     between = cell.clearances.robot_robot
     for item in cell.objects:
         at = state.attachments[item.name]
         if at.holder == "one":
-            hand = resting_solid(item.name, item.body, frame_pose(one, q) @ at.pose)
+            hand = resting_solid(item.name, item.shape.pieces[0], frame_pose(one, q) @ at.pose)
         elif at.holder == "two":
-            boxes.append((item.body, frame_pose(two, q_two) @ at.pose, between))
+            boxes.append((item.shape.pieces[0], frame_pose(two, q_two) @ at.pose, between))
         else:
-            boxes.append((item.body, at.pose, 0.0))
+            boxes.append((item.shape.pieces[0], at.pose, 0.0))
     solids = [(resting_solid("box", body, pose), least) for body, pose, least in boxes]
     for solid, least in solids:
         gaps.extend(distance_at(a, q, solid, q) - least for a in mine)

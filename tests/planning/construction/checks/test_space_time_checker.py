@@ -53,7 +53,7 @@ def bodies(cell: Workcell, robot: PlacedRobot, state: WorldState) -> list:  # ty
         at = state.attachments[item.name]
         if at.holder == robot.name:
             out.append(
-                (hull_shape(item.body), poses[-1] @ robot.model.flange @ at.pose)
+                (hull_shape(item.shape.pieces[0]), poses[-1] @ robot.model.flange @ at.pose)
             )
     return out
 
@@ -90,11 +90,11 @@ def room_left(
         for other in world.cell.robots:
             if other.name != robot:
                 least = min(least, gap(own, bodies(world.cell, other, state)))
-        still = [(hull_shape(f.body), f.pose) for f in world.cell.fixtures]
+        still = [(hull_shape(f.shape.pieces[0]), f.pose) for f in world.cell.fixtures]
         for item in world.cell.objects:
             where = state.attachments[item.name]
             if where.holder is None:
-                still.append((hull_shape(item.body), where.pose))
+                still.append((hull_shape(item.shape.pieces[0]), where.pose))
         least = min(least, gap(own, still))
     return least
 

@@ -47,7 +47,7 @@ def corners(q: Array, changes: list[HandChange], t: float) -> list[Array]:
     ]
     for name, kept in [hand for since, hand in changes if since <= t][-1]:
         pose = poses[-1] @ ROVER.model.flange @ pose_of(kept)
-        out.append(ITEMS[name].body.vertices @ pose[:3, :3].T + pose[:3, 3])
+        out.append(ITEMS[name].shape.pieces[0].vertices @ pose[:3, :3].T + pose[:3, 3])
     return out
 
 

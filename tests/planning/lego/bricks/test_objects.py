@@ -39,7 +39,7 @@ def test_bricks_become_boxes_where_they_stand() -> None:
     quarter = np.linalg.inv(a.start) @ b.start
     np.testing.assert_allclose(quarter[:3, 0], [0, 1, 0], atol=1e-12)
     np.testing.assert_allclose(
-        np.abs(a.body.vertices), np.tile(a.size / 2, (8, 1)), atol=1e-12
+        np.abs(a.shape.pieces[0].vertices), np.tile(a.size / 2, (8, 1)), atol=1e-12
     )
     assert a.colour != b.colour
 

@@ -1,0 +1,125 @@
+"""Straight lines through a shape: where they run inside of it, and how the surface stands there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from planning.cell.shape import Shape
+from planning.transforms import Array, Indices
+
+_PARALLEL = 1e-12
+_JOINED = 1e-5
+"""Pieces that are no further apart than this on a line are one [m]."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of a line that runs inside of a shape.
+
+    Attributes:
+        begin, end: where, along the line [m].
+        begin_normal, end_normal: of the surface there, outwards, shape (3,).
+    """
+
+    begin: float
+    end: float
+    begin_normal: Array
+    end_normal: Array
+
+
+@dataclass(frozen=True, eq=False)
+class SolidLines:
+    """Measures lines through the convex pieces of a shape.
+
+    Attributes:
+        shape: the shape.
+    """
+
+    shape: Shape
+
+    @cached_property
+    def _planes(self) -> tuple[Array, Array, Indices]:
+        """Normals and offsets of all face planes, and where those of each piece begin."""
+        planes = [ConvexHull(piece.vertices).equations for piece in self.shape.pieces]
+        every = np.vstack(planes)
+        first = np.cumsum([0, *(len(own) for own in planes[:-1])])
+        return every[:, :3], every[:, 3], first
+
+    def spans(self, starts: Array, direction: Array) -> tuple[Array, Array]:
+        """Return where lines run inside of each piece, shapes (lines, pieces) [m].
+
+        Args:
+            starts: a point of each line, from which is measured, shape (lines, 3).
+            direction: of all of them, of length one.
+
+        Returns:
+            Where they enter and where they leave; what is never inside leaves before it enters.
+        """
+        enter, leave, _, _ = self._cut(starts, direction)
+        return enter, leave
+
+    def stretches(self, start: Array, direction: Array) -> list[Stretch]:
+        """Return the stretches of one line inside of the shape, in order."""
+        enter, leave, into, out = (
+            rows[0] for rows in self._cut(start[None], direction)
+        )
+        normals = self._planes[0]
+        found: list[Stretch] = []
+        inside = np.flatnonzero(leave > enter)
+        for k in inside[np.argsort(enter[inside], kind="stable")].tolist():
+            if found and enter[k] <= found[-1].end + _JOINED:
+                if leave[k] > found[-1].end:
+                    last = found.pop()
+                    found.append(
+                        Stretch(
+                            last.begin, float(leave[k]), last.begin_normal, normals[out[k]]
+                        )
+                    )
+                continue
+            found.append(
+                Stretch(
+                    float(enter[k]), float(leave[k]), normals[into[k]], normals[out[k]]
+                )
+            )
+        return found
+
+    def tops(self, starts: Array, direction: Array) -> Array:
+        """Return where lines first meet the shape, infinite where they do not, shape (lines,)."""
+        enter, leave = self.spans(starts, direction)
+        return np.where(leave > enter, enter, np.inf).min(axis=1)
+
+    def _cut(
+        self, starts: Array, direction: Array
+    ) -> tuple[Array, Array, Indices, Indices]:
+        normals, offsets, first = self._planes
+        along = normals @ direction
+        height = starts @ normals.T + offsets
+        parallel = np.abs(along) < _PARALLEL
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = -height / along
+        never = parallel & (height > 0.0)
+        low = np.where(along < -_PARALLEL, at, -np.inf)
+        high = np.where(along > _PARALLEL, at, np.inf)
+        low, high = np.where(never, np.inf, low), np.where(never, -np.inf, high)
+        enter = np.maximum.reduceat(low, first, axis=1)
+        leave = np.minimum.reduceat(high, first, axis=1)
+        ends = np.append(first[1:], len(offsets))
+        into = _first_equal(low, enter, first, ends)
+        out = _first_equal(high, leave, first, ends)
+        return enter, leave, into, out
+
+
+def _first_equal(
+    values: Array, wanted: Array, first: Indices, ends: Sequence[int] | Indices
+) -> Indices:
+    """Return the plane of each piece at which a line enters or leaves it."""
+    out = np.empty(wanted.shape, dtype=np.int64)
+    for k, (begin, end) in enumerate(zip(first.tolist(), list(ends), strict=True)):
+        own = values[:, begin:end] == wanted[:, k, None]
+        out[:, k] = begin + own.argmax(axis=1)
+    return out
