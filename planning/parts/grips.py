@@ -62,6 +62,11 @@ def part_grips(
     return _varied([grip for _, grip in found])
 
 
+def thinnest(shape: Shape) -> float:
+    """Return the least thickness of any of a shape's pieces along the axes of its frame [m]."""
+    return min(float(np.min(2.0 * piece.half)) for piece in shape.pieces)
+
+
 def _varied(grips: list[Grip]) -> list[Grip]:
     """Return the first grips, those of every direction of the tool in turns."""
     by_turn: dict[bytes, list[Grip]] = {}
@@ -83,7 +88,9 @@ def _wanted_turns(
     """Return the rotations of the tool frame in the part's that are tried, each once."""
     out: dict[bytes, Array] = {}
     for element in shape.elements:
-        for turn, tilt in product(_turns_about(element, rules), dict.fromkeys(rules.tilts)):
+        for turn, tilt in product(
+            _turns_about(element, rules), dict.fromkeys(rules.tilts)
+        ):
             tool = np.eye(4)
             tool[:3, :3] = element.pose[:3, :3] @ turn @ _about_y(tilt)
             if all(points_well(tool, pose, rules) for pose in poses):
@@ -95,15 +102,9 @@ def _wanted_turns(
 def _turns_about(element: Element, rules: GripRules) -> Iterator[Array]:
     """Yield rotations of the tool that go with the faces of a form, in its frame."""
     form = element.form
-    if isinstance(form, Mesh):
-        axes = _face_directions(form)
-    else:
-        axes = np.eye(3)
-    step = rules.around
-    count = max(1, round(2.0 * np.pi / step))
-    angles = 2.0 * np.pi * np.arange(count) / count
-    if isinstance(form, Box):
-        angles = 0.5 * np.pi * np.arange(4)
+    axes = _face_directions(form) if isinstance(form, Mesh) else np.eye(3)
+    count = 4 if isinstance(form, Box) else max(1, round(2.0 * np.pi / rules.around))
+    angles = 2.0 * np.pi / count * np.arange(count, dtype=np.float64)
     if not isinstance(form, Box | Mesh):
         # Fingers close across the axis, the tool from any side or from an end; or along it.
         for angle in angles.tolist():
@@ -113,7 +114,12 @@ def _turns_about(element: Element, rules: GripRules) -> Iterator[Array]:
                 np.array([-s, c, 0.0]),
                 np.array([0.0, 0.0, 1.0]),
             )
-            for z, y in ((-aside, around), (-aside, axis), (axis, aside), (-axis, aside)):
+            for z, y in (
+                (-aside, around),
+                (-aside, axis),
+                (axis, aside),
+                (-axis, aside),
+            ):
                 yield _axes(z, y)
                 yield _axes(z, -y)
         return
@@ -148,7 +154,10 @@ def _face_directions(mesh: Mesh) -> Array:
     # Faces are gathered in the directions of a fine ball first: meshes have very many.
     ball = directions(600)
     nearest = np.concatenate(
-        [np.abs(part @ ball.T).argmax(axis=1) for part in np.array_split(normal, 1 + len(normal) // 20000)]
+        [
+            np.abs(part @ ball.T).argmax(axis=1)
+            for part in np.array_split(normal, 1 + len(normal) // 20000)
+        ]
     )
     gathered = np.bincount(nearest, area, len(ball))
     found: list[Array] = []
@@ -231,7 +240,9 @@ def _holds(
                     continue
                 seen.add(key)
                 width = (stretch.end - stretch.begin) * 1e3
-                words = f"grip {width:.0f} mm wide at ({_millimetres(view.point(x, y, z))})"
+                words = (
+                    f"grip {width:.0f} mm wide at ({_millimetres(view.point(x, y, z))})"
+                )
                 yield view.point(x, y, z), words
 
 
@@ -263,7 +274,10 @@ def _fits(
     closing = view.turn[:, 1]
     if not rules.least_opening <= width <= rules.opening:
         return False
-    if -held.begin_normal @ closing < _OPPOSITE or held.end_normal @ closing < _OPPOSITE:
+    if (
+        -held.begin_normal @ closing < _OPPOSITE
+        or held.end_normal @ closing < _OPPOSITE
+    ):
         return False
     middle = 0.5 * (held.begin + held.end)
     room = 0.5 * rules.opening + rules.finger_depth

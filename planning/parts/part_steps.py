@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell
 from planning.errors import InfeasibleStepError
-from planning.parts.assembly import Grip, PartAssembly, box_grips
+from planning.parts.assembly import Grip, PartAssembly
 from planning.parts.contact_graph import near_to, standing
+from planning.parts.grips import part_grips
 from planning.parts.steps import Place, Process, Work
 from planning.transforms import Transform, readonly
 
@@ -102,7 +103,7 @@ def part_steps(
         held = None
         if step.hold is not None:
             part, pose = cell.object(step.hold), where[step.hold]
-            grips = box_grips(part.size, pose, pose, assembly.grips)
+            grips = part_grips(part.shape, pose, pose, assembly.grips)
             held = Held(part, pose, grips)
         if isinstance(step, Work):
             out.append(_work_step(cell, step, where, assembly.touch, held))
@@ -128,7 +129,7 @@ def _place_step(
     at_goal = near_to((part, goal), lying, assembly.touch)
     _require_standing(f"step {number} ({name})", at_goal)
     at_start = near_to((part, part.start), lying, assembly.touch)
-    grips = box_grips(part.size, part.start, goal, assembly.grips)
+    grips = part_grips(part.shape, part.start, goal, assembly.grips)
     return PartStep(step, part, goal, around, grips, at_start, at_goal, held)
 
 
@@ -181,7 +182,6 @@ def _around(cell: Workcell, where: Mapping[str, Transform]) -> Around:
 
 def _tips(process: Process, place: Transform) -> Iterator[tuple[Fixture, Transform]]:
     """Yield grains at the places that the tip of the tool comes to."""
-    size = np.full(3, 1e-4)
     for at in process.path or (np.eye(4),):
         pose = readonly(place @ at)
-        yield Fixture("tip", size, pose, box_body("tip", size)), pose
+        yield Fixture("tip", box_shape("tip", np.full(3, 1e-4)), pose), pose

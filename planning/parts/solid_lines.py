@@ -77,7 +77,10 @@ class SolidLines:
                     last = found.pop()
                     found.append(
                         Stretch(
-                            last.begin, float(leave[k]), last.begin_normal, normals[out[k]]
+                            last.begin,
+                            float(leave[k]),
+                            last.begin_normal,
+                            normals[out[k]],
                         )
                     )
                 continue
@@ -91,7 +94,7 @@ class SolidLines:
     def tops(self, starts: Array, direction: Array) -> Array:
         """Return where lines first meet the shape, infinite where they do not, shape (lines,)."""
         enter, leave = self.spans(starts, direction)
-        return np.where(leave > enter, enter, np.inf).min(axis=1)
+        return np.asarray(np.where(leave > enter, enter, np.inf).min(axis=1))
 
     def _cut(
         self, starts: Array, direction: Array

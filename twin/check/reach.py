@@ -15,7 +15,8 @@ from planning.errors import (
     ScenarioError,
 )
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
-from planning.parts.assembly import Grip, PartAssembly, box_grips
+from planning.parts.assembly import Grip, PartAssembly
+from planning.parts.grips import part_grips
 from planning.parts.part_steps import WorkStep, part_steps
 from planning.parts.targets import pick_targets, place_targets, process_targets
 from planning.skills.joint_paths import SkillPath, skill_postures
@@ -92,11 +93,11 @@ def _check_parts(subject: Subject, section: PartsSection) -> Findings:
     for name in dict.fromkeys(assembly.placed):
         part, goal = cell.object(name), assembly.goals[name]
         rules, end = assembly.grips, goal
-        both = box_grips(part.size, part.start, end, rules)[:_MOST_GRIPS]
+        both = part_grips(part.shape, part.start, end, rules)[:_MOST_GRIPS]
         if any(_handles(robot, part, assembly, both) for robot in robots):
             continue
-        at_start = box_grips(part.size, part.start, part.start, rules)
-        at_goal = box_grips(part.size, end, end, rules)
+        at_start = part_grips(part.shape, part.start, part.start, rules)
+        at_goal = part_grips(part.shape, end, end, rules)
         if not at_start or not at_goal:
             continue  # said elsewhere
         tried = max(len(at_start), len(at_goal))

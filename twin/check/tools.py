@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 from planning.cell.body import ConvexBody
 from planning.cell.robot_model import RobotModel
 from planning.geometry.exact import Solid, distance_at
-from planning.parts.assembly import box_grips
+from planning.parts.grips import part_grips, thinnest
 from planning.robots.overview import flange_doubt
 from planning.transforms import Array, readonly
 from twin.check.finding import Finding, Findings, Subject, millimetres
@@ -43,11 +43,11 @@ def check_grips(subject: Subject) -> Findings:
     assembly = build_assembly(section)
     for name in dict.fromkeys(assembly.placed):
         part = subject.cell.object(name)
-        least, opening = float(np.min(part.size)), assembly.grips.opening
+        least, opening = thinnest(part.shape), assembly.grips.opening
         if least > opening:
             yield Finding(
                 subject.thing_at(name, "size_m"),
-                f"no fingers span {name}: its shortest edge is {millimetres(least)}, and they open to"
+                f"no fingers span {name}: it is {millimetres(least)} thick where it is thinnest, and they open to"
                 f" {millimetres(opening)} (assembly.grips.opening_m)",
                 error=True,
             )
@@ -57,7 +57,7 @@ def check_grips(subject: Subject) -> Findings:
             ("start", part.start, "where it lies at the start"),
             ("goal", goal, "in its place"),
         ):
-            if box_grips(part.size, at, at, assembly.grips):
+            if part_grips(part.shape, at, at, assembly.grips):
                 continue
             steepest = np.degrees(assembly.grips.steepest)
             yield Finding(

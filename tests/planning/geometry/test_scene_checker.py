@@ -74,9 +74,13 @@ def _least_gap(cell: Workcell, state: WorldState, q: np.ndarray) -> float:
     for item in cell.objects:
         at = state.attachments[item.name]
         if at.holder == "one":
-            hand = resting_solid(item.name, item.shape.pieces[0], frame_pose(one, q) @ at.pose)
+            hand = resting_solid(
+                item.name, item.shape.pieces[0], frame_pose(one, q) @ at.pose
+            )
         elif at.holder == "two":
-            boxes.append((item.shape.pieces[0], frame_pose(two, q_two) @ at.pose, between))
+            boxes.append(
+                (item.shape.pieces[0], frame_pose(two, q_two) @ at.pose, between)
+            )
         else:
             boxes.append((item.shape.pieces[0], at.pose, 0.0))
     solids = [(resting_solid("box", body, pose), least) for body, pose, least in boxes]

@@ -53,7 +53,10 @@ def bodies(cell: Workcell, robot: PlacedRobot, state: WorldState) -> list:  # ty
         at = state.attachments[item.name]
         if at.holder == robot.name:
             out.append(
-                (hull_shape(item.shape.pieces[0]), poses[-1] @ robot.model.flange @ at.pose)
+                (
+                    hull_shape(item.shape.pieces[0]),
+                    poses[-1] @ robot.model.flange @ at.pose,
+                )
             )
     return out
 
