@@ -18,7 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, Workcell
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import PartAssembly
@@ -305,7 +305,7 @@ def _bore(place: Array, length: float) -> Lying:
     """Return the straight way of a tool to a place of work, as a rod that stands on it."""
     size = readonly([_BORE, _BORE, length - 2.0 * MOST_OVERLAP])
     pose = readonly(place @ translation(0.0, 0.0, 0.5 * length))
-    return Fixture("way", size, pose, box_body("way", size)), pose
+    return Fixture("way", box_shape("way", size), pose), pose
 
 
 def _overlap(one: Lying, other: Lying) -> bool:

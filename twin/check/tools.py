@@ -47,7 +47,7 @@ def check_grips(subject: Subject) -> Findings:
         if least > opening:
             yield Finding(
                 subject.thing_at(name, "size_m"),
-                f"no fingers span {name}: it is {millimetres(least)} thick where it is thinnest, and they open to"
+                f"no fingers span {name}: its shortest edge is {millimetres(least)}, and they open to"
                 f" {millimetres(opening)} (assembly.grips.opening_m)",
                 error=True,
             )

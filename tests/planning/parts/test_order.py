@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.cell.cover import box_body
+from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Workcell
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import GripRules, PartAssembly
@@ -56,7 +56,7 @@ SIDE = 0.04
 
 def block(name: str, start: Transform) -> CellObject:
     size = np.full(3, SIDE)
-    return CellObject(name, "block", size, start, box_body(name, size), 0.05)
+    return CellObject(name, "block", box_shape(name, size), start, 0.05)
 
 
 @given(st.permutations(range(6)), st.sets(st.integers(0, 5), max_size=6))
@@ -132,8 +132,7 @@ def test_a_part_goes_in_before_walls_between_which_no_hand_fits() -> None:
     }
     sizes = {"left": wall, "right": wall, "low": low}
     objects = tuple(
-        CellObject(k, "part", sizes[k], starts[k], box_body(k, sizes[k]), 0.05)
-        for k in goals
+        CellObject(k, "part", box_shape(k, sizes[k]), starts[k], 0.05) for k in goals
     )
     cell: Workcell = replace(two_arms(), objects=objects)
     assembly = PartAssembly(

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.cell.cover import box_body
 from planning.cell.machine import machine
+from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Clearances, PlacedRobot, Workcell
 from planning.motion.motion_plan import MotionPlan
 from planning.tasks.supply_tasks import ARRIVE, GONE, LEAVE, PRESENT
@@ -54,9 +54,7 @@ def line_plan(
     start = writer.flange("a") @ GRIP
     writer.configurations["a"] = HOME
     boxes = tuple(
-        CellObject(
-            f"box.{k}", "box", np.array(SIZE), start, box_body("box", SIZE), later=k > 1
-        )
+        CellObject(f"box.{k}", "box", box_shape("box", SIZE), start, later=k > 1)
         for k in (1, 2)
     )
     writer.cell = replace(cell, objects=boxes)
