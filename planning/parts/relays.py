@@ -14,8 +14,9 @@ from itertools import product
 import numpy as np
 
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
-from planning.parts.assembly import Grip, PartAssembly, box_grips
+from planning.parts.assembly import Grip, PartAssembly
 from planning.parts.contact_graph import near_to, standing
+from planning.parts.grips import part_grips
 from planning.parts.part_skills import PartSkills
 from planning.parts.part_steps import PartStep
 from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
@@ -137,7 +138,7 @@ def _ends(
     out = []
     for robot in robots:
         count = 0
-        for grip in box_grips(step.part.size, at, at, assembly.grips):
+        for grip in part_grips(step.part.shape, at, at, assembly.grips):
             way = skills.pick if pick else skills.place
             path = way(robot, step, grip.pose)
             if isinstance(path, Obstruction):
@@ -164,7 +165,7 @@ def _through(
     """Return the ends whose robots also reach the part where it is laid down, one way each."""
     good = {
         grip.pose.tobytes()
-        for grip in box_grips(step.part.size, rest, rest, assembly.grips)
+        for grip in part_grips(step.part.shape, rest, rest, assembly.grips)
     }
     out = []
     reached: set[str] = set()
