@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from typing import Any
@@ -40,6 +40,10 @@ class AssemblyWork:
     assembly: Any = None
     order: tuple[int, ...] = ()
     exchanged: Callable[[int], AssemblyWork | None] = lambda _: None
+
+    def in_this_order(self) -> AssemblyWork:
+        """Return the same work without any other order of its steps."""
+        return replace(self, exchanged=lambda _: None)
 
     def link(self, steps: Sequence[StepTasks]) -> Indices:
         """Return all dependencies between tasks, those within the steps included.

@@ -112,6 +112,7 @@ class PlanRater:
         Raises:
             PlanInvariantError: the order that was found breaks a guarantee.
         """
+        self._known.make_room()
         nodes = build_nodes(motions)
         relations = TaskRelations(DerivedTpg(nodes), self._known)
         blocks = find_blocks(nodes.chains, relations)

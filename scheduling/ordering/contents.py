@@ -22,6 +22,9 @@ task that must be complete before it."""
 Pair = tuple[bytes, bytes, frozenset[tuple[str, str]]]
 """What two things consist of, and who may touch whom in both."""
 
+_MOST = 300_000
+"""Pairs that are kept."""
+
 
 @dataclass
 class KnownConflicts:
@@ -34,6 +37,12 @@ class KnownConflicts:
 
     stairs: dict[Pair, Stair | None] = field(default_factory=dict)
     clear: dict[Pair, bool] = field(default_factory=dict)
+
+    def make_room(self) -> None:
+        """Forget all where it is too much to keep; not while a graph is looked at."""
+        if len(self.stairs) + len(self.clear) > _MOST:
+            self.stairs.clear()
+            self.clear.clear()
 
 
 class Contents:

@@ -62,6 +62,8 @@ class Planned(PlannedMotions):
         variant: which plan ``tpg`` is: a plan of twin.run.policies.
         load_bound_s: a makespan at nominal durations that no choice of who does what can beat
             [s], None where that was not worked out.
+        step_order: numbers that the steps had before they were put into another order; empty where
+            they were not.
     """
 
     tpg: TemporalPlanGraph
@@ -69,6 +71,7 @@ class Planned(PlannedMotions):
     turns: TemporalPlanGraph | None = None
     variant: str = IN_TURNS
     load_bound_s: float | None = None
+    step_order: tuple[int, ...] = ()
 
 
 def plan_scenario(
@@ -97,7 +100,9 @@ def plan_scenario(
     if first.work is None:
         return planned
     bound = load_bound_s(first.cell, first.work, first.task_plan, first.settings)
-    return replace(planned, load_bound_s=bound)
+    order = first.work.order
+    moved = order if list(order) != sorted(order) else ()
+    return replace(planned, load_bound_s=bound, step_order=moved)
 
 
 def _better(
@@ -197,7 +202,8 @@ def improved_motions(
         watch.report(IMPROVEMENT, 0, 1)
         shortcuts = planned_shortcuts(scenario) > 0
         rater = PlanRater(first.cell, first.settings, shortcuts=shortcuts)
-        start = rater.rate_motions(first.work, first.task_plan, first.motion_plan)
+        work = first.work if section.improve_order else first.work.in_this_order()
+        start = rater.rate_motions(work, first.task_plan, first.motion_plan)
         best = improve_plan(
             rater,
             start,

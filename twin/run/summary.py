@@ -191,6 +191,9 @@ def _makespan_rows(
         rows.append(
             ("bound of load, any choice", f"{load:.2f} s", f"gap {above:.1f} %")
         )
+    if order := summary.get("step_order"):
+        moved = sum(a != b for a, b in enumerate(order, start=1))
+        rows.append(("steps in another order", f"{moved}", " ".join(map(str, order))))
     return rows
 
 

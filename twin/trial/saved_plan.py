@@ -31,6 +31,7 @@ class SavedPlan:
         turns: the plan in turns of the same motions, None where ``tpg`` is that.
         planning_s: nothing: it is not planned again.
         load_bound_s: not known: it is not planned again.
+        step_order: not known either.
     """
 
     tpg: TemporalPlanGraph
@@ -38,6 +39,7 @@ class SavedPlan:
     turns: TemporalPlanGraph | None
     planning_s: Mapping[str, float] = field(default_factory=dict)
     load_bound_s: float | None = None
+    step_order: tuple[int, ...] = ()
 
 
 def plan_variant(tpg: TemporalPlanGraph) -> str:

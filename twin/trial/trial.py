@@ -61,6 +61,7 @@ class Preparation:
         plan: which plan it is: a plan of twin.run.policies.
         turns_sha256: hash of the plan in turns, where it is another one.
         load_bound_s: makespan that no choice of who does what can beat, where it is known [s].
+        step_order: numbers that the steps had before they were put into another order.
     """
 
     recording: bool
@@ -72,6 +73,7 @@ class Preparation:
     turns_sha256: str | None
     warnings: Sequence[str] = ()
     load_bound_s: float | None = None
+    step_order: Sequence[int] = ()
 
 
 @dataclass(frozen=True)
@@ -170,6 +172,7 @@ def try_plan(
         plan=plan_variant(tpg) if planned is None else planned.variant,
         turns_sha256=None if turns is None else plan_sha256(turns),
         load_bound_s=None if planned is None else planned.load_bound_s,
+        step_order=() if planned is None else planned.step_order,
     )
     set_aside(folder)
     with whole_or_failed(folder):
@@ -257,6 +260,7 @@ def conclude(
         warnings=about.warnings,
     )
     summary["load_bound_s"] = about.load_bound_s
+    summary["step_order"] = list(about.step_order) or None
     summary["files"] = hashes_as_written(folder)
     write_json(folder / SUMMARY, summary)
     return Trial(folder, run, summary, events)

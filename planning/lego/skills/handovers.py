@@ -7,9 +7,8 @@ the two bases, nearest to it first.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import product
 
 import numpy as np
@@ -124,33 +123,36 @@ class HandoverOption:
 
 
 class HandoverOptions:
-    """Finds handovers; each is worked out at most once.
-
-    Attributes:
-        handover: of a brick from one robot to another (names), given the step (from 1) and the
-            number of the grip; the first that works of the places of ``receive_poses``.
-    """
+    """Finds handovers; each is worked out at most once."""
 
     def __init__(self, skills: SkillOptions) -> None:
         self._skills = skills
-        self.handover: Callable[[str, str, int, int], HandoverOption | Obstruction] = (
-            cache(self._find)
-        )
+        self._found: dict[tuple[str, str, int, int], HandoverOption | Obstruction] = {}
+
+    def handover(
+        self, giver: str, receiver: str, step: int, grasp: int
+    ) -> HandoverOption | Obstruction:
+        """Return how a brick goes from one robot to another, at the first place that works.
+
+        Args:
+            giver, receiver: names of the robots.
+            step: of the brick, counted from 1.
+            grasp: number of the grip.
+        """
+        key = giver, receiver, step, grasp
+        if key not in self._found:
+            self._found[key] = self._find(*key)
+        return self._found[key]
 
     def exchanged(self, skills: SkillOptions, step: int) -> HandoverOptions:
         """Return the handovers where a step and the next one are exchanged.
 
-        Those of other steps are not worked out again.
+        Known ones of other steps are not worked out again.
         """
         other = HandoverOptions(skills)
-
-        def handover(
-            giver: str, receiver: str, at: int, grasp: int
-        ) -> HandoverOption | Obstruction:
-            find = other._find if at in (step, step + 1) else self.handover
-            return find(giver, receiver, at, grasp)
-
-        other.handover = cache(handover)
+        for key, found in self._found.items():
+            if key[2] not in (step, step + 1):
+                other._found[key] = found
         return other
 
     def _find(

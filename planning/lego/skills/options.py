@@ -6,9 +6,9 @@ the robot, the step and the grip (the place): their product is never checked pai
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import product
 
 from planning.cell.workcell import Attachment
@@ -88,26 +88,50 @@ class SkillOptions:
     Attributes:
         world: cell and assembly.
         home: HOME of each robot, shape (n,).
-        pick: of a robot (name), a brick of the stock (name) and a grip (number).
-        place: of a robot, a step (from 1), a grip, and who stands supporting meanwhile; None
-            when all others are at HOME.
-        support: of a robot, a step, and the number of its support, see ``BrickWorld.supports``.
     """
 
     def __init__(self, world: BrickWorld) -> None:
         self.world = world
         self._tool = ToolContact(world.cell.clearances.contact_tolerance, PRESSED)
         self.home: dict[str, Array] = {r.name: r.home for r in world.cell.robots}
-        self.pick: Callable[[str, str, int], Found] = cache(self._pick)
-        self.place: Callable[[str, int, int, SupportCandidate | None], Found] = cache(
-            self._place
-        )
-        self.support: Callable[[str, int, int], Found] = cache(self._support)
+        self._picks: dict[tuple[str, str, int], Found] = {}
+        self._places: dict[tuple[str, int, int, SupportCandidate | None], Found] = {}
+        self._supports: dict[tuple[str, int, int], Found] = {}
+
+    def pick(self, robot: str, stock: str, grasp: int) -> Found:
+        """Return the pick of a brick of the stock (name) by a robot (name), with a grip (number)."""
+        key = robot, stock, grasp
+        if key not in self._picks:
+            self._picks[key] = self._pick(*key)
+        return self._picks[key]
+
+    def place(
+        self, robot: str, step: int, grasp: int, beside: SupportCandidate | None
+    ) -> Found:
+        """Return the place of a step (from 1) by a robot, with a grip.
+
+        Args:
+            robot: who places.
+            step: counted from 1.
+            grasp: number of the grip.
+            beside: who stands supporting meanwhile; None when all others are at HOME.
+        """
+        key = robot, step, grasp, beside
+        if key not in self._places:
+            self._places[key] = self._place(*key)
+        return self._places[key]
+
+    def support(self, robot: str, step: int, choice: int) -> Found:
+        """Return the support of a step by a robot, by its number, see ``LegoStep.supports``."""
+        key = robot, step, choice
+        if key not in self._supports:
+            self._supports[key] = self._support(*key)
+        return self._supports[key]
 
     def exchanged(self, world: BrickWorld, step: int) -> SkillOptions:
         """Return the options of a world in which a step and the next one are exchanged.
 
-        What does not depend on their order is not worked out again.
+        What is known, and does not depend on their order, is not worked out again.
         """
         other = SkillOptions(world)
         number = {step: step + 1, step + 1: step}
@@ -122,30 +146,16 @@ class SkillOptions:
                 latest = number.get(latest, latest)
             return replace(found, touched=touched, latest=latest)
 
-        def pick(robot: str, stock: str, grasp: int) -> Found:
-            found = self.pick(robot, stock, grasp)
-            if isinstance(found, SkillOption) and found.latest == step:
-                # If the next one is in the way as well, it is the first of them now.
-                return other._pick(robot, stock, grasp)
-            return renamed(found)
-
-        def place(
-            robot: str, at: int, grasp: int, beside: SupportCandidate | None
-        ) -> Found:
-            if at in number:
-                return other._place(robot, at, grasp, beside)
-            return renamed(self.place(robot, at, grasp, beside))
-
-        def support(robot: str, at: int, choice: int) -> Found:
-            if at in number:
-                return other._support(robot, at, choice)
-            return renamed(self.support(robot, at, choice))
-
-        other.pick, other.place, other.support = (
-            cache(pick),
-            cache(place),
-            cache(support),
-        )
+        for picked, found in self._picks.items():
+            # If the next one is in the way as well, it is the first of them now.
+            if isinstance(found, Obstruction) or found.latest != step:
+                other._picks[picked] = renamed(found)
+        for placed, found in self._places.items():
+            if placed[1] not in number:
+                other._places[placed] = renamed(found)
+        for held, found in self._supports.items():
+            if held[1] not in number:
+                other._supports[held] = renamed(found)
         return other
 
     def _pick(self, robot: str, stock: str, grasp: int) -> Found:

@@ -54,6 +54,7 @@ class PlanningSection(Section):
             [s]; what is found depends on the machine. 0 for no limit where there are tries.
         improve_tries: most plans tried in that search; on its own, it makes the same plan
             everywhere. 0 for no limit where there are seconds.
+        improve_order: whether that search may put the steps into another order.
     """
 
     speed_model: Literal["l1", "joint"] = "l1"
@@ -66,6 +67,7 @@ class PlanningSection(Section):
     ) = "auto"
     improve_s: Annotated[float, Field(ge=0, le=1e6)] = 0.0
     improve_tries: Annotated[int, Field(ge=0, le=1_000_000)] = 0
+    improve_order: bool = True
 
     @property
     def improves(self) -> bool:

@@ -13,6 +13,7 @@ from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.grid import covered_studs
 from planning.lego.sequencing.rules import SequencingRules
+from planning.lego.sequencing.sequencing import sequenced
 from planning.lego.sequencing.stable_steps import stable_steps
 from planning.lego.sequencing.step_exchange import movable_work
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
@@ -115,6 +116,29 @@ def test_candidates_are_those_of_a_fresh_search(candidates: LegoCandidates) -> N
         assert _ways(work.problem) == _ways(fresh.problem), order
         assert work.problem.steps == fresh.problem.steps
         assert work.problem.needs_support == fresh.problem.needs_support
+
+
+def test_a_sequence_that_was_found_stays_one(candidates: LegoCandidates) -> None:
+    """In every order the structure stands and bears the presses, whatever way each brick takes."""
+    world = candidates.world
+    structure = world.assembly.structure
+    assembly, found = sequenced(world.assembly, structure, RULES)
+    names = [item.name for item in found.sequence]
+    work = movable_work(find_candidates(world.cell, assembly), RULES, names)
+    orders = _orders(work)
+    assert len(orders) == 2 * 10
+    bricks = {item.name: (item.brick, item.cell) for item in structure}
+    for order, other in orders.items():
+        assert stable_steps(other.assembly, RULES) is not None
+        assert [(s.brick, s.cell) for s in other.assembly.steps] == [
+            bricks[names[k - 1]] for k in order
+        ]
+
+
+def test_work_in_its_order_has_no_other(candidates: LegoCandidates) -> None:
+    work = movable_work(candidates, RULES)
+    assert len(_orders(work)) > 1
+    assert len(_orders(work.in_this_order())) == 1
 
 
 def _objects(plan: TaskPlan) -> list[str]:
