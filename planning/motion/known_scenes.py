@@ -103,14 +103,10 @@ class KnownScenes:
         """Return a number that objects of one shape have in common."""
         known = self._shapes.get(item)
         if known is None:
-<<<<<<< HEAD
-            corners = tuple(p.vertices.tobytes() for p in item.shape.pieces)
-            known = self._number((item.kind, corners))
-=======
             if len(self._shapes) >= _MOST:
                 self._shapes.clear()
-            known = self._number((item.kind, item.body.vertices.tobytes()))
->>>>>>> 0ce897f (Order of steps in summaries, improve_order; options of skills kept by their questions; edges from known pairs tested)
+            corners = tuple(p.vertices.tobytes() for p in item.shape.pieces)
+            known = self._number((item.kind, corners))
             self._shapes[item] = known
         return known
 
