@@ -16,7 +16,7 @@ from twin.audit.worlds.engine import engine_named
 from twin.comparison.comparison import shortcut_budget
 from twin.host.progress import Report, report_nothing
 from twin.run.folder import locked, run_folder
-from twin.run.policies import ASYNCHRONOUS, OPEN_LOOP, SEQUENTIAL, policy_named
+from twin.run.policies import OPEN_LOOP, SEQUENTIAL, policy_named
 from twin.scenario.variations import Variation, variants
 from twin.study.folder import (
     EDGES,
@@ -27,7 +27,7 @@ from twin.study.folder import (
     require_no_study,
     require_same_study,
 )
-from twin.study.plans import given_plans, possible_policies
+from twin.study.plans import default_policies, given_plans, possible_policies
 from twin.study.replications.executors import check_cluster, open_executor
 from twin.study.replications.experiment import Experiment
 from twin.study.replications.statistics import Precision
@@ -169,7 +169,8 @@ def study(
             ``LoadedScenario.varied``.
         replications: of every policy and variant; None to go on until the precision is reached.
         precision: when there are enough replications, and the confidence of all intervals.
-        policies: sequential, asynchronous and others; see docs/guides/studies.md.
+        policies: sequential, asynchronous and others, see docs/guides/studies.md; by default one
+            task at a time, and what ``twin.run`` executes.
         deadline_s: ask how likely the run is over by then [s].
         antithetic: draw replications in mirrored pairs.
         sobol: points of the sample for Sobol indices, a power of 2; 0 for none.
@@ -203,7 +204,7 @@ def study(
         plans = given_plans(made, names)
         saved = "" if plan.folder is None else str(plan.folder.resolve())
     experiment = Experiment(
-        policies=names or (SEQUENTIAL, ASYNCHRONOUS),
+        policies=names or default_policies(case.sections),
         variants=variants(_variations(vary)),
         replications=replications,
         precision=precision or Precision(),

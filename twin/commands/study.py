@@ -48,7 +48,7 @@ PolicyNames = Annotated[
     typer.Option(
         help="sequential, synchronous, 'synchronous + TPG', 'synchronous + TPG + shortcuts',"
         " asynchronous, 'asynchronous + shortcuts' or open-loop; give it again for more."
-        " Default: sequential and asynchronous; of a given plan sequential and its own."
+        " Default: sequential, and what twin run executes."
     ),
 ]
 Vary = Annotated[

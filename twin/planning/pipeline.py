@@ -91,18 +91,28 @@ def plan_scenario(
         TransitError: no collision-free path was found.
         PlanInvariantError: the plan breaks a guarantee, which is a fault of this program.
     """
-    watch = StageWatch(progress)
-    refuse_improvement(scenario)
-    first = plan_motions(scenario, folder, watch)
-    planned = _coordinated(scenario, first, watch)
-    if scenario.planning.improves:
-        first, planned = _better(scenario, first, planned, watch)
+    first, planned = plan_best(scenario, folder, StageWatch(progress))
     if first.work is None:
         return planned
     bound = load_bound_s(first.cell, first.work, first.task_plan, first.settings)
     order = first.work.order
     moved = order if list(order) != sorted(order) else ()
     return replace(planned, load_bound_s=bound, step_order=moved)
+
+
+def plan_best(
+    scenario: Scenario, folder: Path, watch: StageWatch
+) -> tuple[PlannedMotions, Planned]:
+    """Return the plan of a scenario with its motions, improved where the scenario says so.
+
+    See plan_scenario for the errors.
+    """
+    refuse_improvement(scenario)
+    first = plan_motions(scenario, folder, watch)
+    planned = _coordinated(scenario, first, watch)
+    if scenario.planning.improves:
+        return _better(scenario, first, planned, watch)
+    return first, planned
 
 
 def _better(

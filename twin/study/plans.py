@@ -12,15 +12,25 @@ from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import Report, StageWatch
 from twin.host.versions import versions
-from twin.planning.pipeline import order_motions, plan_in_slots, plan_motions, shorten
+from twin.planning.pipeline import (
+    order_motions,
+    plan_best,
+    plan_in_slots,
+    plan_motions,
+    planned_shortcuts,
+    shorten,
+)
 from twin.run.policies import (
+    ASYNCHRONOUS,
     AT_ONCE,
     IN_SLOTS,
     IN_TURNS,
     NAMED_POLICIES,
+    SEQUENTIAL,
     SHORTENED,
     SLOTS_SHORTENED,
     plan_folder,
+    policy_name,
 )
 from twin.scenario.manifest import file_hashes, scenario_sha256
 from twin.scenario.sections.scenario import Scenario, resolved
@@ -32,6 +42,18 @@ from twin.trial.simulation import scenario_execution
 
 Plans = Mapping[str, TemporalPlanGraph]
 """Plans by their names in twin.run.policies; those of several layouts by plan_key."""
+
+
+def default_policies(scenario: Scenario) -> tuple[str, ...]:
+    """Return the policies that a study has by default: one task at a time, and that of a run."""
+    if scenario.planning.coordination == "synchronous":
+        plan = SLOTS_SHORTENED if planned_shortcuts(scenario) else IN_SLOTS
+    else:
+        plan = SHORTENED if planned_shortcuts(scenario) else IN_TURNS
+    own = policy_name(plan, scenario.execution.policy)
+    if own not in NAMED_POLICIES:
+        own = ASYNCHRONOUS
+    return tuple(dict.fromkeys((SEQUENTIAL, own)))
 
 
 def plan_for_study(
@@ -56,7 +78,10 @@ def plan_for_study(
     """
     needed = {NAMED_POLICIES[policy].plan for policy in policies}
     watch = StageWatch(progress)
-    turns = plan_motions(scenario, base, watch)
+    if scenario.planning.improves:
+        turns, _ = plan_best(scenario, base, watch)
+    else:
+        turns = plan_motions(scenario, base, watch)
     plans = {}
     if needed & {IN_TURNS, SHORTENED}:
         plans[IN_TURNS] = order_motions(turns.motion_plan, watch)

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 import twin
 from planning.errors import RequestError, ScenarioError
 from planning.transforms import Array
+from scheduling.graph.plan_files import plan_sha256
 from twin.cli import app
 from twin.study.ranking import rank_layouts
 from twin.study.replications.experiment import Experiment
@@ -202,3 +203,28 @@ def test_ranks_of_samples() -> None:
     assert math.isclose(behind[0]["count"], both.sum())
     assert json.loads(json.dumps(rows)) == rows
     assert rank_layouts(Experiment(("sequential",)), samples[:1]) == []
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {},
+        {"planning.shortcut_candidates": 0},
+        {"planning.improve_tries": 3},
+        {"planning.coordination": "synchronous"},
+    ],
+    ids=str,
+)
+def test_a_study_is_of_the_plan_that_is_run(
+    values: dict[str, object], tmp_path: Path
+) -> None:
+    scenario = twin.load("tray").varied(values)
+    plan = twin.plan(scenario)
+    found = twin.study(scenario, replications=3, out=tmp_path / "study")
+    own = found.summary["cells"][-1]["policy"]
+    assert own == twin.simulate(plan).policy
+    study = json.loads((tmp_path / "study/manifest.json").read_text())["study"]
+    assert study["plans_sha256"][plan.name] == plan_sha256(plan.tpg)
+    rows = found.replications.to_pylist()
+    (first,) = (r for r in rows if r["policy"] == own and r["replication"] == 0)
+    assert first["makespan_s"] == twin.simulate(plan).makespan_s
