@@ -9,6 +9,7 @@ from itertools import product
 
 import numpy as np
 
+from planning.cell.robot_model import ToolGrip
 from planning.parts.steps import Place, Work, placed_parts
 from planning.transforms import Array, Transform, readonly
 
@@ -96,10 +97,12 @@ class Grip:
     Attributes:
         pose: of the tool frame in the frame of the box.
         words: what it is, for messages.
+        tool: how the tool that it is for holds; None for tools of which nothing is known.
     """
 
     pose: Transform
     words: str
+    tool: ToolGrip | None = None
 
 
 def box_grips(
@@ -151,7 +154,7 @@ def _offsets(size: Array, rules: GripRules) -> list[float]:
 def _holds(size: Array, rules: GripRules) -> Iterator[tuple[int, int, int, bool]]:
     """Yield face axis, its sign, closing axis, and whether the fingers are turned round."""
     for face, sign, closing, turned in product(range(3), (1, -1), range(3), (0, 1)):
-        if face != closing and size[closing] <= rules.opening:
+        if face != closing and rules.least_opening <= size[closing] <= rules.opening:
             yield face, sign, closing, bool(turned)
 
 

@@ -14,6 +14,7 @@ from planning.parts.part_skills import PartSkills
 from planning.parts.part_steps import PartStep, WorkStep, part_steps
 from planning.parts.relays import Relay, find_relays
 from planning.parts.targets import process_targets
+from planning.parts.tool_grips import own_grips, why_no_grip
 from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
 from planning.tasks.assignment import (
     AssignmentProblem,
@@ -138,6 +139,7 @@ class _Collector:
 
     def __init__(self, cell: Workcell, skills: PartSkills) -> None:
         self._cell, self._skills, self._assembly = cell, skills, skills.assembly
+        self._rules = skills.assembly.grips
         self.primaries: list[PrimaryCandidate] = []
         self.supports: list[SupportCandidate] = []
         self.incompatible: set[tuple[int, int]] = set()
@@ -172,10 +174,11 @@ class _Collector:
 
     def _add_places(self, number: int, step: PartStep, robot: PlacedRobot) -> None:
         part, name = step.part.name, robot.name
-        if not step.grips:
-            reason = "no face can be gripped both at its start and at its goal"
+        own = list(own_grips(robot, step.grips))
+        if not own:
+            reason = why_no_grip(robot, step.part.shape, self._rules)
             self._reject(number, f"{name} grips {part}", reason)
-        for k, grip in enumerate(step.grips):
+        for k, grip in own:
             place = self._skills.place(robot, step, grip.pose)
             if isinstance(place, Obstruction):
                 self._block(number, f"{name} places, {grip.words}", place)
@@ -238,11 +241,14 @@ class _Collector:
     ) -> None:
         held = step.held
         assert held is not None
-        if not held.grips:
-            reason = "no face can be gripped where it lies"
+        own = dict(own_grips(robot, held.grips))
+        if not own:
+            reason = why_no_grip(robot, held.part.shape, self._rules)
             self._reject(number, f"{robot.name} holds {held.part.name}", reason)
         count = 0
         for k in self._far_first(step):
+            if k not in own:
+                continue
             if count == _MOST_HOLDS:
                 break
             grip = held.grips[k]

@@ -12,8 +12,8 @@ from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import Grip, PartAssembly
 from planning.parts.contact_graph import near_to, standing
-from planning.parts.grips import part_grips
 from planning.parts.steps import Place, Process, Work
+from planning.parts.tool_grips import tool_grips
 from planning.transforms import Transform, readonly
 
 MOST_OVERLAP = 0.002
@@ -103,7 +103,7 @@ def part_steps(
         held = None
         if step.hold is not None:
             part, pose = cell.object(step.hold), where[step.hold]
-            grips = part_grips(part.shape, pose, pose, assembly.grips)
+            grips = tool_grips(cell.robots, part.shape, pose, pose, assembly.grips)
             held = Held(part, pose, grips)
         if isinstance(step, Work):
             out.append(_work_step(cell, step, where, assembly.touch, held))
@@ -129,7 +129,7 @@ def _place_step(
     at_goal = near_to((part, goal), lying, assembly.touch)
     _require_standing(f"step {number} ({name})", at_goal)
     at_start = near_to((part, part.start), lying, assembly.touch)
-    grips = part_grips(part.shape, part.start, goal, assembly.grips)
+    grips = tool_grips(cell.robots, part.shape, part.start, goal, assembly.grips)
     return PartStep(step, part, goal, around, grips, at_start, at_goal, held)
 
 

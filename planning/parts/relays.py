@@ -16,9 +16,9 @@ import numpy as np
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
 from planning.parts.assembly import Grip, PartAssembly
 from planning.parts.contact_graph import near_to, standing
-from planning.parts.grips import part_grips
 from planning.parts.part_skills import PartSkills
 from planning.parts.part_steps import PartStep
+from planning.parts.tool_grips import robot_grips
 from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
 from planning.transforms import Array, Transform, readonly, rotation
 
@@ -138,7 +138,7 @@ def _ends(
     out = []
     for robot in robots:
         count = 0
-        for grip in part_grips(step.part.shape, at, at, assembly.grips):
+        for grip in robot_grips(robot, step.part.shape, at, at, assembly.grips):
             way = skills.pick if pick else skills.place
             path = way(robot, step, grip.pose)
             if isinstance(path, Obstruction):
@@ -164,13 +164,15 @@ def _through(
 ) -> list[tuple[_End, SkillPath, float]]:
     """Return the ends whose robots also reach the part where it is laid down, one way each."""
     good = {
-        grip.pose.tobytes()
-        for grip in part_grips(step.part.shape, rest, rest, assembly.grips)
+        (end.robot.name, grip.pose.tobytes())
+        for end in ends
+        for grip in robot_grips(end.robot, step.part.shape, rest, rest, assembly.grips)
     }
     out = []
     reached: set[str] = set()
     for end in ends:
-        if end.robot.name in reached or end.grip.pose.tobytes() not in good:
+        way_there = end.robot.name, end.grip.pose.tobytes()
+        if end.robot.name in reached or way_there not in good:
             continue
         way = skills.pick if pick else skills.place
         path = way(end.robot, step, end.grip.pose)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -16,9 +16,9 @@ from planning.errors import (
 )
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
 from planning.parts.assembly import Grip, PartAssembly
-from planning.parts.grips import part_grips
 from planning.parts.part_steps import WorkStep, part_steps
 from planning.parts.targets import pick_targets, place_targets, process_targets
+from planning.parts.tool_grips import robot_grips
 from planning.skills.joint_paths import SkillPath, skill_postures
 from planning.skills.subgoals import SkillTargets
 from planning.transforms import Transform
@@ -93,14 +93,23 @@ def _check_parts(subject: Subject, section: PartsSection) -> Findings:
     for name in dict.fromkeys(assembly.placed):
         part, goal = cell.object(name), assembly.goals[name]
         rules, end = assembly.grips, goal
-        both = part_grips(part.shape, part.start, end, rules)[:_MOST_GRIPS]
-        if any(_handles(robot, part, assembly, both) for robot in robots):
+        if any(
+            _handles(
+                robot,
+                part,
+                assembly,
+                robot_grips(robot, part.shape, part.start, end, rules)[:_MOST_GRIPS],
+            )
+            for robot in robots
+        ):
             continue
-        at_start = part_grips(part.shape, part.start, part.start, rules)
-        at_goal = part_grips(part.shape, end, end, rules)
-        if not at_start or not at_goal:
+        at_start, at_goal = (
+            {r.name: robot_grips(r, part.shape, pose, pose, rules) for r in robots}
+            for pose in (part.start, end)
+        )
+        if not any(at_start.values()) or not any(at_goal.values()):
             continue  # said elsewhere
-        tried = max(len(at_start), len(at_goal))
+        tried = max(len(g) for g in (*at_start.values(), *at_goal.values()))
         picks = _reaching(robots, part.start, assembly, at_start, pick_targets)
         places = _reaching(robots, end, assembly, at_goal, place_targets)
         if picks and places:
@@ -177,7 +186,7 @@ def _reaching(
     robots: list[PlacedRobot],
     at: Transform,
     assembly: PartAssembly,
-    grips: list[Grip],
+    grips: Mapping[str, list[Grip]],
     targets: Targets,
 ) -> set[str]:
     """Return the robots that pick or place a part somewhere with one of some grips."""
@@ -186,7 +195,7 @@ def _reaching(
         for robot in robots
         if any(
             _reaches(robot, at @ grip.pose, assembly, targets)
-            for grip in grips[:_MOST_GRIPS]
+            for grip in grips[robot.name][:_MOST_GRIPS]
         )
     }
 

@@ -8,9 +8,11 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from planning.cell.body import ConvexBody
-from planning.cell.robot_model import RobotModel
+from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.geometry.exact import Solid, distance_at
-from planning.parts.grips import part_grips, thinnest
+from planning.parts.assembly import GripRules
+from planning.parts.grips import thinnest
+from planning.parts.tool_grips import tool_grips, tool_rules
 from planning.robots.overview import flange_doubt
 from planning.transforms import Array, readonly
 from twin.check.finding import Finding, Findings, Subject, millimetres
@@ -40,15 +42,18 @@ def check_grips(subject: Subject) -> Findings:
         return
     from twin.planning.parts import build_assembly
 
-    assembly = build_assembly(section)
+    assembly, robots = build_assembly(section), subject.cell.robots
+    rules = assembly.grips
+    tools = dict.fromkeys(robot.model.grip for robot in robots)
+    widest = max(tool_rules(rules, tool).opening for tool in tools)
+    listing = "; ".join(_opens(tool, rules) for tool in tools)
     for name in dict.fromkeys(assembly.placed):
         part = subject.cell.object(name)
-        least, opening = thinnest(part.shape), assembly.grips.opening
-        if least > opening:
+        least = thinnest(part.shape)
+        if least > widest:
             yield Finding(
                 subject.thing_at(name, "size_m"),
-                f"no fingers span {name}: its shortest edge is {millimetres(least)}, and they open to"
-                f" {millimetres(opening)} (assembly.grips.opening_m)",
+                f"no fingers span {name}: its shortest edge is {millimetres(least)}, and {listing}",
                 error=True,
             )
             continue
@@ -57,17 +62,27 @@ def check_grips(subject: Subject) -> Findings:
             ("start", part.start, "where it lies at the start"),
             ("goal", goal, "in its place"),
         ):
-            if part_grips(part.shape, at, at, assembly.grips):
+            if tool_grips(robots, part.shape, at, at, rules):
                 continue
-            steepest = np.degrees(assembly.grips.steepest)
+            steepest = np.degrees(rules.steepest)
             yield Finding(
                 subject.thing_at(name, key),
-                f"no face of {name} can be gripped {where}: fingers open to"
-                f" {millimetres(opening)} and the tool leans at most {steepest:.0f} deg from"
-                " assembly.grips.directions; turn the part, or allow more of opening_m, directions or"
-                " steepest_deg",
+                f"no face of {name} can be gripped {where}: {listing}, and the tool leans at most"
+                f" {steepest:.0f} deg from assembly.grips.directions; turn the part, or allow more of"
+                " opening_m, directions or steepest_deg",
                 error=True,
             )
+
+
+def _opens(tool: ToolGrip | None, rules: GripRules) -> str:
+    """Return in words how far a tool opens, and where that is written."""
+    if tool is None:
+        return f"they open to {millimetres(rules.opening)} (assembly.grips.opening_m)"
+    if tool.opening is None:
+        return f"{tool.tool} holds any face"
+    if tool.opening[1] == 0.0:
+        return f"{tool.tool} holds nothing"
+    return f"{tool.tool} opens to {millimetres(tool.opening[1])} (cell.tools)"
 
 
 def check_tool_frames(subject: Subject) -> Findings:
@@ -140,6 +155,8 @@ def check_openings(subject: Subject) -> Findings:
         if gap is None:
             continue
         least, most = model.grip.opening
+        if most == 0.0:
+            continue
         tool, at = model.grip.tool, subject.robot_at(robot.name, "tool", "model")
         if gap > most + _PLAY or gap < least - _PLAY:
             yield Finding(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
@@ -72,7 +73,7 @@ def free_kinds(root: Element) -> frozenset[str]:
     return frozenset(
         str(joint.get("name"))
         for joint in root.findall("joint")
-        if joint.get("type") in ("floating", "planar")
+        if joint.get("type") not in (*_TURNING, "prismatic", "fixed")
     )
 
 
@@ -91,7 +92,8 @@ def write_pose(parent: Element, pose: Transform) -> None:
         parent.remove(old)
     turned = np.asarray(pose)[:3, :3]
     level = np.array_equal(turned, np.eye(3))
-    rpy = np.zeros(3) if level else Rotation.from_matrix(turned).as_euler("xyz")
+    with warnings.catch_warnings(action="ignore"):  # where two angles say the same
+        rpy = np.zeros(3) if level else Rotation.from_matrix(turned).as_euler("xyz")
     xyz = np.asarray(pose)[:3, 3]
     values = {"xyz": _text(xyz), "rpy": _text(rpy)}
     SubElement(parent, "origin", values)

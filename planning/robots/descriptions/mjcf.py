@@ -133,29 +133,39 @@ def _links(urdf: Element, model: Any, path: Path) -> dict[int, tuple[Element, Ar
     for number, frame in enumerate(model.frames):
         if frame.type != _FRAMES.BODY:
             continue
-        above = model.frames[frame.parentFrame]
         pose, name = frame.placement.homogeneous, frame.name
-        parent = above.parentFrame if above.type == _FRAMES.JOINT else frame.parentFrame
+        parent, joint = _above(model, number)
         carrier, offset = out[parent]
-        if above.type == _FRAMES.JOINT:
-            index = above.parentJoint
-            placed = model.jointPlacements[index].homogeneous
+        if joint is not None:
             level = bool(np.allclose(pose, at_rest))
-            moved = name if level else f"{name}.moved"
-            link = SubElement(urdf, "link", name=moved)
-            joint = _add_joint(
-                urdf, above.name, carrier, link, inverse(offset) @ placed
+            link = SubElement(urdf, "link", name=name if level else f"{name}.moved")
+            index = joint.parentJoint
+            placed = model.jointPlacements[index].homogeneous
+            element = _add_joint(
+                urdf, joint.name, carrier, link, inverse(offset) @ placed
             )
-            _describe(joint, model, index, path)
+            _describe(element, model, index, path)
             carrier, offset = link, at_rest
             if level:
                 out[number] = link, at_rest
                 continue
         link = SubElement(urdf, "link", name=name)
-        joint = _add_joint(urdf, f"{name}.fixed", carrier, link, inverse(offset) @ pose)
-        joint.set("type", "fixed")
+        element = _add_joint(
+            urdf, f"{name}.fixed", carrier, link, inverse(offset) @ pose
+        )
+        element.set("type", "fixed")
         out[number] = link, pose
     return out
+
+
+def _above(model: Any, number: int) -> tuple[int, Any]:
+    """Return the frame of the body above a body, and the frame of the joint in between, if any."""
+    joint, at = None, model.frames[number].parentFrame
+    while at != 0 and model.frames[at].type != _FRAMES.BODY:
+        if model.frames[at].type == _FRAMES.JOINT:
+            joint = model.frames[at]
+        at = model.frames[at].parentFrame
+    return at, joint
 
 
 def _add_joint(

@@ -59,9 +59,9 @@ def fitted_description(
     checked_tree(root, path, dirs, free_kinds(root))
     with _at_fault("joints", bool(fitting.held)):
         hold_joints(root, path, {**known.frozen, **fitting.held})
-    _name_limits_plainly(root)
     with _at_fault("limits", fitting.limits != Limits()):
         _write_limits(root, path, known, fitting.limits)
+    _complete_limits(root)
     arm = serial_chain(root, path, package_dirs)
     with _at_fault("flange", fitting.flange is not None):
         flange = flange_link(arm, fitting.flange or known.flange_link)
@@ -136,9 +136,14 @@ def _write_limits(
             limit.set(key, repr(float(value)))
 
 
-def _name_limits_plainly(root: Element) -> None:
-    """Give limits that are told with a prefix, such as drake:acceleration, the name that URDF has."""
+def _complete_limits(root: Element) -> None:
+    """Give limits that are told with a prefix, such as drake:acceleration, the name that URDF has.
+
+    Those that URDF demands are there in any case; 0 says that they are not known.
+    """
     for limit in root.findall("joint/limit"):
+        for key in ("effort", "velocity"):
+            limit.attrib.setdefault(key, "0")
         for key in [key for key in limit.attrib if ":" in key]:
             limit.set(key.rpartition(":")[2], limit.attrib.pop(key))
 

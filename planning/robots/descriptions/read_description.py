@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, SubElement
 
 from planning.errors import RobotModelError
 from planning.files import read_file
+from planning.robots.descriptions.held_joints import pose_of, write_pose
 from planning.robots.descriptions.mesh_files import find_mesh, search_folders
+from planning.robots.descriptions.urdf_checks import number
 from planning.robots.descriptions.xml_reading import read_xml
+from planning.transforms import translation
 
 
 def read_description(path: Path) -> Element:
@@ -28,7 +32,40 @@ def read_description(path: Path) -> Element:
             f"{path} is neither URDF nor MJCF: its root element is <{root.tag}>",
             choices=("robot", "mujoco"),
         )
+    _take_capsules_apart(root)
     return root
+
+
+def _take_capsules_apart(root: Element) -> None:
+    """Write capsules, which not every program reads, as a cylinder and two balls."""
+    for link in root.findall("link"):
+        for tag in ("collision", "visual"):
+            for shape in link.findall(tag):
+                capsule = shape.find("geometry/capsule")
+                if capsule is not None and capsule.get("radius"):
+                    _take_apart(link, shape, capsule)
+
+
+def _take_apart(link: Element, shape: Element, capsule: Element) -> None:
+    where = f"link {link.get('name')!r}: a <capsule>"
+    radius, length = capsule.get("radius", ""), capsule.get("length", "0")
+    place = pose_of(shape.find("origin"), where)
+    half = 0.5 * number(length, where)
+    for kind, at in (("cylinder", 0.0), ("sphere", -half), ("sphere", half)):
+        part = copy.deepcopy(shape)
+        part.attrib.pop("name", None)
+        geometry = part.find("geometry")
+        assert geometry is not None
+        geometry.clear()
+        keys = (
+            {"radius": radius, "length": length}
+            if kind == "cylinder"
+            else {"radius": radius}
+        )
+        SubElement(geometry, kind, keys)
+        write_pose(part, place @ translation(0.0, 0.0, at))
+        link.append(part)
+    link.remove(shape)
 
 
 def is_plain_urdf(path: Path) -> bool:
@@ -39,7 +76,20 @@ def is_plain_urdf(path: Path) -> bool:
     except ElementTree.ParseError:  # prefixes that stand for nothing
         return False
     dirs = search_folders(path)
-    return root.tag == "robot" and all(
-        find_mesh(mesh.get("filename", ""), dirs) is not None
-        for mesh in root.findall("link/collision//mesh")
+    return (
+        root.tag == "robot"
+        and root.find("link/collision/geometry/capsule") is None
+        and all(
+            find_mesh(mesh.get("filename", ""), dirs) is not None
+            for mesh in root.findall("link/collision//mesh")
+        )
+        # pinocchio wants these, whether they are of use or not.
+        and all(
+            {"effort", "velocity"} <= limit.attrib.keys()
+            for limit in root.findall("joint/limit")
+        )
+        and all(
+            inertial.find("mass") is not None and inertial.find("inertia") is not None
+            for inertial in root.findall("link/inertial")
+        )
     )

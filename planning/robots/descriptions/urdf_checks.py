@@ -21,7 +21,7 @@ _SIZES = {
 _PLACES = {"xyz": (0.0, 1000.0, 3), "rpy": (0.0, 1e4, 3)}
 
 _SHAPES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
-_SHAPES |= {"capsule": ("radius", "length"), "mesh": ("filename",)}
+_SHAPES |= {"mesh": ("filename",)}
 
 
 def check_numbers(root: Element, path: Path) -> None:
@@ -52,7 +52,12 @@ def check_meshes(root: Element, path: Path, dirs: Sequence[Path]) -> None:
 
 
 def _require_keys(shape: Element, where: str) -> None:
-    for key in _SHAPES.get(shape.tag, ()):
+    if shape.tag not in _SHAPES:
+        raise RobotModelError(
+            f"{where}: collision shape <{shape.tag}> is not supported",
+            choices=tuple(_SHAPES),
+        )
+    for key in _SHAPES[shape.tag]:
         if not shape.get(key):
             raise RobotModelError(f"{where}: a <{shape.tag}> has no {key}")
 

@@ -27,7 +27,8 @@ class ToolSection(Section):
         joints: values of its joints [rad or m], at which they are held; what mimics one follows, and
             what is left out is held at zero, or at the limit that is nearest to it.
         closing: axis of the tcp along which its fingers close.
-        opening_m: farthest that its fingers open, or least and farthest.
+        opening_m: farthest that its fingers open, or least and farthest; 0 for a tool that holds
+            nothing. Without it, and without suction, what assembly.grips says holds.
         suction: whether it holds by suction, at one face.
         frames: further frames by name, each a pose in the frame of its root link.
     """
@@ -45,13 +46,13 @@ class ToolSection(Section):
     def _one_way_to_hold(self) -> ToolSection:
         if self.suction and self.opening_m is not None:
             raise ValueError("give opening_m or suction, not both")
-        if isinstance(self.opening_m, tuple):
-            if len(self.opening_m) != 2 or self.opening_m[0] >= self.opening_m[1]:
-                raise ValueError(
-                    "opening_m is one number, or two: the least and the largest"
-                )
-        elif self.opening_m == 0.0:
-            raise ValueError("opening_m must be greater than 0")
+        opening = self.opening_m
+        if isinstance(opening, tuple) and (
+            len(opening) != 2 or opening[0] >= opening[1]
+        ):
+            raise ValueError(
+                "opening_m is one number, or two: the least and the largest"
+            )
         return self
 
     @property

@@ -193,7 +193,6 @@ def test_what_does_not_fit_is_said_with_its_key(
         ('multiplier="-1"', 'multiplier="much"', "multiplier must be a finite number"),
         ('upper="0.04"', 'upper="-1"', "'squeeze' has an empty range"),
         ('radius="0.04"', "", "link 'palm': a <cylinder> has no radius"),
-        ('type="fixed"', 'type="ball"', "of type 'ball'"),
     ],
 )
 def test_tools_that_cannot_be_used_are_explained(

@@ -1,0 +1,96 @@
+"""Grips by the tools that the robots of a cell have: each tool holds in its own way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from planning.cell.robot_model import ToolGrip
+from planning.cell.shape import Shape
+from planning.cell.workcell import PlacedRobot
+from planning.parts.assembly import Grip, GripRules
+from planning.parts.grips import part_grips, thinnest
+from planning.transforms import Transform
+
+
+def tool_rules(rules: GripRules, tool: ToolGrip | None) -> GripRules:
+    """Return the rules for the grips of a tool.
+
+    Fingers open as far as those of the tool do. A cup is put on a face, whatever its size, and
+    stays upright on it.
+
+    Args:
+        rules: of the assembly, for what the tool does not tell.
+        tool: how it holds; None where nothing is known.
+    """
+    if tool is None:
+        return rules
+    if tool.opening is None:
+        return replace(rules, suction=True, opening=math.inf, tilts=(0.0,))
+    least, most = tool.opening
+    return replace(rules, suction=False, least_opening=least, opening=most)
+
+
+def tool_grips(
+    robots: Sequence[PlacedRobot],
+    shape: Shape,
+    start: Transform,
+    goal: Transform,
+    rules: GripRules,
+) -> list[Grip]:
+    """Return the grips with which some robot's tool can take a part up and put it down.
+
+    Args:
+        robots: of the cell.
+        shape: of the part.
+        start, goal: poses of its frame in the world.
+        rules: of the assembly.
+    """
+    by_tool = {robot.model.grip: robot for robot in robots}
+    return [
+        grip
+        for robot in by_tool.values()
+        for grip in robot_grips(robot, shape, start, goal, rules)
+    ]
+
+
+def robot_grips(
+    robot: PlacedRobot,
+    shape: Shape,
+    start: Transform,
+    goal: Transform,
+    rules: GripRules,
+) -> list[Grip]:
+    """Return the grips with which one robot's tool can take a part up and put it down."""
+    tool = robot.model.grip
+    found = part_grips(shape, start, goal, tool_rules(rules, tool))
+    return found if tool is None else [replace(grip, tool=tool) for grip in found]
+
+
+def own_grips(robot: PlacedRobot, grips: Sequence[Grip]) -> Iterator[tuple[int, Grip]]:
+    """Yield the grips of a robot's tool, each with its number."""
+    for number, grip in enumerate(grips):
+        if grip.tool == robot.model.grip:
+            yield number, grip
+
+
+def why_no_grip(robot: PlacedRobot, shape: Shape, rules: GripRules) -> str:
+    """Return in words why a robot has no grip on a part, tool by its name."""
+    grip = robot.model.grip
+    own = tool_rules(rules, grip)
+    name = "the tool" if grip is None else f"its tool {grip.tool}"
+    shortest, longest = thinnest(shape), float(max(shape.size))
+    if own.opening == 0.0:
+        return f"{name} holds nothing (opening_m is 0)"
+    if shortest > own.opening:
+        return (
+            f"{name} opens to {1e3 * own.opening:.1f} mm, and the shortest edge is"
+            f" {1e3 * shortest:.1f} mm"
+        )
+    if longest < own.least_opening:
+        return (
+            f"{name} closes to {1e3 * own.least_opening:.1f} mm, and the longest edge is"
+            f" {1e3 * longest:.1f} mm"
+        )
+    return "no face can be gripped both at its start and at its goal"

@@ -1,0 +1,187 @@
+"""MJCF, against PyBullet, which reads it with a parser of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planning.errors import FittingError, RobotModelError
+from planning.robots.descriptions.fitting import Fitting, Limits, Tool
+from planning.robots.registry import robot_model
+from planning.transforms import Transform, from_quat_wxyz, inverse
+from tests.planning.robots.descriptions.test_mounting import link_poses
+
+HAND = """<mujoco model="hand">
+  <compiler angle="radian"/>
+  <default>
+    <geom rgba="0.2 0.2 0.2 1"/>
+    <default class="finger">
+      <joint type="slide" axis="0 1 0" limited="true" range="0 0.04"/>
+      <geom type="box" size="0.01 0.004 0.02"/>
+    </default>
+  </default>
+  <worldbody>
+    <body name="palm" pos="0 0 0.01" quat="0.9238795 0 0 0.3826834">
+      <geom name="palm" type="cylinder" size="0.03 0.04" pos="0 0 0.04"/>
+      <body name="left" pos="0 0.004 0.1" childclass="finger">
+        <joint name="left"/><geom name="left" class="finger"/>
+        <body name="nail" pos="0 0 0.02" quat="0.7071068 0.7071068 0 0">
+          <joint name="bend" type="hinge" axis="0 1 1" pos="0 0.01 0" limited="true" range="-1 1"/>
+          <geom type="capsule" fromto="0 0 0 0 0 0.03" size="0.004"/>
+        </body>
+      </body>
+      <body name="right" pos="0 -0.004 0.1" quat="0 0 0 1" childclass="finger">
+        <joint name="right"/><geom class="finger"/>
+        <geom type="sphere" size="0.05" contype="0" conaffinity="0"/>
+      </body>
+    </body>
+  </worldbody>
+  <equality><joint joint1="left" joint2="right" polycoef="0.002 0.5 0 0 0"/></equality>
+</mujoco>"""
+
+ARM = """<mujoco><worldbody><body name="foot"><geom type="box" size="0.1 0.1 0.1"/>
+  <body name="upper" pos="0 0 0.2"><joint name="lift" axis="0 1 0" range="-90 90" limited="true"/>
+    <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.03"/>
+    <body name="lower" pos="0.4 0 0"><joint name="bend" axis="0 1 0" range="-120 0" limited="true"/>
+      <geom type="capsule" fromto="0.1 0 0 0.3 0 0" size="0.03"/>
+      <body name="tool0" pos="0.33 0 0" euler="0 90 0"/></body></body></body></worldbody></mujoco>"""
+
+
+PLAIN = """<mujoco model="plain"><compiler angle="radian"/><worldbody>
+  <body name="base"><geom type="box" size="0.1 0.1 0.1"/>
+    <body name="first" pos="0 0.1 0.2" quat="0.9238795 0 0 0.3826834">
+      <joint name="slide" type="slide" axis="0 1 0" pos="0 0 0" range="0 1"/>
+      <geom type="box" size="0.02 0.02 0.02"/>
+      <body name="second" pos="0.1 0 0.3" quat="0.7071068 0.7071068 0 0">
+        <joint name="bend" type="hinge" axis="0 0 1" pos="0 0 0" range="-1 1"/>
+        <geom type="sphere" size="0.02"/>
+        <body name="third" pos="0.1 0.2 0.3"><geom type="sphere" size="0.02"/></body>
+      </body>
+    </body>
+  </body></worldbody></mujoco>"""
+"""Without classes, which PyBullet does not read."""
+
+
+@pytest.fixture
+def hand(tmp_path: Path) -> Path:
+    path = tmp_path / "hand.xml"
+    path.write_text(HAND)
+    return path
+
+
+def poses_of_bullet(path: Path, values: dict[str, float]) -> dict[str, Transform]:
+    """Return where PyBullet puts the bodies of an MJCF file."""
+    bullet = pytest.importorskip("pybullet")
+    server = bullet.connect(bullet.DIRECT)
+    try:
+        (body,) = bullet.loadMJCF(str(path), physicsClientId=server)
+        joints = range(bullet.getNumJoints(body, physicsClientId=server))
+        infos = [bullet.getJointInfo(body, j, physicsClientId=server) for j in joints]
+        for info in infos:
+            value = values.get(info[1].decode())
+            if value is not None:
+                bullet.resetJointState(body, info[0], value, physicsClientId=server)
+        out = {}
+        for info in infos:
+            state = bullet.getLinkState(
+                body, info[0], computeForwardKinematics=1, physicsClientId=server
+            )
+            x, y, z, w = state[5]
+            out[info[12].decode()] = from_quat_wxyz(state[4], (w, x, y, z))
+        return out
+    finally:
+        bullet.disconnect(server)
+
+
+def test_bodies_are_where_pinocchio_puts_them(hand: Path) -> None:
+    """Joints off the origin of their body, turned bodies, and a joint that follows another."""
+    import pinocchio
+
+    values = {"right": 0.03, "bend": 0.4}
+    tool = Tool(name="h", description=hand, held=values, tcp=np.eye(4))
+    model = robot_model("iiwa14", None, Fitting(tool=tool))
+    mjcf = pinocchio.buildModelFromMJCF(str(hand))
+    q = pinocchio.neutral(mjcf)
+    for name, value in (values | {"left": 0.002 + 0.5 * 0.03}).items():
+        q[mjcf.joints[mjcf.getJointId(name)].idx_q] = value
+    data = mjcf.createData()
+    pinocchio.framesForwardKinematics(mjcf, data, q)
+    found = link_poses(model.urdf, {})
+    root = inverse(found["h.world"])
+    for body in ("palm", "left", "nail", "right"):
+        number = mjcf.getFrameId(body, pinocchio.FrameType.BODY)
+        wanted = data.oMf[number].homogeneous
+        assert np.allclose(root @ found[f"h.{body}"], wanted, atol=1e-7), body
+
+
+def test_bodies_are_where_bullet_puts_them(tmp_path: Path) -> None:
+    path = tmp_path / "plain.xml"
+    path.write_text(PLAIN)
+    values = {"slide": 0.03, "bend": 0.4}
+    tool = Tool(name="h", description=path, held=values, tcp=np.eye(4))
+    model = robot_model("iiwa14", None, Fitting(tool=tool))
+    found, wanted = link_poses(model.urdf, {}), poses_of_bullet(path, values)
+    root = inverse(found["h.world"])
+    for name in ("first", "second", "third"):
+        (key,) = (k for k in wanted if k.startswith(name))
+        assert np.allclose(root @ found[f"h.{name}"], wanted[key], atol=1e-6), name
+
+
+def test_what_cannot_be_touched_is_no_body(hand: Path) -> None:
+    """The ball has neither contype nor conaffinity; a capsule is a cylinder and two balls."""
+    model = robot_model(
+        "iiwa14", None, Fitting(tool=Tool(name="h", description=hand, tcp=np.eye(4)))
+    )
+    bodies = [part.body for part in model.parts if part.group == "tool"]
+    assert len(bodies) == 1 + 1 + 3 + 1
+    assert max(float(np.ptp(body.vertices, axis=0).max()) for body in bodies) < 0.09
+
+
+def test_an_arm_in_mjcf_moves_where_its_joints_let_it(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM)
+    with pytest.raises(RobotModelError, match=r"limits: \{velocity"):
+        robot_model(str(path))
+    model = robot_model(str(path), None, Fitting(limits=Limits(velocity=(1.5,))))
+    assert model.joint_names == ("lift", "bend")
+    assert np.allclose(np.degrees(model.lower), (-90, -120))
+    assert np.allclose(np.degrees(model.upper), (90, 0))
+    assert model.flange_link == "tool0"
+    assert np.allclose(model.flange[:3, 2], (1, 0, 0))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('<body name="palm"', '<thing name="palm"', "is not XML"),
+        (
+            'type="cylinder" size="0.03 0.04"',
+            'type="ellipsoid" size="1 1 1"',
+            "ellipsoid|Ellipsoid",
+        ),
+        ('type="cylinder" size="0.03 0.04"', 'type="mesh" mesh="gone"', "gone"),
+        (
+            '<joint name="left"/>',
+            '<joint name="left"/><joint name="more"/>',
+            "several joints",
+        ),
+        ('polycoef="0.002 0.5 0 0 0"', 'polycoef="0 1 2 0 0"', "along a curve"),
+        ("</mujoco>", '<include file="more.xml"/></mujoco>', "more.xml does not exist"),
+        ("</mujoco>", '<include file="hand.xml"/></mujoco>', "includes itself"),
+        (
+            "</mujoco>",
+            '<asset><mesh file="no.stl"/></asset></mujoco>',
+            "'no.stl' was not found",
+        ),
+    ],
+)
+def test_what_cannot_be_read_is_explained(
+    hand: Path, old: str, new: str, words: str
+) -> None:
+    assert old in HAND
+    hand.write_text(HAND.replace(old, new))
+    tool = Tool(name="h", description=hand, tcp=np.eye(4))
+    with pytest.raises(FittingError, match=words):
+        robot_model("iiwa14", None, Fitting(tool=tool))

@@ -1,0 +1,135 @@
+"""``twin robots MODEL``: what is in a description, in tables that are never cut, and a picture."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from planning.robots.descriptions.fitting import Fitting, Tool
+from planning.robots.overview import flange_doubt, overview
+from planning.robots.registry import ROBOTS, robot_model
+from planning.transforms import identity
+from tests.planning.robots.descriptions.test_mounting import link_poses
+from tests.planning.robots.descriptions.vendors import GRIPPER, ur5e
+from twin.check.tools import finger_gap
+from twin.cli import app
+
+SCENARIO = """version: 1
+name: pair
+cell:
+  tools:
+    hand: {description: hand.urdf, joints: {squeeze: 0.02}, opening_m: 0.09}
+  robots:
+    - {name: left, model: ur5e, tool: hand, base: {xyz_m: [0, 0, 0]}}
+    - {name: right, model: ur5e, tool: hand, base: {xyz_m: [2, 0, 0]}}
+    - {name: bare, model: ur5e, base: {xyz_m: [4, 0, 0]}, limits: {velocity: 1.25, payload_kg: 5}}
+assembly:
+  kind: goals
+  moves: [{robot: left, to_rad_or_m: [0, -1, 1, 0, 0, 0]}]
+"""
+
+
+def robots(*arguments: str) -> str:
+    done = CliRunner().invoke(app, ["robots", *arguments])
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+@pytest.fixture
+def hand(tmp_path: Path) -> Path:
+    path = tmp_path / "hand.urdf"
+    path.write_text(GRIPPER)
+    return path
+
+
+def test_every_registered_robot_has_a_sheet() -> None:
+    for name in ROBOTS:
+        text = robots(name)
+        model = robot_model(name)
+        assert f"flange: link '{model.flange_link}'" in text
+        for joint in (*model.joint_names, *model.frames):
+            assert f" {joint} " in text
+        assert "…" not in text
+        assert "doubtful: the last joint" not in text
+
+
+def test_links_are_where_pinocchio_puts_them() -> None:
+    model = robot_model("panda")
+    found = overview(model)
+    values = dict(zip(model.joint_names, model.home, strict=True))
+    wanted = link_poses(model.urdf, values | ROBOTS["panda"].frozen)
+    own = {row.name: row.pose for row in found.links}
+    for link in ("panda_link4", "panda_link8", "panda_hand"):
+        assert np.allclose(own[link], wanted[link], atol=1e-9)
+
+
+def test_a_tool_has_a_sheet_too(hand: Path, tmp_path: Path) -> None:
+    text = robots(str(hand), "--hold", "squeeze=0.03", "--out", str(tmp_path / "p"))
+    assert "a tool, as it is no robot" in text
+    assert "│ squeeze │ 0.03    │" in text
+    assert "│ follow  │ -0.03   │" in text
+    assert "(-0.01, 0.03, 0.09)" in text  # the least corner of the left finger
+    with Image.open(tmp_path / "p" / "hand.png") as picture:
+        assert picture.size[0] > 1000
+
+
+def test_the_robots_of_a_scenario_are_shown_with_their_tools(
+    hand: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "pair.yaml"
+    path.write_text(SCENARIO)
+    pair, bare = json.loads(robots(str(path), "--json"))
+    assert pair["title"] == "ur5e+hand (left, right)"
+    assert bare["title"] == "ur5e-fitted (bare)"
+    assert "hand: fingers open from 0 to 90 mm, held 40.0 mm apart" in pair["notes"]
+    assert "payload 5 kg, the tool included" in bare["notes"]
+    assert {row["velocity"] for row in bare["joints"]} == {"1.25"}
+    held = {row["joint"]: row["kind"] for row in pair["joints"]}
+    assert held["hand.follow"] == "held at -0.02"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nobody.urdf"], "does not exist"),
+        (["nobody"], "no robot 'nobody'"),
+        (["panda", "--hold", "finger"], "JOINT=VALUE expected"),
+        (["panda", "--hold", "thumb=1"], "no joint 'thumb'"),
+        (["panda", "--flange", "thumb"], "'thumb' is no link"),
+    ],
+)
+def test_mistakes_are_explained(arguments: list[str], words: str) -> None:
+    done = CliRunner().invoke(app, ["robots", *arguments])
+    assert done.exit_code == 2
+    assert words in done.output
+
+
+def test_what_is_neither_a_robot_nor_a_tool_gets_both_reasons(tmp_path: Path) -> None:
+    path = tmp_path / "thing.urdf"
+    path.write_text('<robot name="x"><link name="a"/></robot>')
+    done = CliRunner().invoke(app, ["robots", str(path)])
+    assert done.exit_code == 2
+    assert "it is no robot: " in done.output
+    assert "has no collision geometry" in done.output
+
+
+def test_a_flange_with_x_out_of_it_is_doubtful() -> None:
+    other = robot_model(str(ur5e()), None, Fitting(flange="flange"))
+    words = flange_doubt(other)
+    assert words is not None
+    assert "x points out of the flange" in words
+    assert flange_doubt(robot_model(str(ur5e()))) is None
+
+
+@pytest.mark.parametrize("held", [0.0, 0.01, 0.04])
+def test_the_gap_between_fingers_is_measured(hand: Path, held: float) -> None:
+    tool = Tool(name="h", description=hand, held={"squeeze": held})
+    model = robot_model("ur5e", None, Fitting(tool=tool))
+    gap = finger_gap(model, model.frames["tool"])
+    assert gap == pytest.approx(2.0 * held, abs=1e-9)
+    assert finger_gap(model, identity()) == 0.0  # the flange is in the palm
