@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 
 from planning.cell.robot_model import ToolGrip
+from planning.parts.joints import BalanceRules
 from planning.parts.steps import Place, Work, placed_parts
 from planning.transforms import Array, Transform, readonly
 
@@ -72,6 +73,7 @@ class PartAssembly:
             it is put in place [m].
         touch: parts that are nearer to each other than this touch [m].
         grips: which grips are tried.
+        balance: friction and joints under which it must stand; None if that is not looked at.
     """
 
     goals: Mapping[str, Transform]
@@ -80,11 +82,20 @@ class PartAssembly:
     leave: float = 0.06
     touch: float = 0.002
     grips: GripRules = field(default_factory=GripRules)
+    balance: BalanceRules | None = None
 
     @property
     def placed(self) -> tuple[str, ...]:
         """Names of the parts that are placed, in the order of the steps."""
         return placed_parts(self.steps)
+
+    def is_joined(self, part: str) -> bool:
+        """Tell whether a part is joined to another by its own step, so that it may touch nothing."""
+        rules = self.balance
+        return rules is not None and any(
+            item.by is None and part in (item.joint.first, item.joint.second)
+            for item in rules.joined
+        )
 
 
 _AXES = "xyz"

@@ -10,12 +10,14 @@ import numpy as np
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.parts.assembly import PartAssembly
+from planning.parts.balance import PartBalance
 from planning.parts.part_skills import PartSkills
 from planning.parts.part_steps import PartStep, WorkStep, part_steps
 from planning.parts.relays import Relay, find_relays
 from planning.parts.targets import process_targets
 from planning.parts.tool_grips import own_grips, why_no_grip
 from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
+from planning.statics.build_order import Waits
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
@@ -48,6 +50,8 @@ class PartCandidates:
         beside: the place or the process of a way beside a way to hold.
         blockers: what was in the way of tries of a step, most often first.
         relays: ways with the part laid down in between; their numbers follow those of the grips.
+        balance: pairs of steps from 0: what the second does to the structure waits for the first,
+            so that it always stands.
     """
 
     cell: Workcell
@@ -59,6 +63,7 @@ class PartCandidates:
     beside: Mapping[tuple[_Way, _Way], SkillPath] = field(repr=False)
     blockers: Mapping[int, tuple[str, ...]] = field(repr=False)
     relays: Mapping[_Way, Relay] = field(repr=False)
+    balance: Waits = frozenset()
 
     @property
     def impossible(self) -> tuple[int, ...]:
@@ -106,9 +111,13 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
         assembly: goals and steps.
 
     Raises:
-        InfeasibleStepError: a part would hang in the air, or goes where something is.
+        InfeasibleStepError: a part would hang in the air, or goes where something is, or
+            something would fall.
     """
     steps = part_steps(cell, assembly)
+    waits: Waits = frozenset()
+    if assembly.balance is not None:
+        waits = PartBalance(cell, steps, assembly.balance).waits()
     collector = _Collector(cell, PartSkills(cell, assembly))
     for number, step in enumerate(steps, start=1):
         collector.add(number, step)
@@ -131,6 +140,7 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
         collector.beside,
         {step: names_by_count(own) for step, own in collector.blockers.items()},
         collector.relays,
+        waits,
     )
 
 

@@ -30,7 +30,7 @@ def part_work(candidates: PartCandidates) -> AssemblyWork:
     return AssemblyWork(
         candidates.problem,
         partial(_expand_step, candidates),
-        partial(waiting_tasks, candidates.steps),
+        partial(waiting_tasks, candidates.steps, candidates.balance),
     )
 
 

@@ -6,8 +6,7 @@ its part is in place and before a part bars the way of its tool. Among orders th
 one nearest to the list is tried; where nobody can do a step because of a part that is there by
 then, or still there, that part must come later, or sooner.
 
-Whether what is built stands at every step is for a proof of its own: it adds to what comes before
-what, as ``Precedence.require`` does.
+Where something would fall (``balance``), what would keep it standing comes before it.
 """
 
 from __future__ import annotations
@@ -22,8 +21,10 @@ from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, Workcell
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import PartAssembly
+from planning.parts.balance import PartBalance
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.contact_graph import Lying, near_to
+from planning.parts.part_steps import part_steps
 from planning.parts.precedence import (
     MOST_OVERLAP,
     PartGraph,
@@ -151,7 +152,7 @@ def in_found_order(cell: Workcell, assembly: PartAssembly) -> PartAssembly:
         InfeasibleStepError: there is none; the message names steps that wait for each other.
         ConstructionError: two parts would overlap in their places.
     """
-    return _ordered(assembly, precedence(cell, assembly))
+    return _ordered(assembly, _propped(cell, assembly, precedence(cell, assembly)))
 
 
 def find_ordered_candidates(
@@ -177,6 +178,7 @@ def find_ordered_candidates(
     most = 2 * len(assembly.steps)
     for tried in range(most + 1):
         progress(tried, most)
+        known = _propped(cell, assembly, known)
         ordered = _ordered(assembly, known)
         found = find_candidates(cell, ordered)
         stuck = found.impossible
@@ -196,6 +198,32 @@ def _ordered(assembly: PartAssembly, known: Precedence) -> PartAssembly:
             f"there is no order of the steps\n{known.explained()}"
         )
     return replace(assembly, steps=tuple(assembly.steps[k] for k in order))
+
+
+def _propped(cell: Workcell, assembly: PartAssembly, known: Precedence) -> Precedence:
+    """Return what comes before what once all props that are found come before what they keep up.
+
+    What falls all the same is left for the candidates to refuse.
+    """
+    if assembly.balance is None:
+        return known
+    placing = {s.part: k for k, s in enumerate(assembly.steps) if isinstance(s, Place)}
+    number = {id(item): k for k, item in enumerate(assembly.steps)}
+    while True:
+        ordered = _ordered(assembly, known)
+        balance = PartBalance(cell, part_steps(cell, ordered), assembly.balance)
+        if balance.fall is None:
+            return known
+        falls = number[id(ordered.steps[balance.fall.step])]
+        words = f"{balance.fall.body} would fall without it"
+        tries = (
+            known.with_required(placing[name], falls, words)
+            for name in balance.props(balance.fall)
+        )
+        changed = next((t for t in tries if t.order() is not None), None)
+        if changed is None:
+            return known
+        known = changed
 
 
 def _moved(

@@ -127,7 +127,9 @@ def _place_step(
     around = _around(cell, {k: pose for k, pose in where.items() if k != name})
     lying = standing(cell) | {k: (item, at.pose) for k, (item, at) in around.items()}
     at_goal = near_to((part, goal), lying, assembly.touch)
-    _require_standing(f"step {number} ({name})", at_goal)
+    if not assembly.is_joined(name):
+        _require_standing(f"step {number} ({name})", at_goal)
+    _require_room(f"step {number} ({name})", at_goal)
     at_start = near_to((part, part.start), lying, assembly.touch)
     grips = tool_grips(cell.robots, part.shape, part.start, goal, assembly.grips)
     return PartStep(step, part, goal, around, grips, at_start, at_goal, held)
@@ -139,6 +141,11 @@ def _require_standing(step: str, touched: Mapping[str, float]) -> None:
             f"{step} would leave it in the air: it touches neither a fixture nor a part that is"
             " there by then"
         )
+
+
+def _require_room(step: str, touched: Mapping[str, float]) -> None:
+    if not touched:
+        return
     other, gap = min(touched.items(), key=lambda entry: entry[1])
     if gap < -MOST_OVERLAP:
         raise InfeasibleStepError(

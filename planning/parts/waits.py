@@ -5,24 +5,28 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from planning.parts.part_steps import PartStep, WorkStep
+from planning.statics.build_order import Waits
 from planning.tasks.task import HOLD, TRANSIT, StepTasks, Task
 
 _PICK, _PLACE = "pick", "place-down"
 
 
 def waiting_tasks(
-    handled: Sequence[PartStep | WorkStep], steps: Sequence[StepTasks]
+    handled: Sequence[PartStep | WorkStep], balance: Waits, steps: Sequence[StepTasks]
 ) -> Iterator[tuple[Task, Task]]:
     """Yield what waits for what.
 
     A part is placed after those that it touches in its place, and picked after those that it
     touched in the stock and that were placed before it. A process, and who holds a part, wait
     for the parts concerned to be in their places, and a part is picked after what was done to it
-    before. Steps wait for those that they are to come ``after``. Others need not wait for each
-    other: what else must be kept in order follows from collisions.
+    before. Steps wait for those that they are to come ``after``, and for those without which
+    something would fall. Others need not wait for each other: what else must be kept in order
+    follows from collisions.
 
     Args:
         handled: the steps with what touches what.
+        balance: pairs of steps, from 0, of which the second changes the structure after the
+            first.
         steps: the tasks of each of them.
     """
     contacts = _stock_contacts(handled)
@@ -30,6 +34,8 @@ def waiting_tasks(
     placed: dict[str, Task] = {}
     used: dict[str, list[Task]] = {}
     done: dict[str, Task] = {}
+    changes = [_begin_and_end(*pair)[1] for pair in zip(handled, steps, strict=True)]
+    yield from ((changes[a], changes[b]) for a, b in sorted(balance))
     for step, tasks in zip(handled, steps, strict=True):
         begins, ends = _begin_and_end(step, tasks)
         for name in step.step.after:

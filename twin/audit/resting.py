@@ -129,14 +129,16 @@ class RestWatch:
             (self._bounds[:, 0] <= high + touch) & (low <= self._bounds[:, 1] + touch),
             axis=1,
         )
-        found = [self._names[k] for k in np.flatnonzero(near).tolist()]
-        return [other for other in found if other != name]
+        found = {self._names[k] for k in np.flatnonzero(near).tolist()}
+        found |= {k for pair in self._wanted.joined if name in pair for k in pair}
+        return sorted((found & self._poses.keys()) - {name})
 
     def _join(self, first: str, second: str) -> None:
         """Note who of two carries whom, if they touch."""
-        if self._gap(first, second) > self._touch(first, second):
+        joined = self._are_joined(first, second)
+        if not joined and self._gap(first, second) > self._touch(first, second):
             return
-        hold = self._wanted.hold
+        hold = "joints" if joined else self._wanted.hold
         carries = [
             hold == "joints" or self._sinks_into(a, b)
             for a, b in ((first, second), (second, first))
@@ -152,13 +154,21 @@ class RestWatch:
 
     def _touch(self, first: str, second: str) -> float:
         """Return how near is touching: joints may have room where the scenario puts them [m]."""
-        for name in (first, second):
-            if name in self._fixtures:
-                continue
-            goal = self._goals.get(name)
-            if goal is None or np.abs(goal - self._poses[name]).max() > 1e-3:
-                return TOUCH
+        if not (self._in_place(first) and self._in_place(second)):
+            return TOUCH
         return max(TOUCH, self._wanted.touch_m)
+
+    def _are_joined(self, first: str, second: str) -> bool:
+        """Tell whether two things are joined, which they are in their places."""
+        pair = frozenset({first, second})
+        return pair in self._wanted.joined and all(map(self._in_place, pair))
+
+    def _in_place(self, name: str) -> bool:
+        """Tell whether something is a fixture, or where the scenario puts it."""
+        if name in self._fixtures:
+            return True
+        goal = self._goals.get(name)
+        return goal is not None and np.abs(goal - self._poses[name]).max() <= 1e-3
 
     def _sinks_into(self, upper: str, lower: str) -> bool:
         """Tell whether one object comes nearer to another if it sinks."""

@@ -84,6 +84,8 @@ class Wanted:
             hold from there; 0 for tools that do not close [m].
         helpers: whether further objects may stay where they only help, such as temporary bricks.
         processes: that are to be done, in any order but for what they are to come after.
+        joined: pairs of objects, or of an object and a fixture, that hold each other in their
+            places.
     """
 
     places: tuple[Place, ...] = ()
@@ -92,6 +94,7 @@ class Wanted:
     opening_m: float = 0.0
     helpers: bool = False
     processes: tuple[WantedProcess, ...] = ()
+    joined: frozenset[frozenset[str]] = frozenset()
 
     def order(self) -> Iterator[tuple[str, str]]:
         """Yield pairs of steps of which the first begins after the end of the second."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from twin.check.balance import check_balance
 from twin.check.finding import Finding, Findings, Subject
 from twin.check.lying import check_fixtures, check_goals, check_starts
 from twin.check.reach import check_reach
@@ -28,6 +29,7 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
     check_homes,
     check_starts,
     check_goals,
+    check_balance,
     check_grips,
     check_flanges,
     check_tool_frames,

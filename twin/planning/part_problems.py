@@ -36,6 +36,20 @@ def check_steps(section: PartsSection) -> Found:
         names.setdefault(known, k)
     yield from _check_placed_once(section)
     yield from _check_order(section, names)
+    yield from _check_joined(section, names)
+
+
+def _check_joined(section: PartsSection, names: dict[str, int]) -> Found:
+    """Two different things are joined, by a step that there is."""
+    for k, item in enumerate(section.joined):
+        at: KeyPath = ("assembly", "joined", k)
+        first, second = item.parts
+        if first == second:
+            yield at, f"{first} cannot be joined to itself"
+        elif not {first, second} & set(section.placed):
+            yield at, f"neither {first} nor {second} is placed by a step"
+        if item.by is not None and item.by not in names:
+            yield (*at, "by"), unknown_name("step", item.by, tuple(names))
 
 
 def _check_step(section: PartsSection, step: StepSection, at: KeyPath) -> Found:

@@ -11,7 +11,9 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, Workcell
 from planning.parts.assembly import GripRules, PartAssembly
+from planning.parts.joints import BalanceRules, Joined
 from planning.parts.steps import Place, Process, Work
+from planning.statics.standing import Joint, StandingRules
 from planning.transforms import Transform, readonly
 from twin.audit.wanted import Place as WantedPlace
 from twin.audit.wanted import Wanted, WantedProcess
@@ -99,6 +101,7 @@ class PartKind(AssemblyKind):
             section.touch_m,
             section.grips.opening_m,
             processes=processes,
+            joined=frozenset(frozenset(item.parts) for item in section.joined),
         )
 
     def plan(
@@ -157,9 +160,37 @@ def build_assembly(section: PartsSection) -> PartAssembly:
         steps=tuple(_step(section, step) for step in section.steps),
         grips=GripRules(**grips),
         **plain_values(
-            section, without=("kind", "parts", "processes", "steps", "order", "grips")
+            section,
+            without=(
+                "kind",
+                "parts",
+                "processes",
+                "steps",
+                "order",
+                "grips",
+                "balance",
+                "joined",
+            ),
         ),
+        balance=_balance(section),
     )
+
+
+def _balance(section: PartsSection) -> BalanceRules | None:
+    """Return what an assembly must stand by; None where that is not looked at."""
+    own = section.balance
+    if not own.check:
+        return None
+    rules = StandingRules(own.friction, np.deg2rad(own.tilt_deg), section.touch_m)
+    joined = (
+        Joined(
+            Joint(first, second, item.force_n or np.inf, item.torque_nm or np.inf),
+            item.by,
+        )
+        for item in section.joined
+        for first, second in [item.parts]
+    )
+    return BalanceRules(rules, tuple(joined))
 
 
 def _step(section: PartsSection, step: StepSection) -> Place | Work:

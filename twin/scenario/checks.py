@@ -200,6 +200,12 @@ def _check_work(scenario: Scenario) -> Found:
             words = f"no robot has the tool {process.tool!r}"
             yield at, words + (f" (valid: {', '.join(tools)})" if tools else "")
     fixtures = {item.name: item for item in scenario.cell.fixtures}
+    things = (*(part.name for part in assembly.parts), *fixtures)
+    for k, item in enumerate(assembly.joined):
+        for i, name in enumerate(item.parts):
+            if name not in things:
+                at = ("assembly", "joined", k, "parts", i)
+                yield at, unknown_name("part or fixture", name, things)
     names = [robot.name for robot in robots]
     for k, step in enumerate(assembly.steps):
         at = ("assembly", "steps", k)

@@ -58,3 +58,10 @@ def plain_values(section: Section, *, without: Collection[str] = ()) -> dict[str
             value = tuple(angles) if isinstance(angles, list) else angles
         out[name if unit in ("m", "rad", "deg") else key] = value
     return out
+
+
+def with_tuples(value: Any) -> Any:
+    """Return what was read from JSON with tuples for lists, which strict sections ask for."""
+    if isinstance(value, dict):
+        return {key: with_tuples(entry) for key, entry in value.items()}
+    return tuple(map(with_tuples, value)) if isinstance(value, list) else value

@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from twin.durations import AnyDuration
-from twin.scenario.document.section import Name, Section, Several, Three
+from twin.scenario.document.section import Name, Section, Several, Three, with_tuples
+from twin.scenario.sections.balance import BalanceSection, JoinedParts
 from twin.scenario.sections.poses import Mass, PoseSection, Vector3
 from twin.scenario.sections.shapes import ShapedSection
 
@@ -170,14 +171,7 @@ class StepSection(Section):
 
 def _spelt_out(step: Any) -> Any:
     """Return a step in full: a name alone is that of a part to be placed."""
-    return {"place": step} if isinstance(step, str) else _with_tuples(step)
-
-
-def _with_tuples(value: Any) -> Any:
-    """Return what was read from JSON with tuples for lists, which strict sections ask for."""
-    if isinstance(value, dict):
-        return {key: _with_tuples(entry) for key, entry in value.items()}
-    return tuple(map(_with_tuples, value)) if isinstance(value, list) else value
+    return {"place": step} if isinstance(step, str) else with_tuples(step)
 
 
 Step = Annotated[
@@ -200,6 +194,8 @@ class PartsSection(Section):
         touch_m: parts nearer to each other than this touch: the later one waits for the
             earlier one.
         grips: which grips are tried.
+        balance: friction under which everything must stand after every step.
+        joined: pairs of parts, or of a part and a fixture, that are joined.
     """
 
     kind: Literal["assembly"]
@@ -211,6 +207,8 @@ class PartsSection(Section):
     leave_m: Distance = 0.06
     touch_m: Annotated[float, Field(gt=0, le=0.05)] = 0.002
     grips: GripSection = GripSection()
+    balance: BalanceSection = BalanceSection()
+    joined: tuple[JoinedParts, ...] = ()
 
     @property
     def placed(self) -> tuple[str, ...]:
