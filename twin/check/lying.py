@@ -89,7 +89,7 @@ def check_goals(subject: Subject) -> Findings:
                     f" {millimetres(-gap)}",
                     error=True,
                 )
-        if not touched:
+        if not touched and not assembly.is_joined(name):
             yield Finding(
                 at,
                 f"{name} would be left in the air: in its place it touches neither a fixture nor a"
