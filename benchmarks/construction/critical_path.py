@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from graphlib import TopologicalSorter
 
-from planning.parts.precedence import PartGraph
+from planning.contacts.precedence import PartGraph
 
 
 def longest_chain(graph: PartGraph, *, carried: bool = True) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Assemblies of parts: boxes, beams and rods, each put in its place by one robot.
+"""Assemblies of parts: parts of any shape put in their places by robots, and processes done to them.
 
-Imports skills and what those import; construction uses its contact graph.
+Imports skills, contacts and statics, and what those import.
 """

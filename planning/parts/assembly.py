@@ -10,8 +10,8 @@ from itertools import product
 import numpy as np
 
 from planning.cell.robot_model import ToolGrip
-from planning.parts.joints import BalanceRules
 from planning.parts.steps import Place, Work, placed_parts
+from planning.statics.joined import BalanceRules
 from planning.transforms import Array, Transform, readonly
 
 DOWN = (0.0, 0.0, -1.0)

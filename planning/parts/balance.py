@@ -11,9 +11,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import InfeasibleStepError
-from planning.parts.joints import BalanceRules, Joined
 from planning.parts.part_steps import PartStep, WorkStep
 from planning.statics.build_order import BuildStep, Fall, Waits, waits_for_balance
+from planning.statics.joined import BalanceRules, Joined
 from planning.statics.standing import Joint, PlacedBody, Standing
 from planning.transforms import Transform
 

@@ -19,19 +19,19 @@ import numpy as np
 
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, Workcell
-from planning.errors import InfeasibleStepError
-from planning.parts.assembly import PartAssembly
-from planning.parts.balance import PartBalance
-from planning.parts.candidates import PartCandidates, find_candidates
-from planning.parts.contact_graph import Lying, near_to
-from planning.parts.part_steps import part_steps
-from planning.parts.precedence import (
+from planning.contacts.contact_graph import Lying, near_to
+from planning.contacts.precedence import (
     MOST_OVERLAP,
     PartGraph,
     build_part_graph,
     leads_through,
     stacked,
 )
+from planning.errors import InfeasibleStepError
+from planning.parts.assembly import PartAssembly
+from planning.parts.balance import PartBalance
+from planning.parts.candidates import PartCandidates, find_candidates
+from planning.parts.part_steps import part_steps
 from planning.parts.steps import Place, Work
 from planning.transforms import Array, readonly, translation
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell
+from planning.contacts.contact_graph import near_to, standing
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import Grip, PartAssembly
-from planning.parts.contact_graph import near_to, standing
 from planning.parts.steps import Place, Process, Work
 from planning.parts.tool_grips import tool_grips
 from planning.transforms import Transform, readonly

@@ -14,8 +14,8 @@ from itertools import product
 import numpy as np
 
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
+from planning.contacts.contact_graph import near_to, standing
 from planning.parts.assembly import Grip, PartAssembly
-from planning.parts.contact_graph import near_to, standing
 from planning.parts.part_skills import PartSkills
 from planning.parts.part_steps import PartStep
 from planning.parts.tool_grips import robot_grips

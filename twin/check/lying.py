@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from planning.contacts.contact_graph import Lying, bounds, near_to, standing
 from planning.errors import ConstructionError, InfeasibleStepError
-from planning.parts.contact_graph import Lying, bounds, near_to, standing
 from planning.parts.part_steps import MOST_OVERLAP
 from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, Subject, millimetres

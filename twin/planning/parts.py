@@ -11,8 +11,8 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, Workcell
 from planning.parts.assembly import GripRules, PartAssembly
-from planning.parts.joints import BalanceRules, Joined
 from planning.parts.steps import Place, Process, Work
+from planning.statics.joined import BalanceRules, Joined
 from planning.statics.standing import Joint, StandingRules
 from planning.transforms import Transform, readonly
 from twin.audit.wanted import Place as WantedPlace

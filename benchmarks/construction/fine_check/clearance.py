@@ -17,7 +17,7 @@ from benchmarks.construction.fine_check.walk import Group, Limit, Measurer
 from planning.cell.workcell import Clearances
 from planning.construction.planner import ConstructionPlan
 from planning.construction.world.timeline import ObjectChange
-from planning.parts.precedence import MOST_OVERLAP
+from planning.contacts.precedence import MOST_OVERLAP
 from scheduling.verification.reference import Part, measure, resting_part
 
 Progress = Callable[[int, int], None]

@@ -9,10 +9,10 @@ from planning.construction.problem.reach_bounds import (
     reach_bounds,
     require_reach,
 )
+from planning.contacts.contact_graph import Lying, near_to, standing
+from planning.contacts.precedence import MOST_OVERLAP, NEAR
 from planning.errors import ConstructionError, listed
 from planning.geometry.scene_checker import SceneChecker
-from planning.parts.contact_graph import Lying, near_to, standing
-from planning.parts.precedence import MOST_OVERLAP, NEAR
 from planning.transforms import translation
 
 _CLEAR = 1e-4

@@ -14,9 +14,9 @@ from functools import cached_property
 import numpy as np
 
 from planning.cell.workcell import CellObject, Workcell
+from planning.contacts.contact_graph import Lying, near_to, standing
+from planning.contacts.precedence import NEAR, PartGraph
 from planning.kinematics.kinematics import frame_in_flange
-from planning.parts.contact_graph import Lying, near_to, standing
-from planning.parts.precedence import NEAR, PartGraph
 from planning.skills.contacts import Pairs, touching
 from planning.tasks.exceptions import ExceptionKey, strongest_exception
 from planning.transforms import Array, Transform, inverse, readonly, rotation

@@ -13,14 +13,14 @@ from planning.construction.problem.problem import (
     face_grips,
 )
 from planning.construction.problem.supply import SupplyLayout, lay_out
-from planning.errors import ConstructionError
-from planning.parts.contact_graph import standing
-from planning.parts.precedence import (
+from planning.contacts.contact_graph import standing
+from planning.contacts.precedence import (
     TOUCH,
     build_part_graph,
     stacked,
     with_insertions,
 )
+from planning.errors import ConstructionError
 from planning.transforms import Array, Transform, readonly, translation
 
 GROUND = "ground"

@@ -38,9 +38,9 @@ from planning.construction.problem.site import (
 from planning.construction.problem.supply import Spiral
 from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.building import Building, nothing_built
+from planning.contacts.precedence import PartGraph
 from planning.errors import ConstructionError
 from planning.kinematics.kinematics import frame_pose
-from planning.parts.precedence import PartGraph
 from planning.robots.registry import robot_model
 from planning.transforms import identity, readonly, translation
 from tests.planning.construction.toy_sites import (

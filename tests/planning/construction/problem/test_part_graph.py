@@ -15,13 +15,13 @@ from benchmarks.construction.critical_path import longest_chain
 from planning.construction.problem.models import ModelPart, pavilion, tower, wall, well
 from planning.construction.problem.site import ground_fixture, part_objects
 from planning.construction.problem.supply import Spiral
-from planning.errors import ConstructionError
-from planning.parts.precedence import (
+from planning.contacts.precedence import (
     PartGraph,
     build_part_graph,
     stacked,
     with_insertions,
 )
+from planning.errors import ConstructionError
 from planning.transforms import from_rpy, readonly, translation
 
 

@@ -9,8 +9,8 @@ from graphlib import TopologicalSorter
 
 import numpy as np
 
+from planning.contacts.contact_graph import Lying, lowest, near_to
 from planning.errors import ConstructionError
-from planning.parts.contact_graph import Lying, lowest, near_to
 from planning.transforms import Array, translation
 
 TOUCH = 0.03
