@@ -24,7 +24,7 @@ from scheduling.graph.temporal_plan_graph import (
 )
 from twin.durations import NANOSECONDS
 from twin.exports.recorded_run import RecordedRun
-from twin.run.activities import CAUSES, lane_colour
+from twin.run.activities import CAUSES, lane_colours
 
 if TYPE_CHECKING:
     Graph = nx.DiGraph[str]
@@ -135,6 +135,7 @@ def _dot(graph: Graph, name: str) -> str:
         '  edge [fontname="Helvetica", fontsize=8, color="#555555"];',
     ]
     robots = dict.fromkeys(data["robot"] for _, data in graph.nodes(data=True))
+    colours = lane_colours(data["kind"] for _, data in graph.nodes(data=True))
     for k, robot in enumerate(robots):
         lines.append(f"  subgraph cluster_{k} {{")
         lines.append(
@@ -142,7 +143,9 @@ def _dot(graph: Graph, name: str) -> str:
         )
         for node, data in graph.nodes(data=True):
             if data["robot"] == robot:
-                lines.append(f"    {_quoted(node)} [{_node_style(node, data)}];")
+                lines.append(
+                    f"    {_quoted(node)} [{_node_style(node, data, colours)}];"
+                )
         lines.append("  }")
     for first, second, data in graph.edges(data=True):
         style = [f"style={_STYLES[data['cause']]}"]
@@ -154,8 +157,8 @@ def _dot(graph: Graph, name: str) -> str:
     return "\n".join([*lines, "}", ""])
 
 
-def _node_style(node: str, data: Mapping[str, Any]) -> str:
-    colour = lane_colour(data["kind"])
+def _node_style(node: str, data: Mapping[str, Any], colours: Mapping[str, str]) -> str:
+    colour = colours[data["kind"]]
     text = data["label"] if "node" not in data else f"{data['label']}\n{node}"
     hint = f"{data['kind']}, step {data['step']}, {data['duration_s']:.2f} s"
     return f'label={_quoted(text)}, tooltip={_quoted(hint)}, fillcolor="{colour}"'

@@ -31,7 +31,15 @@ from twin.recorders.rerun.layout import entity_path
 from twin.recorders.rerun.robot_names import RobotNames
 from twin.recorders.rerun.robots import draw_robot, move_robot
 from twin.recorders.rerun.words import PlanWords
-from twin.run.activities import FAILED, IDLE, RETRYING, STALLED, STOPPED, WAITING
+from twin.run.activities import (
+    FAILED,
+    IDLE,
+    RETRYING,
+    STALLED,
+    STOPPED,
+    WAITING,
+    plan_colours,
+)
 from twin.run.events import Event, EventLogError
 from twin.run.run_record import Policy
 from twin.run.team_colours import team_colours
@@ -168,7 +176,9 @@ class LiveRecording(RunListener):
         self._events = EventBacklog()
         self._lane_state: dict[str, str] = {}
         self._lanes = {
-            chain.robot: draw_lane(rec, chain.robot, dict(self._words.lane(k)))
+            chain.robot: draw_lane(
+                rec, chain.robot, dict(self._words.lane(k)), plan_colours(tpg)
+            )
             for k, chain in enumerate(tpg.chains)
         }
         colours = team_colours([robot.name for robot in tpg.cell.robots])

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
-from zlib import crc32
+from itertools import cycle, groupby
 
 from planning.tasks.task import HOLD, STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import (
@@ -59,10 +58,15 @@ _OTHER_COLOURS = (
 )
 
 
-def lane_colour(state: str) -> str:
-    """Return the colour of a state of a lane, #rrggbb; a name always has the same."""
-    known = LANE_COLOURS.get(state)
-    return known or _OTHER_COLOURS[crc32(state.encode()) % len(_OTHER_COLOURS)]
+def lane_colours(kinds: Iterable[str]) -> dict[str, str]:
+    """Return the colours of all states of lanes, those of other kinds of tasks in their order."""
+    others = dict.fromkeys(kind for kind in kinds if kind not in LANE_COLOURS)
+    return {**LANE_COLOURS, **dict(zip(others, cycle(_OTHER_COLOURS), strict=False))}
+
+
+def plan_colours(tpg: TemporalPlanGraph) -> dict[str, str]:
+    """Return the colours of the states of the lanes of a plan."""
+    return lane_colours(task.kind for task in tpg.tasks)
 
 
 STANDING = frozenset({WAITING, STALLED, STOPPED, RETRYING, FAILED})

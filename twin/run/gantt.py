@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,10 +15,9 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.host.pictures import INK, style_axes
 from twin.run.activities import (
-    LANE_COLOURS,
     WAITING,
     Activity,
-    lane_colour,
+    plan_colours,
     robot_activities,
 )
 from twin.run.events import Event
@@ -99,7 +98,8 @@ def gantt_figure(
         fontsize=12,
         fontweight="bold",
     )
-    _legend(figure, {item.state for lane in lanes.values() for item in lane})
+    seen = {item.state for lane in lanes.values() for item in lane}
+    _legend(figure, seen, plan_colours(tpg))
     return figure
 
 
@@ -125,6 +125,7 @@ def _draw_lane(
     lane: Sequence[Activity],
     window: tuple[float, float],
 ) -> None:
+    colours = plan_colours(tpg)
     point_s = (window[1] - window[0]) / (_WIDTH_IN * 0.91 * 72)
     bars: dict[str, list[tuple[float, float]]] = {}
     for span in lane:
@@ -143,14 +144,14 @@ def _draw_lane(
                 ha="center",
                 va="center",
                 fontsize=size_pt,
-                color="white" if _dark(span.state) else INK,
+                color="white" if _dark(colours[span.state]) else INK,
             )
     for state, spans in bars.items():
         waits = state == WAITING
         axis.broken_barh(
             spans,
             (k - _LANE_HEIGHT / 2, _LANE_HEIGHT),
-            facecolor="white" if waits else _colour(state),
+            facecolor="white" if waits else colours[state],
             edgecolor="#9aa3ad" if waits else "white",
             hatch="//////" if waits else None,
             lw=0.0 if waits else 0.4,
@@ -165,12 +166,8 @@ def _label(tpg: TemporalPlanGraph, span: Activity) -> str:
     return str(task.step) if span.state == task.kind else ""
 
 
-def _colour(state: str) -> str:
-    return lane_colour(state)
-
-
-def _dark(state: str) -> bool:
-    return float(np.dot(to_rgb(_colour(state)), (0.299, 0.587, 0.114))) < 0.55
+def _dark(colour: str) -> bool:
+    return float(np.dot(to_rgb(colour), (0.299, 0.587, 0.114))) < 0.55
 
 
 def _binding_edges(
@@ -205,13 +202,12 @@ def _draw_arrow(axis: Axes, t_s: float, start: int, end: int) -> None:
     )
 
 
-def _legend(figure: Figure, seen: set[str]) -> None:
-    states = [s for s in LANE_COLOURS if s in seen]
-    states += sorted(seen - set(states))
+def _legend(figure: Figure, seen: set[str], colours: Mapping[str, str]) -> None:
+    states = [s for s in colours if s in seen]
     handles = [
         Patch(facecolor="white", edgecolor="#9aa3ad", hatch="//////", label=s)
         if s == WAITING
-        else Patch(facecolor=_colour(s), label=s)
+        else Patch(facecolor=colours[s], label=s)
         for s in states
     ]
     figure.legend(

@@ -57,7 +57,9 @@ def scenario_path(given: Path) -> Path:
 
 
 def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
-    """Copy a shipped scenario to a place of one's own; nothing is overwritten.
+    """Copy a shipped scenario to a place of one's own, with the files that it names beside it.
+
+    Nothing is overwritten.
 
     Args:
         target: a YAML file; or a folder, which gets the schema for editors, too.
@@ -75,7 +77,8 @@ def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
         raise ScenarioError(
             f"no scenario {name!r} comes with the program", choices=choices
         )
-    text = shipped_scenarios()[name].read_text(encoding="utf-8")
+    source = shipped_scenarios()[name]
+    text = source.read_text(encoding="utf-8")
     own = target.stem if target.suffix in _YAML else target.resolve().name
     if _NAME.fullmatch(own):
         # Digits alone would be a number, and "on" is not a name in every reader of YAML.
@@ -84,12 +87,25 @@ def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
         )
     if target.suffix in _YAML:
         _create(target, text)
+        _copy_named(source, text, target.parent)
         return target
     file = target / SCENARIO
     _create(file, f"# yaml-language-server: $schema={SCHEMA}\n{text}")
+    _copy_named(source, text, target)
     if not (target / SCHEMA).exists():
         _create(target / SCHEMA, json.dumps(scenario_schema(), indent=2) + "\n")
     return file
+
+
+def _copy_named(source: Path, text: str, folder: Path) -> None:
+    """Copy the files beside a scenario that it names, such as descriptions of tools."""
+    for other in sorted(source.parent.iterdir()):
+        if other.suffix in _YAML or not other.is_file() or other.name not in text:
+            continue
+        copied = folder / other.name
+        if copied.exists() and copied.read_bytes() == other.read_bytes():
+            continue
+        _create(copied, other.read_text(encoding="utf-8"))
 
 
 def _create(path: Path, text: str) -> None:

@@ -75,6 +75,20 @@ def test_a_copy_is_valid_and_named_after_its_place(name: str, tmp_path: Path) ->
     assert sorted(p.name for p in tmp_path.iterdir()) == ["my-cell", "other.yaml"]
 
 
+def test_files_that_a_scenario_names_are_copied_too(tmp_path: Path) -> None:
+    file = begin_scenario(tmp_path / "board", "taskboard")
+    assert (tmp_path / "board/driver.urdf").exists()
+    assert {robot.tool for robot in twin.load(file).sections.cell.robots} == {
+        None,
+        "driver",
+    }
+    begin_scenario(tmp_path / "board/second.yaml", "taskboard")  # the same file
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other/driver.urdf").write_text("<robot/>")
+    with pytest.raises(OutputError, match=r"driver\.urdf: is there already"):
+        begin_scenario(tmp_path / "other", "taskboard")
+
+
 def test_what_cannot_be_a_name_leaves_the_name(tmp_path: Path) -> None:
     for place in ("2nd cell.yaml", "null.yaml", "12.yaml"):
         assert twin.load(begin_scenario(tmp_path / place)).name == TEMPLATE

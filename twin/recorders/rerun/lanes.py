@@ -17,22 +17,28 @@ from twin.run.activities import (
     IDLE,
     WAITING,
     Activity,
-    lane_colour,
+    plan_colours,
     robot_activities,
 )
 from twin.run.events import Event
 from twin.run.run_record import Run
 
 
-def draw_lane(rec: rr.RecordingStream, robot: str, states: Mapping[str, str]) -> str:
+def draw_lane(
+    rec: rr.RecordingStream,
+    robot: str,
+    states: Mapping[str, str],
+    known: Mapping[str, str],
+) -> str:
     """Say which colours the words of a robot's lane have; return the lane's entity.
 
     Args:
         rec: the recording.
         robot: whose lane.
         states: the state that each text of the lane tells of.
+        known: colour of each state.
     """
-    colours = [lane_colour(state) for state in states.values()]
+    colours = [known[state] for state in states.values()]
     opaque = [int(f"{colour[1:]}ff", 16) for colour in colours]
     entity = entity_path(layout.LANES, robot)
     texts = list(states)
@@ -68,7 +74,7 @@ def log_lanes(
             changes.append((end_ns, IDLE))
         changes.append((run.makespan_ns, ""))
         rec.send_columns(
-            draw_lane(rec, robot.name, states),
+            draw_lane(rec, robot.name, states, plan_colours(tpg)),
             indexes=[time_column([t for t, _ in changes])],
             columns=rr.StateChange.columns(state=[text for _, text in changes]),
         )

@@ -1,0 +1,58 @@
+"""The task board: an order that is found, a driver that works, grippers that place and hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from planning.tasks.task import HOLD
+from scheduling.verification.verify import verify_plan
+from twin.planning.pipeline import Planned, plan_scenario
+from twin.scenario.file import load_scenario
+from twin.scenario.sections.scenario import Scenario
+from twin.trial.trial import try_plan
+
+FILE = Path(__file__).parents[3] / "scenarios" / "assembly" / "taskboard.yaml"
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    return load_scenario(FILE)
+
+
+@pytest.fixture(scope="module")
+def planned(scenario: Scenario) -> Planned:
+    return plan_scenario(scenario, folder=FILE.parent)
+
+
+def test_who_does_what_is_by_the_tools(planned: Planned) -> None:
+    tasks = planned.tpg.tasks
+    by_driver = {task.kind for task in tasks if task.robot == "back"}
+    assert {"screw", "tighten", "inspect"} < by_driver
+    assert not {"pick", "place-down", HOLD} & by_driver
+    assert all(
+        task.robot == "back"
+        for task in tasks
+        if task.kind in {"screw", "tighten", "inspect"}
+    )
+    assert [task.label for task in tasks if task.kind == HOLD] == ["hold cover"] * 2
+
+
+def test_the_order_is_one_in_which_it_can_be_built(planned: Planned) -> None:
+    step = {task.label: task.step for task in planned.tpg.tasks if task.object}
+    step |= {
+        task.label: task.step for task in planned.tpg.tasks if task.kind == "inspect"
+    }
+    assert step["place cover"] < step["screw cover/west"] < step["screw cover/east"]
+    assert step["place nut"] < step["tighten nut/top"]
+    assert step["inspect board/middle"] == max(step.values()) == 10
+
+
+def test_it_is_safe_by_the_other_proof_and_its_run_is_clean(
+    scenario: Scenario, planned: Planned, tmp_path: Path
+) -> None:
+    assert verify_plan(planned.tpg).problems == ()
+    trial = try_plan(scenario, planned.tpg, tmp_path, base=FILE.parent, recording=False)
+    assert trial.passed
+    assert trial.summary["audit"]["violations"] == []
