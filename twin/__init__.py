@@ -1,13 +1,7 @@
-"""Digital twin of robot teams: load a scenario, plan, simulate, study and replay it.
+"""Digital twin of robot teams: ``twin.simulate(twin.plan(twin.load("cell.yaml"))).makespan_s``.
 
-    import twin
-
-    run = twin.simulate(twin.plan(twin.load("cell.yaml")))
-    print(run.makespan_s)
-
-The functions and classes named here are what other programs may rely on; see docs/guides/python.md.
-Everything is imported when it is first used. Rooms of the same name as a function, such as
-``twin.study``, are reached by statements like ``from twin.study.study import start_study``.
+The names below are what other programs may rely on; docs/guides/python.md explains them. Each is imported
+when it is first used. Rooms of the same name are reached by ``from twin.study.study import ...``.
 """
 
 from __future__ import annotations

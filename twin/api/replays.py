@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 from planning.errors import OutputError, RequestError
-from twin.api.runs import SimulatedRun
-from twin.api.scenarios import PathOrName
 from twin.host.atomic import replacing
 from twin.run.folder import RECORDING
 from twin.run.viewer import open_viewer, render_stills
+
+if TYPE_CHECKING:
+    from twin.api.runs import SimulatedRun
+    from twin.api.scenarios import PathOrName
 
 STILLS = "stills"
 """Folder of pictures beside a recording."""
@@ -66,7 +70,7 @@ def _written(run: SimulatedRun | PathOrName, place: Path) -> Path:
 
 def _recording(run: SimulatedRun | PathOrName, place: Path) -> Path:
     """Return the recording of a run; written to a place where there is none."""
-    if isinstance(run, SimulatedRun):
+    if not isinstance(run, str | PathLike):
         if run.record is not None and run.folder is None:
             from twin.recorders.rerun.recorder import write_recording
 

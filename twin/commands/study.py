@@ -156,7 +156,7 @@ def study(
         TimeRemainingColumn,
     )
 
-    from twin.host.progress import StageDisplay
+    from twin.host.progress import StageDisplay, compilation_shown
     from twin.scenario.variations import parse_variation
     from twin.study.replications.statistics import Precision
 
@@ -165,7 +165,11 @@ def study(
         *(MofNCompleteColumn(), TimeElapsedColumn()),
         *(TextColumn("left"), TimeRemainingColumn()),
     )
-    with StageDisplay(enabled=not (quiet or as_json), columns=columns) as progress:
+    silent = quiet or as_json
+    with (
+        StageDisplay(enabled=not silent, columns=columns) as progress,
+        compilation_shown(progress, silent=silent),
+    ):
         if resume is not None:
             found = twin.resume_study(
                 resume, scenario, workers=workers, cluster=cluster, progress=progress

@@ -67,7 +67,14 @@ def check(
 
     Errors make every plan impossible or false and end with code 2; warnings do not.
     """
-    found = twin.check(scenario)
+    from twin.host.progress import StageDisplay, compilation_shown
+
+    silent = quiet or as_json
+    with (
+        StageDisplay(enabled=not silent) as progress,
+        compilation_shown(progress, silent=silent),
+    ):
+        found = twin.check(scenario, progress=progress)
     report = found.report
     picture = None if out is None else found.draw(out)
     if as_json:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from twin.host.pictures import INK
 from twin.scenario.variations import is_of_execution
 from twin.study.report.layout import bar_chart
-from twin.study.report.markup import breakable, span, table, text
+from twin.study.report.markup import breakable, table, text
 
 _BEST, _OTHER, _ALIKE = "#2f7f66", "#1f5f9e", "#7fa6cf"
 
@@ -32,9 +32,13 @@ def behind_words(row: Row) -> str:
     """Return by how much a layout is behind the quickest, in words."""
     if row["rank"] == 1:
         return "quickest"
-    if row["behind_s"] is None:
+    behind = row["behind_s"]
+    if behind is None:
         return "-"
-    return span(row["behind_s"], "{:+.1f} s")
+    words = f"{behind['estimate']:+.2f} s"
+    if behind["low"] is None:
+        return words
+    return f"{words} ({behind['low']:+.2f} to {behind['high']:+.2f})"
 
 
 def ranking_table(summary: Row, policy: str) -> str:
