@@ -30,9 +30,8 @@ from twin.run.events import Event
 from twin.run.folder import GANTT, OBJECTS, TRAJECTORY, run_folder
 from twin.run.policies import NAMED_POLICIES, policy_named
 from twin.run.run_record import POLICIES, Run
-from twin.run.summary import summarise, summary_rows
-from twin.trial.simulation import doubts_about_stalls
-from twin.trial.trial import Origin, execute, has_passed, sequential_s, try_plan
+from twin.run.summary import summary_rows
+from twin.trial.trial import Origin, execute, figures, has_passed, prepare, try_plan
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -63,21 +62,9 @@ class SimulatedRun:
         if self.record is None or self.folder is not None:
             return self._files.summary
         case, made = self.plan.scenario, self.plan.made
-        found = summarise(
-            made.tpg,
-            self.record,
-            scenario=case.name,
-            plan=made.variant,
-            planning_s=made.planning_s,
-            makespan_sequential_s=sequential_s(
-                case.sections, made.turns or made.tpg, case.folder
-            ),
-            warnings=(
-                *self.plan.warnings,
-                *doubts_about_stalls(case.sections, made.tpg),
-            ),
-        )
-        return {**found, "load_bound_s": made.load_bound_s}
+        origin = Origin(made, self.plan.warnings)
+        about = prepare(case.sections, made.tpg, case.folder, origin)
+        return figures(case.sections, made.tpg, self.record, about)
 
     @property
     def outcome(self) -> str:

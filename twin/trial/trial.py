@@ -160,20 +160,8 @@ def try_plan(
         IncompleteRunError: a file cannot be written.
         DeadlockError: no robot could go on.
     """
-    planned = origin.planned
-    turns = None if planned is None else planned.turns
-    about = Preparation(
-        recording=recording,
-        audit=audit,
-        planning_s=dict(planned.planning_s if planned else {}),
-        makespan_sequential_s=sequential_s(scenario, turns or tpg, base),
-        plan_sha256=plan_sha256(tpg),
-        warnings=(*origin.warnings, *doubts_about_stalls(scenario, tpg)),
-        plan=plan_variant(tpg) if planned is None else planned.variant,
-        turns_sha256=None if turns is None else plan_sha256(turns),
-        load_bound_s=None if planned is None else planned.load_bound_s,
-        step_order=() if planned is None else planned.step_order,
-    )
+    about = prepare(scenario, tpg, base, origin, recording=recording, audit=audit)
+    turns = None if origin.planned is None else origin.planned.turns
     set_aside(folder)
     with whole_or_failed(folder):
         write_manifest(folder, scenario, tpg.cell, base, run=asdict(about))
@@ -189,6 +177,64 @@ def try_plan(
         trial = conclude(scenario, tpg, folder, run, memory.events, about, progress)
     keep_new(folder)
     return trial
+
+
+def prepare(
+    scenario: Scenario,
+    tpg: TemporalPlanGraph,
+    base: Path,
+    origin: Origin = Origin(),
+    *,
+    recording: bool = False,
+    audit: bool | Engine = False,
+) -> Preparation:
+    """Return what is known before a run; see try_plan for the arguments."""
+    planned = origin.planned
+    turns = None if planned is None else planned.turns
+    return Preparation(
+        recording=recording,
+        audit=audit,
+        planning_s=dict(planned.planning_s if planned else {}),
+        makespan_sequential_s=_sequential_s(scenario, turns or tpg, base),
+        plan_sha256=plan_sha256(tpg),
+        warnings=(*origin.warnings, *doubts_about_stalls(scenario, tpg)),
+        plan=plan_variant(tpg) if planned is None else planned.variant,
+        turns_sha256=None if turns is None else plan_sha256(turns),
+        load_bound_s=None if planned is None else planned.load_bound_s,
+        step_order=() if planned is None else planned.step_order,
+    )
+
+
+def figures(
+    scenario: Scenario,
+    tpg: TemporalPlanGraph,
+    run: Run,
+    about: Preparation,
+    audit: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Return the figures of a run that has come to its end, with the keys of ``summary.json``.
+
+    Args:
+        scenario: what was executed.
+        tpg: the plan.
+        run: how it was executed.
+        about: what was known before.
+        audit: what the audit found, None where there was none.
+    """
+    completed = run.outcome == "completed"
+    found = summarise(
+        tpg,
+        run,
+        scenario=scenario.name,
+        plan=about.plan,
+        planning_s=about.planning_s,
+        audit=audit,
+        makespan_sequential_s=about.makespan_sequential_s if completed else None,
+        warnings=about.warnings,
+    )
+    found["load_bound_s"] = about.load_bound_s
+    found["step_order"] = list(about.step_order) or None
+    return found
 
 
 class IncompleteRunError(TwinError):
@@ -249,24 +295,13 @@ def conclude(
             progress=progress,
         )
         audit = report.content()
-    summary = summarise(
-        tpg,
-        run,
-        scenario=scenario.name,
-        plan=about.plan,
-        planning_s=about.planning_s,
-        audit=audit,
-        makespan_sequential_s=about.makespan_sequential_s if completed else None,
-        warnings=about.warnings,
-    )
-    summary["load_bound_s"] = about.load_bound_s
-    summary["step_order"] = list(about.step_order) or None
+    summary = figures(scenario, tpg, run, about, audit)
     summary["files"] = hashes_as_written(folder)
     write_json(folder / SUMMARY, summary)
     return Trial(folder, run, summary, events)
 
 
-def sequential_s(
+def _sequential_s(
     scenario: Scenario, tpg: TemporalPlanGraph, base: Path
 ) -> float | None:
     """Return the makespan of one task at a time [s], None where that comes to no end."""
