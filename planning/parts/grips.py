@@ -326,4 +326,4 @@ def _spots(
 
 
 def _millimetres(point: Array) -> str:
-    return ", ".join(f"{value * 1e3:.0f}" for value in point.tolist()) + " mm"
+    return ", ".join(str(round(value * 1e3)) for value in point.tolist()) + " mm"

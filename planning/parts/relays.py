@@ -203,10 +203,10 @@ def _rests(
     )
     for spot in spots[:_MOST_SPOTS]:
         for turn in _turns(step):
-            half = 0.5 * np.abs(turn[:3, :3]) @ step.part.size
+            low, _ = step.part.shape.bounds(turn)
             rest = turn.copy()
             rest[:3, 3] = spot
-            rest[2, 3] += half[2] + _CLEAR
+            rest[2, 3] += _CLEAR - low[2]
             touched = near_to((step.part, rest), lying, assembly.touch)
             fixtures = {fixture.name for fixture in cell.fixtures}
             free = min(touched.values(), default=-1.0) >= 0.0
@@ -229,8 +229,8 @@ def _spots(fixture: Fixture) -> Iterator[Array]:
         for k in flat
     ]
     for a, b in product(*sides):
-        inside = np.zeros(3)
-        inside[flat] = a, b
+        inside = fixture.shape.middle.copy()
+        inside[flat] += a, b
         at = fixture.pose[:3, :3] @ inside + fixture.pose[:3, 3]
         at[2] += 0.5 * fixture.size[axis]
         yield at
