@@ -17,6 +17,8 @@ from planning.transforms import Array, Transform, readonly
 DOWN = (0.0, 0.0, -1.0)
 """The direction of a tool that points straight down, in the world."""
 
+UP = (0.0, 0.0, 1.0)
+
 
 @dataclass(frozen=True)
 class GripRules:
@@ -61,11 +63,32 @@ class GripRules:
 
 
 @dataclass(frozen=True)
+class PartWays:
+    """How a part is gripped, and led out of where it lies and into its place.
+
+    Attributes:
+        grips: which grips are tried.
+        approach: way straight towards it before it is gripped, and along the insertion before
+            it is in place [m].
+        leave: way straight out with it after it is gripped, and straight back from it after it
+            is put in place [m].
+        insertion: direction in the world in which it is led into its place, of length one.
+        extraction: direction in which it is led out of where it lies, of length one.
+    """
+
+    grips: GripRules
+    approach: float
+    leave: float
+    insertion: tuple[float, float, float] = DOWN
+    extraction: tuple[float, float, float] = UP
+
+
+@dataclass(frozen=True)
 class PartAssembly:
     """An assembly of parts: goal poses of parts, and the steps in order.
 
     Attributes:
-        goals: pose of the centre of every part that is placed, in the world.
+        goals: pose in the world of the frame of every part that is placed, of boxes the centre.
         steps: what is done, in this order.
         approach: way straight towards a part before it is gripped, and straight down with it
             before it is put in place [m].
@@ -74,6 +97,7 @@ class PartAssembly:
         touch: parts that are nearer to each other than this touch [m].
         grips: which grips are tried.
         balance: friction and joints under which it must stand; None if that is not looked at.
+        own_ways: of the parts that are handled in another way than this says, by name.
     """
 
     goals: Mapping[str, Transform]
@@ -83,6 +107,13 @@ class PartAssembly:
     touch: float = 0.002
     grips: GripRules = field(default_factory=GripRules)
     balance: BalanceRules | None = None
+    own_ways: Mapping[str, PartWays] = field(default_factory=dict)
+
+    def ways(self, part: str) -> PartWays:
+        """Return how a part is gripped and led."""
+        return self.own_ways.get(part) or PartWays(
+            self.grips, self.approach, self.leave
+        )
 
     @property
     def placed(self) -> tuple[str, ...]:
@@ -103,10 +134,10 @@ _AXES = "xyz"
 
 @dataclass(frozen=True)
 class Grip:
-    """A grip on a box.
+    """A grip on a part.
 
     Attributes:
-        pose: of the tool frame in the frame of the box.
+        pose: of the tool frame in the frame of the part.
         words: what it is, for messages.
         tool: how the tool that it is for holds; None for tools of which nothing is known.
     """

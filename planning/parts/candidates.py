@@ -149,7 +149,6 @@ class _Collector:
 
     def __init__(self, cell: Workcell, skills: PartSkills) -> None:
         self._cell, self._skills, self._assembly = cell, skills, skills.assembly
-        self._rules = skills.assembly.grips
         self.primaries: list[PrimaryCandidate] = []
         self.supports: list[SupportCandidate] = []
         self.incompatible: set[tuple[int, int]] = set()
@@ -186,9 +185,15 @@ class _Collector:
         part, name = step.part.name, robot.name
         own = list(own_grips(robot, step.grips))
         if not own:
-            reason = why_no_grip(robot, step.part.shape, self._rules)
+            reason = why_no_grip(
+                robot, step.part.shape, self._assembly.ways(part).grips
+            )
             self._reject(number, f"{name} grips {part}", reason)
         for k, grip in own:
+            misfit = self._skills.misfit(robot, step.part, grip)
+            if misfit is not None:
+                self._block(number, f"{name} grips, {grip.words}", misfit)
+                continue
             place = self._skills.place(robot, step, grip.pose)
             if isinstance(place, Obstruction):
                 self._block(number, f"{name} places, {grip.words}", place)
@@ -252,8 +257,9 @@ class _Collector:
         held = step.held
         assert held is not None
         own = dict(own_grips(robot, held.grips))
+        rules = self._assembly.ways(held.part.name).grips
         if not own:
-            reason = why_no_grip(robot, held.part.shape, self._rules)
+            reason = why_no_grip(robot, held.part.shape, rules)
             self._reject(number, f"{robot.name} holds {held.part.name}", reason)
         count = 0
         for k in self._far_first(step):
@@ -262,6 +268,11 @@ class _Collector:
             if count == _MOST_HOLDS:
                 break
             grip = held.grips[k]
+            misfit = self._skills.misfit(robot, held.part, grip)
+            if misfit is not None:
+                what = f"{robot.name} holds {held.part.name}, {grip.words}"
+                self._block(number, what, misfit)
+                continue
             path = self._skills.hold(robot, step, held, grip.pose)
             if isinstance(path, Obstruction):
                 what = f"{robot.name} holds {held.part.name}, {grip.words}"

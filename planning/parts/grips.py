@@ -239,11 +239,8 @@ def _holds(
                 if key in seen or not _fits(view, stretch, (x, z), rules):
                     continue
                 seen.add(key)
-                width = (stretch.end - stretch.begin) * 1e3
-                words = (
-                    f"grip {width:.0f} mm wide at ({_millimetres(view.point(x, y, z))})"
-                )
-                yield view.point(x, y, z), words
+                at, width = view.point(x, y, z), stretch.end - stretch.begin
+                yield at, f"grip {width * 1e3:.0f} mm wide at ({_millimetres(at)})"
 
 
 def _levels(tops: Array) -> list[float]:

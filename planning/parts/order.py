@@ -35,7 +35,6 @@ from planning.parts.part_steps import part_steps
 from planning.parts.steps import Place, Work
 from planning.transforms import Array, readonly, translation
 
-_DOWN: Array = readonly([0.0, 0.0, -1.0])
 _BORE = 0.002
 """Width of the straight way of a tool to a place of work that no part may bar [m]."""
 
@@ -291,18 +290,23 @@ def _ways(cell: Workcell, assembly: PartAssembly) -> Iterator[tuple[int, int, st
     """Yield what would bar another part's straight way down, or up from where it starts."""
     at, goals = _placing(assembly), _goals(cell, assembly)
     starts = {name: (cell.object(name), cell.object(name).start) for name in at}
-    length = assembly.approach, assembly.leave
+    out = {}
+    for name in at:
+        ways = assembly.ways(name)
+        out[name] = -np.array(ways.extraction), ways.leave
     for name, goal in goals.items():
+        ways = assembly.ways(name)
+        way = np.array(ways.insertion), ways.approach
         for other, there in goals.items():
             if other == name:
                 continue
-            if leads_through(goal, there, _DOWN, length[0]):
-                words = f"{other} would bar the way of {name} down to its place"
+            if leads_through(goal, there, *way):
+                words = f"{other} would bar the way of {name} to its place"
                 yield at[name], at[other], words
             start = starts[other]
-            if _overlap(goal, start) or leads_through(goal, start, _DOWN, length[0]):
+            if _overlap(goal, start) or leads_through(goal, start, *way):
                 yield at[other], at[name], f"{other} is where {name} goes"
-            elif leads_through(start, goal, _DOWN, length[1]):
+            elif leads_through(start, goal, *out[other]):
                 yield at[other], at[name], f"{name} would lock {other} in at its start"
 
 

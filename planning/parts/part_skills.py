@@ -5,12 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from planning.cell.workcell import Attachment, PlacedRobot, Workcell, WorldState
+from planning.cell.workcell import (
+    Attachment,
+    CellObject,
+    PlacedRobot,
+    Workcell,
+    WorldState,
+)
 from planning.geometry.robot_bodies import entity
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import frame_in_flange
 from planning.motion.sequential import MARGIN
-from planning.parts.assembly import PartAssembly
+from planning.parts.assembly import Grip, PartAssembly
 from planning.parts.part_steps import Held, PartStep, WorkStep
 from planning.parts.targets import (
     hold_targets,
@@ -18,6 +24,7 @@ from planning.parts.targets import (
     place_targets,
     process_targets,
 )
+from planning.parts.tool_fit import tool_misfit
 from planning.skills.contacts import (
     NOTHING,
     SkillContacts,
@@ -68,6 +75,13 @@ class PartSkills:
         """Return the skills beside a robot that holds something at ``q``, shape (n,)."""
         return PartSkills(self.cell, self.assembly, {holder: q})
 
+    def misfit(
+        self, robot: PlacedRobot, part: CellObject, grip: Grip
+    ) -> Obstruction | None:
+        """Return why a robot's tool cannot hold a part by a grip, None where it can."""
+        approach = self.assembly.ways(part.name).approach
+        return tool_misfit(robot, self.assembly.grips.frame, part, grip, approach)
+
     def pick(
         self, robot: PlacedRobot, step: PartStep, grip: Transform
     ) -> SkillPath | Obstruction:
@@ -75,8 +89,9 @@ class PartSkills:
         part, frame = step.part, self.assembly.grips.frame
         held = gripped(robot.name, part.name)
         in_hand = Attachment(robot.name, held_pose(robot, frame, grip))
+        ways = self.assembly.ways(part.name)
         targets = pick_targets(
-            frame, part.start @ grip, self.assembly.approach, self.assembly.leave
+            frame, part.start @ grip, ways.approach, ways.leave, ways.extraction
         )
         contacts = SkillContacts(
             NOTHING, held | touching(part.name, step.at_start), held
@@ -95,8 +110,9 @@ class PartSkills:
         part, frame = step.part, self.assembly.grips.frame
         held = gripped(robot.name, part.name)
         in_hand = Attachment(robot.name, held_pose(robot, frame, grip))
+        ways = self.assembly.ways(part.name)
         targets = place_targets(
-            frame, step.goal @ grip, self.assembly.approach, self.assembly.leave
+            frame, step.goal @ grip, ways.approach, ways.leave, ways.insertion
         )
         contacts = SkillContacts(
             held, held | touching(part.name, step.at_goal), NOTHING
@@ -128,7 +144,9 @@ class PartSkills:
         part = held.part.name
         at_part = gripped(robot.name, part)
         targets = hold_targets(
-            self.assembly.grips.frame, held.pose @ grip, self.assembly.approach
+            self.assembly.grips.frame,
+            held.pose @ grip,
+            self.assembly.ways(part).approach,
         )
         contacts = SkillContacts(NOTHING, at_part, at_part)
         scene = SkillScene(self.cell, step.around, self._configurations, contacts)

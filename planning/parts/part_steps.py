@@ -103,7 +103,8 @@ def part_steps(
         held = None
         if step.hold is not None:
             part, pose = cell.object(step.hold), where[step.hold]
-            grips = tool_grips(cell.robots, part.shape, pose, pose, assembly.grips)
+            rules = assembly.ways(step.hold).grips
+            grips = tool_grips(cell.robots, part.shape, pose, pose, rules)
             held = Held(part, pose, grips)
         if isinstance(step, Work):
             out.append(_work_step(cell, step, where, assembly.touch, held))
@@ -131,7 +132,8 @@ def _place_step(
         _require_standing(f"step {number} ({name})", at_goal)
     _require_room(f"step {number} ({name})", at_goal)
     at_start = near_to((part, part.start), lying, assembly.touch)
-    grips = tool_grips(cell.robots, part.shape, part.start, goal, assembly.grips)
+    rules = assembly.ways(name).grips
+    grips = tool_grips(cell.robots, part.shape, part.start, goal, rules)
     return PartStep(step, part, goal, around, grips, at_start, at_goal, held)
 
 

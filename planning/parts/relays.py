@@ -136,9 +136,12 @@ def _ends(
     """Return how robots can pick a part, or place it, some ways for each."""
     at = step.part.start if pick else step.goal
     out = []
+    rules = assembly.ways(step.part.name).grips
     for robot in robots:
         count = 0
-        for grip in robot_grips(robot, step.part.shape, at, at, assembly.grips):
+        for grip in robot_grips(robot, step.part.shape, at, at, rules):
+            if skills.misfit(robot, step.part, grip) is not None:
+                continue
             way = skills.pick if pick else skills.place
             path = way(robot, step, grip.pose)
             if isinstance(path, Obstruction):
@@ -163,10 +166,11 @@ def _through(
     pick: bool,
 ) -> list[tuple[_End, SkillPath, float]]:
     """Return the ends whose robots also reach the part where it is laid down, one way each."""
+    rules = assembly.ways(step.part.name).grips
     good = {
         (end.robot.name, grip.pose.tobytes())
         for end in ends
-        for grip in robot_grips(end.robot, step.part.shape, rest, rest, assembly.grips)
+        for grip in robot_grips(end.robot, step.part.shape, rest, rest, rules)
     }
     out = []
     reached: set[str] = set()

@@ -10,10 +10,13 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from planning.parts.assembly import DOWN, UP
 from planning.parts.steps import Process
 from planning.skills.subgoals import SkillTargets, Subgoal
 from planning.tasks.task import HOLD
 from planning.transforms import Transform, rotation, translation
+
+Vector = tuple[float, float, float]
 
 STRIDE = 0.03
 """Longest straight way between two subgoals [m]: between them a robot moves on a straight line in
@@ -28,7 +31,7 @@ SMALL_TURN = math.radians(5.0)
 
 
 def pick_targets(
-    frame: str, grip: Transform, approach: float, leave: float
+    frame: str, grip: Transform, approach: float, leave: float, out: Vector = UP
 ) -> SkillTargets:
     """Return the subgoals of picking a part up: approach, attach, lift.
 
@@ -36,31 +39,33 @@ def pick_targets(
         frame: name of the tool frame.
         grip: pose of that frame in the world where it grips the part.
         approach: length of the straight way along the tool before that [m].
-        leave: length of the way straight up after it [m].
+        leave: length of the straight way out after it [m].
+        out: direction of that way in the world, of length one.
     """
     back = grip @ translation(0.0, 0.0, -approach)
     subgoals = [
         *_straight(frame, "approach", back, grip),
         Subgoal("attach", frame, grip),
-        *_straight(frame, "lift", _lifted(grip, leave), grip)[::-1],
+        *_straight(frame, "lift", _moved(grip, out, leave), grip)[::-1],
     ]
     return SkillTargets("pick", tuple(subgoals), change_at=_index(subgoals))
 
 
 def place_targets(
-    frame: str, grip: Transform, approach: float, leave: float
+    frame: str, grip: Transform, approach: float, leave: float, into: Vector = DOWN
 ) -> SkillTargets:
     """Return the subgoals of putting a part in place: above, detach, leave.
 
     Args:
         frame: name of the tool frame.
         grip: pose of that frame in the world where the part is in its place.
-        approach: length of the way straight down before that [m].
+        approach: length of the straight way into its place before that [m].
         leave: length of the straight way back along the tool after it [m].
+        into: direction of the way into its place in the world, of length one.
     """
     back = grip @ translation(0.0, 0.0, -leave)
     subgoals = [
-        *_straight(frame, "above", _lifted(grip, approach), grip),
+        *_straight(frame, "above", _moved(grip, into, -approach), grip),
         Subgoal("attach", frame, grip),
         *_straight(frame, "leave", back, grip)[::-1],
     ]
@@ -146,9 +151,9 @@ def _straight(frame: str, name: str, far: Transform, near: Transform) -> list[Su
     return out
 
 
-def _lifted(pose: Transform, height: float) -> Transform:
+def _moved(pose: Transform, direction: Vector, way: float) -> Transform:
     out = pose.copy()
-    out[2, 3] += height
+    out[:3, 3] += way * np.asarray(direction)
     return out
 
 

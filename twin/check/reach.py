@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from planning.cell.workcell import CellObject, PlacedRobot
+from planning.cell.workcell import PlacedRobot
 from planning.errors import (
     ConstructionError,
     InfeasibleStepError,
@@ -15,7 +15,7 @@ from planning.errors import (
     ScenarioError,
 )
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
-from planning.parts.assembly import Grip, PartAssembly
+from planning.parts.assembly import Grip, PartAssembly, PartWays
 from planning.parts.part_steps import WorkStep, part_steps
 from planning.parts.targets import pick_targets, place_targets, process_targets
 from planning.parts.tool_grips import robot_grips
@@ -31,8 +31,8 @@ from twin.scenario.sections.parts import PartsSection
 _MOST_GRIPS = 40
 """Grips of a part that are tried by each robot."""
 
-Targets = Callable[[str, Transform, float, float], SkillTargets]
-"""Makes the poses of a pick or of a place-down: of a frame, a grip, approach and way back."""
+Targets = Callable[[Transform], SkillTargets]
+"""Returns the way of a tool to a pose at which it grips, and from there."""
 
 _STEP = re.compile(r"step (\d+) \(")
 
@@ -92,15 +92,16 @@ def _check_parts(subject: Subject, section: PartsSection) -> Findings:
         return  # said elsewhere: a robot has no such frame
     for name in dict.fromkeys(assembly.placed):
         part, goal = cell.object(name), assembly.goals[name]
-        rules, end = assembly.grips, goal
+        ways, end = assembly.ways(name), goal
+        rules, frame = ways.grips, assembly.grips.frame
+        pick, place = _picking(frame, ways), _placing(frame, ways)
         if any(
-            _handles(
-                robot,
-                part,
-                assembly,
-                robot_grips(robot, part.shape, part.start, end, rules)[:_MOST_GRIPS],
-            )
+            _reaches(robot, frame, part.start @ grip.pose, pick)
+            and _reaches(robot, frame, end @ grip.pose, place)
             for robot in robots
+            for grip in robot_grips(robot, part.shape, part.start, end, rules)[
+                :_MOST_GRIPS
+            ]
         ):
             continue
         at_start, at_goal = (
@@ -110,8 +111,8 @@ def _check_parts(subject: Subject, section: PartsSection) -> Findings:
         if not any(at_start.values()) or not any(at_goal.values()):
             continue  # said elsewhere
         tried = max(len(g) for g in (*at_start.values(), *at_goal.values()))
-        picks = _reaching(robots, part.start, assembly, at_start, pick_targets)
-        places = _reaching(robots, end, assembly, at_goal, place_targets)
+        picks = _reaching(robots, frame, part.start, at_start, pick)
+        places = _reaching(robots, frame, end, at_goal, place)
         if picks and places:
             yield Finding(
                 subject.thing_at(name, "start"),
@@ -129,7 +130,7 @@ def _check_parts(subject: Subject, section: PartsSection) -> Findings:
         yield Finding(
             subject.thing_at(name, key),
             f"no robot reaches {name}: {words}; tried {min(tried, _MOST_GRIPS)} grips, with"
-            f" approach_m {assembly.approach:g} and leave_m {assembly.leave:g}",
+            f" approach_m {ways.approach:g} and leave_m {ways.leave:g}",
             error=tried <= _MOST_GRIPS,
         )
 
@@ -170,22 +171,22 @@ def _check_works(
         )
 
 
-def _handles(
-    robot: PlacedRobot, part: CellObject, assembly: PartAssembly, grips: list[Grip]
-) -> bool:
-    """Tell whether a robot picks and places a part with one of some grips."""
-    goal = assembly.goals[part.name]
-    return any(
-        _reaches(robot, part.start @ grip.pose, assembly, pick_targets)
-        and _reaches(robot, goal @ grip.pose, assembly, place_targets)
-        for grip in grips
+def _picking(frame: str, ways: PartWays) -> Targets:
+    return lambda at: pick_targets(
+        frame, at, ways.approach, ways.leave, ways.extraction
+    )
+
+
+def _placing(frame: str, ways: PartWays) -> Targets:
+    return lambda at: place_targets(
+        frame, at, ways.approach, ways.leave, ways.insertion
     )
 
 
 def _reaching(
     robots: list[PlacedRobot],
+    frame: str,
     at: Transform,
-    assembly: PartAssembly,
     grips: Mapping[str, list[Grip]],
     targets: Targets,
 ) -> set[str]:
@@ -194,20 +195,17 @@ def _reaching(
         robot.name
         for robot in robots
         if any(
-            _reaches(robot, at @ grip.pose, assembly, targets)
+            _reaches(robot, frame, at @ grip.pose, targets)
             for grip in grips[robot.name][:_MOST_GRIPS]
         )
     }
 
 
-def _reaches(
-    robot: PlacedRobot, grip: Transform, assembly: PartAssembly, targets: Targets
-) -> bool:
+def _reaches(robot: PlacedRobot, frame: str, grip: Transform, targets: Targets) -> bool:
     """Tell whether a robot can pick or place with its tool at a pose."""
-    frame, approach, leave = assembly.grips.frame, assembly.approach, assembly.leave
     if too_far(robot, frame, grip):
         return False
-    return _does(robot, targets(frame, grip, approach, leave))
+    return _does(robot, targets(grip))
 
 
 def _does(robot: PlacedRobot, targets: SkillTargets) -> bool:

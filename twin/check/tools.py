@@ -43,14 +43,14 @@ def check_grips(subject: Subject) -> Findings:
     from twin.planning.parts import build_assembly
 
     assembly, robots = build_assembly(section), subject.cell.robots
-    rules = assembly.grips
     tools = dict.fromkeys(robot.model.grip for robot in robots)
-    widest = max(tool_rules(rules, tool).opening for tool in tools)
-    listing = "; ".join(_opens(tool, rules) for tool in tools)
     for name in dict.fromkeys(assembly.placed):
         part = subject.cell.object(name)
+        rules = assembly.ways(name).grips
+        widest = max(tool_rules(rules, tool).opening for tool in tools)
+        listing = "; ".join(_opens(tool, rules) for tool in tools)
         least = thinnest(part.shape)
-        if least > widest:
+        if least > widest and not rules.suction:
             yield Finding(
                 subject.thing_at(name, "size_m"),
                 f"no fingers span {name}: its shortest edge is {millimetres(least)}, and {listing}",

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from planning.cell.workcell import CellObject, Workcell
-from planning.parts.assembly import GripRules, PartAssembly
+from planning.parts.assembly import GripRules, PartAssembly, PartWays
 from planning.parts.steps import Place, Process, Work
 from planning.statics.joined import BalanceRules, Joined
 from planning.statics.standing import Joint, StandingRules
@@ -26,6 +26,7 @@ from twin.scenario.document.section import plain_values
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.parts import (
+    GripSection,
     PartSection,
     PartsSection,
     PlaceOfWork,
@@ -99,7 +100,10 @@ class PartKind(AssemblyKind):
             places,
             "weight",
             section.touch_m,
-            section.grips.opening_m,
+            max(
+                [section.grips.opening_m]
+                + [p.grips.opening_m or 0.0 for p in section.parts if p.grips]
+            ),
             processes=processes,
             joined=frozenset(frozenset(item.parts) for item in section.joined),
         )
@@ -148,9 +152,7 @@ def _wanted_process(cell: CellSection, step: Work, number: int) -> WantedProcess
 
 def build_assembly(section: PartsSection) -> PartAssembly:
     """Return goals, steps and grips of a section."""
-    grips = plain_values(section.grips)
-    directions = [np.asarray(d) / np.linalg.norm(d) for d in grips["directions"]]
-    grips["directions"] = tuple(tuple(d.tolist()) for d in directions)
+    grips = _grip_rules(section.grips)
     return PartAssembly(
         goals={
             part.name: readonly(build_transform(part.goal))
@@ -158,7 +160,12 @@ def build_assembly(section: PartsSection) -> PartAssembly:
             if part.goal is not None
         },
         steps=tuple(_step(section, step) for step in section.steps),
-        grips=GripRules(**grips),
+        grips=grips,
+        own_ways={
+            part.name: _ways(part, section, grips)
+            for part in section.parts
+            if not _ordinary(part)
+        },
         **plain_values(
             section,
             without=(
@@ -191,6 +198,41 @@ def _balance(section: PartsSection) -> BalanceRules | None:
         for first, second in [item.parts]
     )
     return BalanceRules(rules, tuple(joined))
+
+
+def _grip_rules(section: GripSection) -> GripRules:
+    values = plain_values(section)
+    values["directions"] = tuple(_unit(d) for d in values["directions"])
+    return GripRules(**values)
+
+
+def _ordinary(part: PartSection) -> bool:
+    """Tell whether a part is handled as the assembly says."""
+    own = (part.grips, part.approach_m, part.leave_m)
+    down, up = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0)
+    return own == (None,) * 3 and (part.insert, part.take_out) == (down, up)
+
+
+def _ways(part: PartSection, section: PartsSection, rules: GripRules) -> PartWays:
+    """Return how one part is handled: as it says, else as the assembly says."""
+    if part.grips is not None:
+        given = plain_values(part.grips)
+        own = {key: value for key, value in given.items() if value is not None}
+        if "directions" in own:
+            own["directions"] = tuple(_unit(d) for d in own["directions"])
+        rules = replace(rules, **own)
+    return PartWays(
+        rules,
+        part.approach_m or section.approach_m,
+        part.leave_m or section.leave_m,
+        _unit(part.insert),
+        _unit(part.take_out),
+    )
+
+
+def _unit(direction: Sequence[float]) -> tuple[float, float, float]:
+    x, y, z = (np.asarray(direction) / np.linalg.norm(direction)).tolist()
+    return x, y, z
 
 
 def _step(section: PartsSection, step: StepSection) -> Place | Work:

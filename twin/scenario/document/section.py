@@ -53,7 +53,7 @@ def plain_values(section: Section, *, without: Collection[str] = ()) -> dict[str
         name, _, unit = key.rpartition("_")
         if key in without:
             continue
-        if unit == "deg":
+        if unit == "deg" and value is not None:
             angles = np.deg2rad(value).tolist()
             value = tuple(angles) if isinstance(angles, list) else angles
         out[name if unit in ("m", "rad", "deg") else key] = value

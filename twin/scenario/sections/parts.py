@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from twin.durations import AnyDuration
 from twin.scenario.document.section import Name, Section, Several, Three, with_tuples
@@ -12,7 +12,20 @@ from twin.scenario.sections.balance import BalanceSection, JoinedParts
 from twin.scenario.sections.poses import Mass, PoseSection, Vector3
 from twin.scenario.sections.shapes import ShapedSection
 
+
+def _real_direction(value: tuple[float, ...]) -> tuple[float, ...]:
+    if sum(v * v for v in value) < 1e-9:
+        raise ValueError("a direction must not be zero")
+    return value
+
+
 Distance = Annotated[float, Field(ge=1e-4, le=1)]
+Direction = Annotated[Vector3, AfterValidator(_real_direction)]
+Positions = Annotated[int, Field(ge=1, le=50)]
+Margin = Annotated[float, Field(ge=0, le=1)]
+Steepest = Annotated[float, Field(ge=0, le=180)]
+Tilt = Annotated[float, Field(gt=-90, lt=90)]
+Around = Annotated[float, Field(ge=1, le=360)]
 Colour = Three[Annotated[int, Field(ge=0, le=255)]]
 
 
@@ -25,8 +38,13 @@ class PartSection(ShapedSection):
         goal: pose of that frame once it is in place; a part without one stays where it is.
         mass_kg: its mass.
         colour: red, green, blue.
-        frames: places on it where processes are done, by name: poses in the frame of its centre;
+        frames: places on it where processes are done, by name: poses in the frame of its shape;
             their z axes point out of the part.
+        grips: rules for grips on it, as far as they are others than those of the assembly.
+        approach_m: of this part alone.
+        leave_m: of this part alone.
+        insert: direction in the world in which it is led straight into its place.
+        take_out: direction in which it is led straight out of where it lies at the start.
     """
 
     name: Name
@@ -35,6 +53,43 @@ class PartSection(ShapedSection):
     mass_kg: Mass = 0.0
     colour: Colour = (190, 140, 90)
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
+    grips: PartGripSection | None = None
+    approach_m: Distance | None = None
+    leave_m: Distance | None = None
+    insert: Direction = (0.0, 0.0, -1.0)
+    take_out: Direction = (0.0, 0.0, 1.0)
+
+
+class PartGripSection(Section):
+    """Rules for the grips on one part, in place of those of the assembly.
+
+    Attributes:
+        positions: places along the part.
+        end_margin_m: distance of the outermost place from the end.
+        opening_m: widest that fits between the fingers.
+        depth_m: how far the tool frame goes below what it meets.
+        directions: directions in the world along which the tool may point.
+        steepest_deg: largest angle between the tool and the nearest of them.
+        tilts_deg: leanings of the tool about the axis along which its fingers close.
+        around_deg: step in which the tool is turned about a bar or a mesh.
+        finger_width_m: width of the fingers.
+        finger_depth_m: room that an open finger takes beside the part.
+        suction: whether the part is held by suction.
+        cup_m: radius of the spot that must be flat then.
+    """
+
+    positions: Positions | None = None
+    end_margin_m: Margin | None = None
+    opening_m: Distance | None = None
+    depth_m: Distance | None = None
+    directions: Several[Direction] | None = None
+    steepest_deg: Steepest | None = None
+    tilts_deg: Several[Tilt] | None = None
+    around_deg: Around | None = None
+    finger_width_m: Distance | None = None
+    finger_depth_m: Distance | None = None
+    suction: bool | None = None
+    cup_m: Distance | None = None
 
 
 class GripSection(Section):
@@ -50,22 +105,27 @@ class GripSection(Section):
         directions: directions in the world along which the tool may point.
         steepest_deg: largest angle between the tool and the nearest of them.
         tilts_deg: leanings of the tool about the axis along which its fingers close.
+        around_deg: step in which the tool is turned about a bar, and about the direction in
+            which it closes on a mesh.
+        finger_width_m: width of the fingers, across the direction in which they close.
+        finger_depth_m: room that an open finger takes beside a part that is no box.
+        suction: whether parts are held by suction, with the tool frame at a face.
+        cup_m: radius of the spot that must be flat then.
     """
 
     frame: Name = "tool"
-    positions: Annotated[int, Field(ge=1, le=50)] = 5
-    end_margin_m: Annotated[float, Field(ge=0, le=1)] = 0.02
+    positions: Positions = 5
+    end_margin_m: Margin = 0.02
     opening_m: Distance = 0.04
     depth_m: Distance = 0.03
-    directions: Several[Vector3] = ((0.0, 0.0, -1.0),)
-    steepest_deg: Annotated[float, Field(ge=0, le=180)] = 60.0
-    tilts_deg: Several[Annotated[float, Field(gt=-90, lt=90)]] = (0.0,)
-
-    @model_validator(mode="after")
-    def _real_directions(self) -> GripSection:
-        if any(sum(v * v for v in d) < 1e-9 for d in self.directions):
-            raise ValueError("a direction must not be zero")
-        return self
+    directions: Several[Direction] = ((0.0, 0.0, -1.0),)
+    steepest_deg: Steepest = 60.0
+    tilts_deg: Several[Tilt] = (0.0,)
+    around_deg: Around = 45.0
+    finger_width_m: Distance = 0.02
+    finger_depth_m: Distance = 0.01
+    suction: bool = False
+    cup_m: Distance = 0.01
 
 
 class ProcessSection(Section):
