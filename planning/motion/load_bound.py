@@ -19,6 +19,7 @@ from planning.cell.workcell import Workcell
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import path_duration
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
+from planning.tasks.supply_tasks import SUPPLY_KINDS
 from planning.tasks.task import TRANSIT, StepTasks, Task, cell_with_steps
 from planning.tasks.work import AssemblyWork
 from planning.transforms import Array
@@ -93,7 +94,8 @@ def busy_seconds(
     here = cell_with_steps(cell, [step])
     own: dict[str, list[Task]] = defaultdict(list)
     for task in step.tasks:
-        own[task.robot].append(task)
+        if task.kind not in SUPPLY_KINDS:
+            own[task.robot].append(task)
     found = {}
     for robot, tasks in own.items():
         speed = settings.speeds[robot]

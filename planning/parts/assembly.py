@@ -12,6 +12,7 @@ import numpy as np
 from planning.cell.robot_model import ToolGrip
 from planning.parts.steps import Place, Work, placed_parts
 from planning.statics.joined import BalanceRules
+from planning.tasks.supplies import Supply
 from planning.transforms import Array, Transform, readonly
 
 DOWN = (0.0, 0.0, -1.0)
@@ -98,6 +99,7 @@ class PartAssembly:
         grips: which grips are tried.
         balance: friction and joints under which it must stand; None if that is not looked at.
         own_ways: of the parts that are handled in another way than this says, by name.
+        supply: what comes up and leaves meanwhile.
     """
 
     goals: Mapping[str, Transform]
@@ -107,6 +109,7 @@ class PartAssembly:
     touch: float = 0.002
     grips: GripRules = field(default_factory=GripRules)
     balance: BalanceRules | None = None
+    supply: Supply = field(default_factory=Supply)
     own_ways: Mapping[str, PartWays] = field(default_factory=dict)
 
     def ways(self, part: str) -> PartWays:

@@ -7,7 +7,10 @@ Parts stand in their places by contact and friction, or because they are joined 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+
+from dataclasses import replace
+from itertools import pairwise
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import InfeasibleStepError
@@ -102,6 +105,52 @@ class PartBalance:
             held = " or ".join(fall.holds[:_MOST_NAMED])
             helps.append(f"hold {held} until it is joined")
         return text + ("; " + ", or ".join(helps) if helps else "")
+
+
+def balance_groups(
+    steps: Sequence[PartStep | WorkStep], rules: BalanceRules, leaves: Collection[int]
+) -> Iterator[tuple[int, Sequence[PartStep | WorkStep], BalanceRules]]:
+    """Yield steps that build something together, and the rules for it.
+
+    Args:
+        steps: of all products, in their order.
+        rules: for all of them.
+        leaves: numbers of the steps, from 1, after which all that is built leaves the cell.
+
+    Yields:
+        The number of the first step, from 0, the steps, and the rules.
+    """
+    placed = {s.part.name for s in steps if isinstance(s, PartStep)}
+    cuts = [0, *sorted(leaves), len(steps)]
+    for first, stop in pairwise(cuts):
+        own = steps[first:stop]
+        if not own:
+            continue
+        others = placed - {s.part.name for s in own if isinstance(s, PartStep)}
+        joined = tuple(
+            item
+            for item in rules.joined
+            if others.isdisjoint((item.joint.first, item.joint.second))
+        )
+        yield first, own, replace(rules, joined=joined)
+
+
+def balance_waits(
+    cell: Workcell,
+    steps: Sequence[PartStep | WorkStep],
+    rules: BalanceRules,
+    leaves: Collection[int],
+) -> Waits:
+    """Return which steps, from 0, must wait for which, so that every product always stands.
+
+    Raises:
+        InfeasibleStepError: something falls even in the given order; says what would help.
+    """
+    return frozenset(
+        (first + a, first + b)
+        for first, own, rule in balance_groups(steps, rules, leaves)
+        for a, b in PartBalance(cell, own, rule).waits()
+    )
 
 
 def _known_waits(

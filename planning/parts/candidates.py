@@ -10,7 +10,7 @@ import numpy as np
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.parts.assembly import PartAssembly
-from planning.parts.balance import PartBalance
+from planning.parts.balance import balance_waits
 from planning.parts.part_skills import PartSkills
 from planning.parts.part_steps import PartStep, WorkStep, part_steps
 from planning.parts.relays import Relay, find_relays
@@ -117,7 +117,8 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
     steps = part_steps(cell, assembly)
     waits: Waits = frozenset()
     if assembly.balance is not None:
-        waits = PartBalance(cell, steps, assembly.balance).waits()
+        leaves = assembly.supply.leaves.keys()
+        waits = balance_waits(cell, steps, assembly.balance, leaves)
     collector = _Collector(cell, PartSkills(cell, assembly))
     for number, step in enumerate(steps, start=1):
         collector.add(number, step)

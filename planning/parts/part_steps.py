@@ -98,7 +98,8 @@ def part_steps(
         InfeasibleStepError: a part would hang in the air, or goes where something is.
     """
     out: list[PartStep | WorkStep] = []
-    where = {item.name: item.start for item in cell.objects}
+    where = {item.name: item.start for item in cell.objects if not item.later}
+    supply = assembly.supply
     for number, step in enumerate(assembly.steps, start=1):
         held = None
         if step.hold is not None:
@@ -107,10 +108,15 @@ def part_steps(
             grips = tool_grips(cell.robots, part.shape, pose, pose, rules)
             held = Held(part, pose, grips)
         if isinstance(step, Work):
-            out.append(_work_step(cell, step, where, assembly.touch, held))
-            continue
-        out.append(_place_step(cell, assembly, number, where, held))
-        where[step.part] = assembly.goals[step.part]
+            out.append(_work_step(cell, step, dict(where), assembly.touch, held))
+        else:
+            out.append(_place_step(cell, assembly, number, where, held))
+            where[step.part] = assembly.goals[step.part]
+            if step.part in supply.refills:
+                where |= supply.refills[step.part].parts
+        if number in supply.leaves:
+            for name, _ in supply.leaves[number].parts:
+                del where[name]
     return tuple(out)
 
 

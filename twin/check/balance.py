@@ -12,7 +12,7 @@ def check_balance(subject: Subject) -> Findings:
     section = subject.scenario.assembly
     if not isinstance(section, PartsSection):
         return
-    from planning.parts.balance import PartBalance
+    from planning.parts.balance import PartBalance, balance_groups
     from planning.parts.order import in_found_order
     from planning.parts.part_steps import part_steps
     from twin.planning.parts import build_assembly
@@ -27,10 +27,12 @@ def check_balance(subject: Subject) -> Findings:
         steps = part_steps(cell, assembly)
     except (ConstructionError, InfeasibleStepError):
         return  # said elsewhere
-    balance = PartBalance(cell, steps, rules)
-    if balance.fall is not None:
-        yield Finding(
-            subject.thing_at(balance.fall.body, "goal"),
-            balance.refusal(balance.fall),
-            error=True,
-        )
+    for _, own, rule in balance_groups(steps, rules, assembly.supply.leaves.keys()):
+        balance = PartBalance(cell, own, rule)
+        if balance.fall is not None:
+            yield Finding(
+                subject.thing_at(balance.fall.body, "goal"),
+                balance.refusal(balance.fall),
+                error=True,
+            )
+            return

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from planning.cell.machine import machine
 from planning.cell.workcell import Clearances, Fixture, PlacedRobot, Workcell
 from planning.transforms import readonly
 from twin.planning.build_shape import build_shape
@@ -44,6 +45,7 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
             clearance.robot_object_m,
             clearance.contact_tolerance_m,
         ),
+        machines=tuple(map(machine, assembly.machines())),
     )
 
 

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
     from planning.tasks.assignment import TaskPlan
     from planning.tasks.work import AssemblyWork
+    from scheduling.repetition.pattern import Pattern
+    from twin.durations import SkillOverride
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,7 @@ class PlannedMotions:
         motion_plan: how everyone moves.
         settings: how tasks were turned into motions.
         work: what task and motion plan were made from, where others can be made from it.
+        pattern: how the plan goes on for further products, None where it is that of all.
     """
 
     cell: Workcell
@@ -42,6 +45,7 @@ class PlannedMotions:
     motion_plan: MotionPlan
     settings: MotionSettings
     work: AssemblyWork | None = field(default=None, kw_only=True)
+    pattern: Pattern | None = field(default=None, kw_only=True)
 
 
 class AssemblyKind(Protocol):
@@ -94,6 +98,22 @@ class AssemblyKind(Protocol):
             folder: where relative paths of meshes start, that of the scenario's file.
         """
         return ()
+
+    def machines(self) -> tuple[str, ...]:
+        """Return the names of the machines that bring parts and take products away."""
+        return ()
+
+    def machine_durations(self) -> tuple[SkillOverride, ...]:
+        """Return how long machines take for their tasks."""
+        return ()
+
+    def products(self) -> int:
+        """Return the number of products."""
+        return 1
+
+    def due(self) -> tuple[tuple[float, ...], int | None]:
+        """Return when each product is due [s], and how many at the beginning do not count."""
+        return (), None
 
     def wanted(self, cell: CellSection) -> Wanted:
         """Return what the run is to come to, as the section says, for the audit.

@@ -14,12 +14,16 @@ from planning.parts.assembly import GripRules, PartAssembly, PartWays
 from planning.parts.steps import Place, Process, Work
 from planning.statics.joined import BalanceRules, Joined
 from planning.statics.standing import Joint, StandingRules
+from planning.tasks.supplies import supplied_work
 from planning.transforms import Transform, readonly
 from twin.audit.wanted import Place as WantedPlace
 from twin.audit.wanted import Wanted, WantedProcess
+from twin.durations import SkillOverride
 from twin.host.progress import StageWatch
 from twin.planning.build_shape import build_shape
 from twin.planning.kind import AssemblyKind, PlannedMotions
+from twin.planning.line.problems import check_line, machine_names
+from twin.planning.line.written_out import Line, machine_durations, written_out
 from twin.planning.part_problems import check_steps
 from twin.scenario.document.problems import Problem, mark_problems
 from twin.scenario.document.section import plain_values
@@ -60,10 +64,12 @@ class PartKind(AssemblyKind):
         """Yield the names of the parts, each with its key."""
         for i, part in enumerate(self.section.parts):
             yield ("assembly", "parts", i, "name"), part.name
+        yield from machine_names(self.section)
 
     def problems(self, document: YamlDocument) -> list[Problem]:
-        """Return the problems of the section: steps name what there is, and no part twice."""
-        return mark_problems(document, check_steps(self.section))
+        """Return the problems of the section: steps and parts name what there is, no part twice."""
+        found = (*check_steps(self.section), *check_line(self.section))
+        return mark_problems(document, found)
 
     def object_kinds(self) -> Iterable[str]:
         """Return the types of the parts, each once."""
@@ -71,13 +77,36 @@ class PartKind(AssemblyKind):
 
     def objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
         """Return the parts where they are at the start."""
-        placed = self.section.placed
-        return tuple(_part(part, placed, folder) for part in self.section.parts)
+        line = written_out(self.section)
+        placed = (*line.section.placed, *line.numbers)
+        parts = (_part(part, placed, folder) for part in line.section.parts)
+        return tuple(replace(part, later=part.name in line.later) for part in parts)
+
+    def machines(self) -> tuple[str, ...]:
+        """Return the machines of sources, and of what takes products away."""
+        return written_out(self.section).machines()
+
+    def machine_durations(self) -> tuple[SkillOverride, ...]:
+        """Return how long these take for their tasks."""
+        return machine_durations(self.section)
+
+    def due(self) -> tuple[tuple[float, ...], int | None]:
+        """Return when each product is due [s], and how many at the beginning do not count."""
+        products = self.section.products
+        return ((), None) if products is None else (products.due_s(), products.start_up)
+
+    def products(self) -> int:
+        """Return the number of products."""
+        return written_out(self.section).products
 
     def wanted(self, cell: CellSection) -> Wanted:
         """Return the goals of the parts, the processes, and how far fingers stand open."""
-        assembly, section = build_assembly(self.section), self.section
-        kinds = {part.name: part.shape_words for part in section.parts}
+        line, section = written_out(self.section, whole=True), self.section
+        assembly = _build_assembly(line)
+        gone = {
+            name for leaving in line.supply.leaves.values() for name, _ in leaving.parts
+        }
+        kinds = {part.name: part.shape_words for part in line.section.parts}
         places = tuple(
             WantedPlace(
                 f"goal of step {k}",
@@ -89,7 +118,7 @@ class PartKind(AssemblyKind):
                 after=step.after,
             )
             for k, step in enumerate(assembly.steps, start=1)
-            if isinstance(step, Place)
+            if isinstance(step, Place) and step.part not in gone
         )
         processes = tuple(
             _wanted_process(cell, step, k)
@@ -117,15 +146,26 @@ class PartKind(AssemblyKind):
         from planning.parts.order import find_ordered_candidates
         from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
 
-        assembly = build_assembly(self.section)
+        line = written_out(self.section)
+        assembly = _build_assembly(line)
         with watch.stage("assignment", ASSIGNMENT):
             found = (
                 find_ordered_candidates(cell, assembly)
                 if self.section.order == "find"
                 else find_candidates(cell, assembly)
             )
-            work = part_work(found)
-        return plan_in_turns(cell, assembly, work, settings, watch)
+            work = supplied_work(part_work(found), line.supply)
+        return self.finished(plan_in_turns(cell, assembly, work, settings, watch))
+
+    def finished(self, motions: PlannedMotions) -> PlannedMotions:
+        """Return motions with the way in which they go on for further products."""
+        from twin.planning.line.pattern import line_pattern
+
+        line = written_out(self.section)
+        if not line.repeats:
+            return motions
+        pattern = line_pattern(line, motions.motion_plan.tasks)
+        return replace(motions, pattern=pattern)
 
 
 def _wanted_process(cell: CellSection, step: Work, number: int) -> WantedProcess:
@@ -151,7 +191,12 @@ def _wanted_process(cell: CellSection, step: Work, number: int) -> WantedProcess
 
 
 def build_assembly(section: PartsSection) -> PartAssembly:
-    """Return goals, steps and grips of a section."""
+    """Return goals, steps, grips and supplies of a section, its products written out."""
+    return _build_assembly(written_out(section))
+
+
+def _build_assembly(line: Line) -> PartAssembly:
+    section = line.section
     grips = _grip_rules(section.grips)
     return PartAssembly(
         goals={
@@ -169,17 +214,12 @@ def build_assembly(section: PartsSection) -> PartAssembly:
         **plain_values(
             section,
             without=(
-                "kind",
-                "parts",
-                "processes",
-                "steps",
-                "order",
-                "grips",
-                "balance",
-                "joined",
+                *("kind", "parts", "sources", "products", "processes"),
+                *("steps", "order", "grips", "balance", "joined"),
             ),
         ),
         balance=_balance(section),
+        supply=line.supply,
     )
 
 
@@ -292,6 +332,7 @@ def _words(at: PlaceOfWork) -> str:
 
 
 def _part(part: PartSection, steps: tuple[str, ...], folder: Path) -> CellObject:
+    assert part.start is not None
     red, green, blue = part.colour
     return CellObject(
         name=part.name,

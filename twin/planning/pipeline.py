@@ -30,6 +30,7 @@ from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.host.progress import Report, StageWatch, report_nothing
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import PlannedMotions, assembly_kind
+from twin.planning.line.repeated import repeated_plans
 from twin.run.policies import (
     AT_ONCE,
     IN_SLOTS,
@@ -91,7 +92,10 @@ def plan_scenario(
         TransitError: no collision-free path was found.
         PlanInvariantError: the plan breaks a guarantee, which is a fault of this program.
     """
-    first, planned = plan_best(scenario, folder, StageWatch(progress))
+    watch = StageWatch(progress)
+    first, planned = plan_best(scenario, folder, watch)
+    if first.pattern is not None:
+        return _repeated(replace(planned, pattern=first.pattern), watch)
     if first.work is None:
         return planned
     bound = load_bound_s(first.cell, first.work, first.task_plan, first.settings)
@@ -113,6 +117,16 @@ def plan_best(
     if scenario.planning.improves:
         return _better(scenario, first, planned, watch)
     return first, planned
+
+
+def _repeated(planned: Planned, watch: StageWatch) -> Planned:
+    """Return the plan of some products for all that there are to be; the stage is products."""
+    plans = {IN_TURNS: planned.turns or planned.tpg, planned.variant: planned.tpg}
+    found = repeated_plans(plans, planned.pattern, watch)
+    turns, tpg = found[IN_TURNS], found[planned.variant]
+    if tpg is turns:
+        return replace(planned, cell=tpg.cell, tpg=tpg, turns=None, variant=IN_TURNS)
+    return replace(planned, cell=tpg.cell, tpg=tpg, turns=turns)
 
 
 def _better(
@@ -245,6 +259,11 @@ def plan_motions(scenario: Scenario, folder: Path, watch: StageWatch) -> Planned
             f"a {scenario.assembly.kind} is planned in space and time at once, not in slots:"
             " leave out the planning's coordination"
         )
+    if kind.machines() and scenario.planning.coordination != "sequential":
+        raise ScenarioError(
+            "in slots everyone would wait for the machines of sources and products, and they for"
+            " everyone: leave out the planning's coordination"
+        )
     cell = build_workcell(scenario, folder)
     return kind.plan(cell, motion_settings(scenario, cell, folder), watch)
 
@@ -261,6 +280,11 @@ def plan_in_turns(
         raise ScenarioError(
             f"a {scenario.assembly.kind} is planned in space and time at once, not one task"
             " after another"
+        )
+    if assembly_kind(scenario.assembly).machines():
+        raise ScenarioError(
+            "sources and products have machines that no plan in slots can wait for: study the"
+            " scenario instead, with the policies sequential and asynchronous"
         )
     return plan_motions(scenario, folder, watch)
 
@@ -355,7 +379,10 @@ def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionS
         for robot in cell.robots
     }
     models = scenario.execution.skill_models(folder)
-    exceptions = scenario.execution.skill_exceptions(folder)
+    exceptions = (
+        *scenario.execution.skill_exceptions(folder),
+        *assembly_kind(scenario.assembly).machine_durations(),
+    )
     return MotionSettings(
         planners=planners,
         speeds=speeds,

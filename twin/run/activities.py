@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import cycle, groupby
 
+from planning.tasks.supply_tasks import ARRIVE, LEAVE, PRESENT
 from planning.tasks.task import HOLD, STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
@@ -34,6 +35,9 @@ LANE_COLOURS: dict[str, str] = {
     "support-bottom": "#2f6fb2",
     "support-top": "#69aade",
     HOLD: "#4b8fc8",
+    ARRIVE: "#c9b88f",
+    PRESENT: "#a5885a",
+    LEAVE: "#8f6f9c",
     WAITING: "#e2e5e9",
     STALLED: "#ce3630",
     STOPPED: "#78161e",

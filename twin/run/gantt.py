@@ -10,6 +10,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
+from planning.tasks.supply_tasks import SUPPLY_KINDS
 from planning.tasks.task import STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
@@ -26,6 +27,8 @@ from twin.run.run_record import Run
 from twin.run.team_colours import team_colours
 
 _TASKS_A_ROW = 36
+_MOST_LANES = 96
+"""Lanes of all rows together: what does not go into so many is left out of the picture."""
 _WIDTH_IN = 15.0
 _LANE_IN = 0.42
 _LANE_HEIGHT = 0.72
@@ -41,7 +44,8 @@ def gantt_figure(
 ) -> Figure:
     """Return a picture of what every robot did when.
 
-    Bars are coloured by kind of task and carry the assembly step they serve; waits are hatched,
+    Bars are coloured by kind of task and carry the assembly step they serve, or the product where
+    there are several; waits are hatched,
     and arrows are the type-2 edges that ended them. Long runs wrap into several rows. Beside its
     lane each robot has the colour that it has in the recording.
 
@@ -54,12 +58,21 @@ def gantt_figure(
     """
     told = robot_activities(tpg, events)
     lanes = {robot.name: told.get(robot.name, ()) for robot in tpg.cell.robots}
+    lanes |= {
+        name: told[name]
+        for name in (item.name for item in tpg.cell.machines)
+        if any(item.state in SUPPLY_KINDS for item in told.get(name, ()))
+    }
     total_s = max(run.makespan_s, 1e-9)
     most = max(
         (len({item.task for item in lane}) for lane in lanes.values()), default=0
     )
     rows = max(1, -(-most // _TASKS_A_ROW))
     row_s = total_s * 1.012 / rows
+    shown_s = total_s
+    if rows * len(lanes) > _MOST_LANES:
+        rows = max(1, _MOST_LANES // len(lanes))
+        shown_s = rows * row_s
     height = rows * (len(lanes) * _LANE_IN + 0.42) + 1.25
     figure = Figure(figsize=(_WIDTH_IN, height), dpi=130, facecolor="white")
     top, bottom = 1 - 0.62 / height, 0.62 / height
@@ -93,7 +106,8 @@ def gantt_figure(
         1 - 0.36 / height,
         f"{heading}{policy_name(plan, run.policy)}, "
         + ("makespan" if run.outcome == "completed" else f"{run.outcome} after")
-        + f" {run.makespan_s:.2f} s",
+        + f" {run.makespan_s:.2f} s"
+        + (f" (the first {shown_s:.0f} s)" if shown_s < total_s else ""),
         color=INK,
         fontsize=12,
         fontweight="bold",
@@ -159,10 +173,15 @@ def _draw_lane(
 
 
 def _label(tpg: TemporalPlanGraph, span: Activity) -> str:
-    """Return the step that a skill serves; motions and waits carry none."""
+    """Return the step that a skill serves, of several products the number of the product.
+
+    Motions and waits carry none.
+    """
     if span.task < 0 or span.state in (TRANSIT, STRAIGHT):
         return ""
     task = tpg.tasks[span.task]
+    if len(tpg.products) and span.state == task.kind:
+        return str(tpg.products[span.task])
     return str(task.step) if span.state == task.kind else ""
 
 
@@ -179,7 +198,8 @@ def _binding_edges(
     links = []
     for a, m, b, n in tpg.edges.tolist():
         end = int(run.end_ns[a][m])
-        if waited.get((b, n)) == end:
+        names = tpg.chains[a].robot, tpg.chains[b].robot
+        if waited.get((b, n)) == end and lane_of.keys() >= set(names):
             lanes = lane_of[tpg.chains[a].robot], lane_of[tpg.chains[b].robot]
             links.append((end / NANOSECONDS, *lanes))
     return links

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
@@ -31,6 +32,7 @@ def summarise(
     audit: Mapping[str, Any] | None = None,
     makespan_sequential_s: float | None = None,
     warnings: Sequence[str] = (),
+    line: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return the figures of a run, with the keys of ``summary.json``.
 
@@ -44,13 +46,24 @@ def summarise(
         makespan_sequential_s: makespan of the plan in turns, one task after another; by default that of the
             same nodes with the same durations, one robot at a time.
         warnings: what is doubtful about the cell and what was asked for.
+        line: what it achieves where it makes several products.
     """
+    machines = machine_chains(tpg)
     if makespan_sequential_s is None:
-        total_ns = sum(int(t.sum()) for t in (*run.duration_ns, *run.stall_ns))
+        total_ns = sum(
+            int(times[k].sum())
+            for times in (run.duration_ns, run.stall_ns)
+            for k in range(len(tpg.chains))
+            if k not in machines
+        )
         makespan_sequential_s = total_ns / NANOSECONDS
 
     def seconds(of: Callable[[int], int]) -> dict[str, float]:
-        return {c.robot: of(k) / NANOSECONDS for k, c in enumerate(tpg.chains)}
+        return {
+            c.robot: of(k) / NANOSECONDS
+            for k, c in enumerate(tpg.chains)
+            if k not in machines
+        }
 
     return {
         "scenario": scenario,
@@ -71,7 +84,7 @@ def summarise(
         "planning_s": dict(planning_s or {}),
         "audit": None if audit is None else dict(audit),
         "warnings": list(warnings),
-    }
+    } | ({} if line is None else {"line": dict(line)})
 
 
 def lower_bound_s(tpg: TemporalPlanGraph, run: Run) -> float:
@@ -100,6 +113,7 @@ _STAGES = {
     "synchronous": "who moves at once",
     "tpg": "what waits for what",
     "shortcut": "shortcuts",
+    "products": "all products",
     "improve": "better choices",
 }
 
@@ -155,6 +169,7 @@ def summary_rows(
         rows += _makespan_rows(summary, makespan)
     else:
         rows.append(("ended after", f"{makespan:.2f} s", ""))
+    rows += _line_rows(summary.get("line"))
     for robot, seconds in summary["wait_s"].items():
         share = f"{100 * seconds / makespan:.1f} % of the time" if makespan > 0 else ""
         rows.append((f"wait of {robot}", f"{seconds:.2f} s", share))
@@ -171,6 +186,27 @@ def summary_rows(
     rows.append(_audit_row(summary["audit"]))
     if warnings := summary.get("warnings"):
         rows.append(("warnings", str(len(warnings)), "below"))
+    return rows
+
+
+def _line_rows(line: Mapping[str, Any] | None) -> list[tuple[str, str, str]]:
+    if line is None:
+        return []
+    rows = [("products", str(line["products"]), "")]
+    if line["takt_s"] is not None:
+        rate, takt = line["throughput_per_h"], line["takt_s"]
+        after = f"after the first {line['start_up']}" if line["start_up"] else ""
+        rows.append(("throughput", f"{rate:.1f} an hour", after))
+        between = f"{takt['least']:.2f} to {takt['greatest']:.2f} s"
+        rows.append(("takt", f"{takt['mean']:.2f} s", between))
+        wip = f"{line['work_in_progress']:.2f}"
+        rows.append(("work in progress", wip, "products begun and not complete"))
+    cycle = line["cycle_time_s"]
+    most = f"at most {cycle['greatest']:.2f} s"
+    rows.append(("cycle time of a product", f"{cycle['mean']:.2f} s", most))
+    if due := line["due"]:
+        worst = f"at most {due['greatest_lateness_s']:.2f} s after they are due"
+        rows.append(("late products", str(due["late"]), worst))
     return rows
 
 

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from planning.errors import RequestError
+from planning.errors import RequestError, ScenarioError
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import Report, StageWatch
@@ -20,6 +20,7 @@ from twin.planning.pipeline import (
     planned_shortcuts,
     shorten,
 )
+from twin.planning.line.repeated import repeated_plans
 from twin.run.policies import (
     ASYNCHRONOUS,
     AT_ONCE,
@@ -83,6 +84,11 @@ def plan_for_study(
     else:
         turns = plan_motions(scenario, base, watch)
     plans = {}
+    if needed & {IN_SLOTS, SLOTS_SHORTENED} and turns.cell.machines:
+        raise ScenarioError(
+            "a plan in slots cannot wait for the machines of sources and products: leave out the"
+            " policies that are synchronous"
+        )
     if needed & {IN_TURNS, SHORTENED}:
         plans[IN_TURNS] = order_motions(turns.motion_plan, watch)
     if needed & {IN_SLOTS, SLOTS_SHORTENED}:
@@ -97,6 +103,7 @@ def plan_for_study(
                 candidates=candidates,
                 seed=scenario.seed,
             )
+    plans = repeated_plans(plans, turns.pattern, watch)
     return {name: plan for name, plan in plans.items() if name in needed}
 
 

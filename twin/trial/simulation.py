@@ -8,6 +8,7 @@ from planning.errors import ScenarioError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import packaged_timings
 from twin.engine.execution_model import ExecutionModel, Messages
+from twin.planning.kind import assembly_kind
 from twin.run.run_record import Policy
 from twin.scenario.file import load_scenario
 from twin.scenario.manifest import MANIFEST, manifest_base, read_manifest
@@ -105,6 +106,12 @@ def skill_durations(
         ScenarioError: a file of measured times cannot be read.
     """
     execution = scenario.execution
+    machines = (
+        item.model_copy(update={"duration": item.duration.located(folder)})
+        for item in assembly_kind(scenario.assembly).machine_durations()
+    )
     return SkillDurations(
-        execution.skill_models(folder), execution.skill_exceptions(folder), antithetic
+        execution.skill_models(folder),
+        (*execution.skill_exceptions(folder), *machines),
+        antithetic,
     )

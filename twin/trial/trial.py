@@ -33,6 +33,7 @@ from twin.run.folder import (
 from twin.run.gantt import gantt_figure
 from twin.run.run_record import DeadlockError, Policy, Run
 from twin.run.summary import summarise
+from twin.run.throughput import line_summary
 from twin.run.written import hashes_as_written
 from twin.scenario.manifest import write_manifest
 from twin.scenario.sections.scenario import Scenario
@@ -221,6 +222,8 @@ def figures(
         about: what was known before.
         audit: what the audit found, None where there was none.
     """
+    from twin.planning.kind import assembly_kind
+
     completed = run.outcome == "completed"
     found = summarise(
         tpg,
@@ -231,6 +234,7 @@ def figures(
         audit=audit,
         makespan_sequential_s=about.makespan_sequential_s if completed else None,
         warnings=about.warnings,
+        line=line_summary(tpg, run, *assembly_kind(scenario.assembly).due()),
     )
     found["load_bound_s"] = about.load_bound_s
     found["step_order"] = list(about.step_order) or None
@@ -282,6 +286,8 @@ def conclude(
 
         write_recording(folder / RECORDING, tpg, run, events, name=scenario.name)
         progress(RECORDS, total, total)
+    from twin.planning.kind import assembly_kind
+
     completed = run.outcome == "completed"
     ended = run.outcome != "aborted"
     audit = None

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from twin.durations import AnyDuration
 from twin.scenario.document.section import Name, Section, Several, Three, with_tuples
 from twin.scenario.sections.balance import BalanceSection, JoinedParts
+from twin.scenario.sections.line import ProductsSection, SourceSection
 from twin.scenario.sections.poses import Mass, PoseSection, Vector3
 from twin.scenario.sections.shapes import ShapedSection
 
@@ -34,7 +35,9 @@ class PartSection(ShapedSection):
 
     Attributes:
         name: unique in the scenario.
-        start: pose of the frame of its shape in the world at the start; of a box, its centre.
+        start: pose of the frame of its shape in the world at the start, unless it comes from a
+            source; of a box, its centre.
+        source: name of the source that it is taken from.
         goal: pose of that frame once it is in place; a part without one stays where it is.
         mass_kg: its mass.
         colour: red, green, blue.
@@ -48,7 +51,8 @@ class PartSection(ShapedSection):
     """
 
     name: Name
-    start: PoseSection
+    start: PoseSection | None = None
+    source: Name | None = None
     goal: PoseSection | None = None
     mass_kg: Mass = 0.0
     colour: Colour = (190, 140, 90)
@@ -90,6 +94,14 @@ class PartGripSection(Section):
     finger_depth_m: Distance | None = None
     suction: bool | None = None
     cup_m: Distance | None = None
+
+    @model_validator(mode="after")
+    def _comes_from_somewhere(self) -> PartSection:
+        if (self.start is None) == (self.source is None):
+            raise ValueError(
+                "where does it come from? Give start, a pose, or source, the name of one"
+            )
+        return self
 
 
 class GripSection(Section):
@@ -245,6 +257,8 @@ class PartsSection(Section):
     Attributes:
         kind: ``assembly``.
         parts: everything that can be handled.
+        sources: where parts come from that have no ``start`` of their own, by name.
+        products: how many products are made, one after another; one when not given.
         processes: what robots do besides placing parts, by name.
         steps: names of parts that are put in place, and steps in full.
         order: ``listed`` does the steps in their order, ``find`` in one that is found.
@@ -260,6 +274,8 @@ class PartsSection(Section):
 
     kind: Literal["assembly"]
     parts: Several[PartSection]
+    sources: dict[Name, SourceSection] = Field(default_factory=dict)
+    products: ProductsSection | None = None
     processes: dict[Name, ProcessSection] = Field(default_factory=dict)
     steps: Several[Step]
     order: Literal["listed", "find"] = "listed"

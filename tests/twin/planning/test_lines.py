@@ -1,0 +1,204 @@
+"""Sources and products of a scenario: written out, planned, executed, and proved as a whole."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from planning.errors import ScenarioError
+from planning.tasks.supply_tasks import LEAVE, PRESENT
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.graph.rollout import earliest_times
+from scheduling.invariant import check_invariant
+from twin.host.progress import StageWatch, report_nothing
+from twin.planning.kind import assembly_kind
+from twin.planning.line.written_out import slots, written_out
+from twin.planning.pipeline import Planned, plan_in_turns, plan_scenario
+from twin.run.throughput import line_summary, product_nodes
+from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.file import load_scenario
+from twin.scenario.sections.scenario import Scenario
+from twin.trial.trial import execute
+
+KITTING = Path("scenarios/assembly/kitting.yaml")
+
+
+def scenario(tmp_path: Path, **assembly: Any) -> Scenario:
+    """Return the kitting line with other keys of its assembly."""
+    document = yaml.safe_load(KITTING.read_text())
+    for key, value in assembly.items():
+        if key == "source":
+            document["assembly"]["sources"] |= value
+        else:
+            document["assembly"][key] = value
+    document["planning"]["shortcut_candidates"] = 300
+    path = tmp_path / "line.yaml"
+    path.write_text(yaml.safe_dump(document))
+    return load_scenario(path)
+
+
+def planned(tmp_path: Path, **assembly: Any) -> Planned:
+    """Return the plan of that line, proved as a whole."""
+    found = plan_scenario(scenario(tmp_path, **assembly), tmp_path)
+    check_invariant(DerivedTpg(found.tpg))
+    return found
+
+
+def test_the_shipped_line_is_written_out_as_one_product() -> None:
+    found = load_scenario(KITTING)
+    line = written_out(found.assembly)  # type: ignore[arg-type]
+    assert (line.period, line.products, line.repeats) == (1, 200, True)
+    assert line.machines() == ("belt", "belt.end", "bolts", "nuts", "seals", "outfeed")
+    names = {item.name for item in assembly_kind(found.assembly).objects()}
+    assert names == {
+        f"{p}.{k}" for p in ("carrier", "bolt", "nut", "seal") for k in (1, 2)
+    }
+    there = {i.name for i in assembly_kind(found.assembly).objects() if not i.later}
+    assert there == {"carrier.1", "bolt.1", "nut.1", "seal.1"}
+    wanted = assembly_kind(found.assembly).wanted(found.cell)
+    assert wanted.places == ()
+
+
+def test_few_products_go_through_both_engines_and_all_proofs(tmp_path: Path) -> None:
+    own = scenario(tmp_path, products={"count": 6, "leave_s": 1.0, "due": [30.0] * 6})
+    found = plan_scenario(own, tmp_path)
+    check_invariant(DerivedTpg(found.tpg))
+    run = execute(own, found.tpg, tmp_path)
+    figures = line_summary(found.tpg, run, *assembly_kind(own.assembly).due())
+    assert figures is not None
+    assert figures["products"] == 6
+    nodes = product_nodes(found.tpg)
+    assert nodes is not None
+    end = nodes.end(np.concatenate(run.end_ns)) / 1e9
+    assert figures["due"]["late"] == np.count_nonzero(end > 30.0)
+    assert np.all(np.diff(end) > 0)
+
+
+def test_a_tray_and_a_pallet_repeat_when_both_are_as_they_were(tmp_path: Path) -> None:
+    tray = {
+        "kind": "tray",
+        "pose": {"xyz_m": [-0.35, -0.37, 0.075]},
+        "grid": {"counts": [1, 2], "pitch_m": [0.05, 0.06]},
+        "refill_s": 3.0,
+    }
+    own = scenario(tmp_path, source={"bolts": tray}, products={"count": 13})
+    line = written_out(own.assembly)  # type: ignore[arg-type]
+    assert line.period == 2
+    found = plan_scenario(own, tmp_path)
+    check_invariant(DerivedTpg(found.tpg))
+    tasks = found.tpg.tasks
+    exchanges = [t for t in tasks if t.kind == PRESENT and t.robot == "bolts"]
+    # Thirteen bolts from trays of two: full ones come six times.
+    assert [len(t.handlings) for t in exchanges] == [2] * 6
+    picks = [t for t in tasks if t.kind == "pick" and str(t.object).startswith("bolt.")]
+    assert [t.object for t in picks] == [f"bolt.{k}" for k in range(1, 14)]
+    starts = [found.tpg.cell.object(str(t.object)).start for t in picks]
+    assert np.allclose(starts[0], starts[2])
+    assert not np.allclose(starts[0], starts[1])
+
+
+def test_a_stack_is_taken_from_above(tmp_path: Path) -> None:
+    stack = {
+        "kind": "stack",
+        "pose": {"xyz_m": [-0.35, -0.33, 0.135]},
+        "count": 3,
+        "pitch_m": 0.03,
+    }
+    own = scenario(tmp_path, source={"bolts": stack}, products={"count": 3})
+    assembly = own.assembly
+    heights = [at[2, 3] for at in slots(assembly.sources["bolts"])]  # type: ignore[union-attr]
+    assert np.allclose(heights, [0.135, 0.105, 0.075])
+    line = written_out(assembly)  # type: ignore[arg-type]
+    assert not line.repeats
+    assert not line.supply.refills.keys() & {"bolt.1", "bolt.2", "bolt.3"}
+    check_invariant(DerivedTpg(plan_scenario(own, tmp_path).tpg))
+
+
+def test_products_stay_on_a_pallet_that_is_not_full(tmp_path: Path) -> None:
+    own = scenario(
+        tmp_path,
+        products={"count": 2, "places": {"counts": [1, 3], "pitch_m": [0.0, 0.06]}},
+    )
+    line = written_out(own.assembly)  # type: ignore[arg-type]
+    assert (line.period, line.supply.leaves) == (2, {})
+    wanted = assembly_kind(own.assembly).wanted(own.cell)
+    assert {place.object for place in wanted.places} >= {"seal.1", "seal.2"}
+
+
+def test_a_slow_conveyor_sets_the_pace(tmp_path: Path) -> None:
+    belt = {
+        "kind": "conveyor",
+        "pose": {"xyz_m": [-0.3, 0.2, 0.075], "rpy_deg": [0, 0, 90]},
+    }
+    found = planned(
+        tmp_path, source={"belt": {**belt, "every_s": 60.0}}, products={"count": 8}
+    )
+    (chain,) = (
+        k
+        for k, c in enumerate(found.tpg.chains)
+        if found.tpg.tasks[c.task[0]].kind == LEAVE
+    )
+    ends = earliest_times(found.tpg).end[chain]
+    assert np.allclose(np.diff(ends)[1:], 60.0)
+
+
+def test_sources_alone_need_no_products(tmp_path: Path) -> None:
+    document = yaml.safe_load(KITTING.read_text())
+    del document["assembly"]["products"]
+    for part in document["assembly"]["parts"]:
+        if part["name"] == "nut":
+            part["source"] = "bolts"
+    del document["assembly"]["sources"]["nuts"]
+    path = tmp_path / "one.yaml"
+    path.write_text(yaml.safe_dump(document))
+    own = load_scenario(path)
+    found = plan_scenario(own, tmp_path)
+    check_invariant(DerivedTpg(found.tpg))
+    assert not len(found.tpg.products)
+    # The nut comes first in the steps, the bolt when it was taken.
+    assert not found.tpg.cell.object("nut").later
+    assert found.tpg.cell.object("bolt").later
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"steps": ["carrier", "nut", "bolt"]}, "no step places seal"),
+        ({"sources": {}}, "there is no source"),
+        ({"order": "find"}, "in the order of the steps"),
+        (
+            {"products": {"count": 3, "due": [1.0]}},
+            "1 due times for 3 products",
+        ),
+        ({"products": {"count": 3, "leave_s": 1.0, "leave": None}}, None),
+    ],
+)
+def test_what_cannot_be_is_said(
+    tmp_path: Path, change: dict[str, Any], message: str | None
+) -> None:
+    if message is None:
+        scenario(tmp_path, **change)
+        return
+    with pytest.raises(InvalidScenarioError, match=message):
+        scenario(tmp_path, **change)
+
+
+def test_a_part_that_lies_there_once_makes_one_product(tmp_path: Path) -> None:
+    document = yaml.safe_load(KITTING.read_text())
+    part = document["assembly"]["parts"][1]
+    part["start"] = {"xyz_m": [-0.35, -0.33, 0.075]}
+    del part["source"], document["assembly"]["sources"]["bolts"]
+    path = tmp_path / "once.yaml"
+    path.write_text(yaml.safe_dump(document))
+    with pytest.raises(InvalidScenarioError, match="is needed for every product"):
+        load_scenario(path)
+
+
+def test_lines_have_no_slots(tmp_path: Path) -> None:
+    own = scenario(tmp_path)
+    with pytest.raises(ScenarioError, match="no plan in slots"):
+        plan_in_turns(own, tmp_path, StageWatch(report_nothing))

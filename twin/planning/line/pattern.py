@@ -1,0 +1,72 @@
+"""The pattern of a line, from the tasks of the products that were planned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from planning.tasks.supplies import buffers_of, is_done_to_a_product
+from planning.tasks.supply_tasks import ARRIVE, LEAVE, PRESENT
+from planning.tasks.task import Task
+from scheduling.repetition.pattern import Pattern, numbered
+from twin.planning.line.written_out import Line
+
+
+def line_pattern(line: Line, tasks: Sequence[Task]) -> Pattern:
+    """Return how the plan of some products goes on.
+
+    Args:
+        line: what was planned.
+        tasks: of the plan, in order.
+    """
+    steps = len(line.section.steps) // line.period
+    product = np.array(
+        [
+            line.numbers[str(task.object)][1]
+            if task.kind in (ARRIVE, PRESENT)
+            else (task.step - 1) // steps + 1
+            for task in tasks
+        ],
+        dtype=np.int64,
+    )
+    lags = sorted(set(_lags(line, tasks)))
+    return Pattern(
+        line.products,
+        line.period,
+        product,
+        np.array(lags, dtype=np.int64).reshape(-1, 3),
+        line.numbers,
+    )
+
+
+def _lags(line: Line, tasks: Sequence[Task]) -> Iterator[tuple[int, int, int]]:
+    """Yield what waits for what in an earlier copy."""
+    picks = {task.object: task.index for task in tasks if task.kind == "pick"}
+    come: dict[str, list[int]] = {}
+    arrive: dict[str, list[int]] = {}
+    leave: list[int] = []
+    first: list[int] = []
+    for task in tasks:
+        if task.kind == PRESENT:
+            come.setdefault(task.robot, []).append(task.index)
+            for handling in task.handlings:
+                part, number = line.numbers[handling.object]
+                if number > line.period:
+                    own = numbered(part, number - line.period)
+                    yield task.index, picks[own], 1
+        elif task.kind == ARRIVE:
+            arrive.setdefault(task.robot, []).append(task.index)
+        elif task.kind == LEAVE:
+            leave.append(task.index)
+        elif is_done_to_a_product(task) and not leave:
+            first.append(task.index)
+    if leave:
+        yield from ((leave[-1], task, 1) for task in first)
+    for conveyor, (machine, buffer) in buffers_of(line.supply).items():
+        before = come.get(machine, [])
+        for k, task_index in enumerate(arrive.get(conveyor, [])):
+            earlier = k - 1 - buffer
+            if earlier < 0:
+                lag = -(earlier // len(before))
+                yield before[earlier % len(before)], task_index, lag

@@ -1,0 +1,282 @@
+"""Sources and products of an assembly, written out: the parts, steps and supplies of its pattern."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from planning.tasks.supplies import Leaving, Lying, Refill, Supply
+from planning.transforms import Transform, quat_wxyz, readonly, translation
+from scheduling.repetition.pattern import numbered
+from twin.durations import AnyDuration, SkillOverride
+from twin.scenario.sections.balance import JoinedSection
+from twin.scenario.sections.line import (
+    ConveyorSection,
+    GridSection,
+    SourceSection,
+    StackSection,
+    TraySection,
+)
+from twin.scenario.sections.parts import PartSection, PartsSection, StepSection
+from twin.scenario.sections.poses import PoseSection, build_transform
+
+OUTFEED = "outfeed"
+"""Name of the machine that takes products away."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """An assembly as it is planned: as many products as it takes until all is as it was.
+
+    Attributes:
+        section: parts and steps of these products, every part at the place of its source.
+        supply: what comes up and leaves meanwhile.
+        later: parts that are not there at the start.
+        products: how many there are to be.
+        period: how many are written out.
+        numbers: part and product by name of a numbered part.
+    """
+
+    section: PartsSection
+    supply: Supply = field(default_factory=Supply)
+    later: frozenset[str] = frozenset()
+    products: int = 1
+    period: int = 1
+    numbers: Mapping[str, tuple[str, int]] = field(default_factory=dict)
+
+    @property
+    def repeats(self) -> bool:
+        """True if there are more products than are written out."""
+        return self.products > self.period
+
+    def machines(self) -> tuple[str, ...]:
+        """Return the machines that have something to do."""
+        refills = list(self.supply.refills.values())
+        names = [item.arrivals for item in refills] + [item.machine for item in refills]
+        names += [item.machine for item in self.supply.leaves.values()]
+        return tuple(dict.fromkeys(name for name in names if name is not None))
+
+
+def written_out(section: PartsSection, *, whole: bool = False) -> Line:
+    """Return the line of an assembly.
+
+    Args:
+        section: passed its checks.
+        whole: write out all products, however many they are.
+    """
+    return (
+        _written_out(section.model_dump_json(), whole)
+        if _has_line(section)
+        else (Line(section))
+    )
+
+
+@lru_cache(maxsize=8)
+def _written_out(text: str, whole: bool) -> Line:
+    return _Writer(PartsSection.model_validate_json(text), whole).line()
+
+
+def _has_line(section: PartsSection) -> bool:
+    return bool(section.sources) or section.products is not None
+
+
+def machine_durations(section: PartsSection) -> tuple[SkillOverride, ...]:
+    """Return how long machines take for their tasks."""
+    found: list[tuple[str, str, AnyDuration]] = []
+    for name, source in section.sources.items():
+        if isinstance(source, ConveyorSection):
+            found.append(("arrive", name, source.interval))
+            found.append(("present", presenter(name, source), source.advance))
+        else:
+            found.append(("present", name, source.refill_time))
+    if section.products is not None:
+        found.append(("leave", OUTFEED, section.products.leave_time))
+    return tuple(
+        SkillOverride(skill=skill, robot=machine, duration=duration)
+        for skill, machine, duration in found
+    )
+
+
+def presenter(name: str, source: SourceSection) -> str:
+    """Return the machine after whose task the next part is there."""
+    return f"{name}.end" if isinstance(source, ConveyorSection) else name
+
+
+def slots(source: SourceSection) -> tuple[Transform, ...]:
+    """Return where the parts of a full source lie, in the order in which they are taken."""
+    pose = build_transform(source.pose)
+    if isinstance(source, TraySection):
+        return tuple(readonly(pose @ at) for at in _grid(source.grid))
+    if isinstance(source, StackSection):
+        down = [translation(0.0, 0.0, -k * source.pitch_m) for k in range(source.count)]
+        return tuple(readonly(pose @ at) for at in down)
+    return (readonly(pose),)
+
+
+def _grid(grid: GridSection) -> list[Transform]:
+    (nx, ny), (dx, dy) = grid.counts, grid.pitch_m
+    return [translation(i * dx, j * dy, 0.0) for j in range(ny) for i in range(nx)]
+
+
+class _Writer:
+    """Writes out one line."""
+
+    def __init__(self, section: PartsSection, whole: bool) -> None:
+        self.section = section
+        self.parts = {part.name: part for part in section.parts}
+        products = section.products
+        self.products = 1 if products is None else products.count
+        self.slots = {name: slots(item) for name, item in section.sources.items()}
+        self.taken: dict[str, list[str]] = {name: [] for name in section.sources}
+        for name in section.placed:
+            if (source := self.parts[name].source) is not None:
+                self.taken[source].append(name)
+        grid = None if products is None else products.places
+        self.places = [translation(0.0, 0.0, 0.0)] if grid is None else _grid(grid)
+        self.period = self.products if whole else self._period()
+
+    def line(self) -> Line:
+        handled = set(self.section.placed)
+        parts = [part for part in self.section.parts if part.name not in handled]
+        later: set[str] = set()
+        refills: dict[str, Refill] = {}
+        numbers: dict[str, tuple[str, int]] = {}
+        for source, names in self.taken.items():
+            if not names:
+                continue
+            size = len(self.slots[source])
+            # The parts of the pattern, and those that fill the source at its end.
+            end = self.period * len(names) + size
+            for q in range(min(end, self.products * len(names))):
+                part, product = names[q % len(names)], q // len(names) + 1
+                name = self._name(part, product)
+                parts.append(self._part(part, product, self.slots[source][q % size]))
+                if self.section.products is not None:
+                    numbers[name] = part, product
+                if q >= size:
+                    later.add(name)
+                if q >= size and q % size == 0:
+                    refills[self._taken(names, q - 1)] = self._refill(source, q)
+        for name in self.section.placed:
+            if self.parts[name].source is None:
+                parts.append(self._part(name, 1, None))
+        steps = tuple(
+            self._step(step, product)
+            for product in range(1, self.period + 1)
+            for step in self.section.steps
+        )
+        joined = tuple(
+            joint
+            for product in range(1, self.period + 1)
+            for joint in self._joined(product)
+        )
+        section = self.section.model_copy(
+            update={"parts": tuple(parts), "steps": steps, "joined": joined}
+        )
+        return Line(
+            section,
+            Supply(refills, dict(self._leaves())),
+            frozenset(later),
+            self.products,
+            self.period,
+            numbers,
+        )
+
+    def _period(self) -> int:
+        """Return after how many products sources are full and places empty, all at once."""
+        period = 1
+        for source, names in self.taken.items():
+            size = len(self.slots[source])
+            if names:
+                period = math.lcm(period, size // math.gcd(size, len(names)))
+        period = math.lcm(period, len(self.places))
+        return min(period, self.products)
+
+    def _name(self, part: str, product: int) -> str:
+        own = self.section.products is not None and part in self.section.placed
+        return numbered(part, product) if own else part
+
+    def _taken(self, names: list[str], q: int) -> str:
+        return self._name(names[q % len(names)], q // len(names) + 1)
+
+    def _part(self, name: str, product: int, slot: Transform | None) -> PartSection:
+        part = self.parts[name]
+        update: dict[str, object] = {"name": self._name(name, product)}
+        if slot is not None:
+            update |= {"source": None, "start": _pose(slot)}
+        if part.goal is not None:
+            goal = build_transform(part.goal)
+            place = self.places[(product - 1) % len(self.places)]
+            update["goal"] = _pose(place @ goal) if len(self.places) > 1 else part.goal
+        return part.model_copy(update=update)
+
+    def _refill(self, source: str, first: int) -> Refill:
+        """Return what comes up at a source with a part counted from 0."""
+        names, places = self.taken[source], self.slots[source]
+        last = min(first + len(places), self.products * len(names))
+        parts: tuple[Lying, ...] = tuple(
+            (self._taken(names, q), places[q % len(places)]) for q in range(first, last)
+        )
+        section = self.section.sources[source]
+        if isinstance(section, ConveyorSection):
+            machine = presenter(source, section)
+            return Refill(machine, parts, source, section.buffer)
+        return Refill(presenter(source, section), parts)
+
+    def _leaves(self) -> Iterator[tuple[int, Leaving]]:
+        """Yield what leaves after which step."""
+        together, steps = len(self.places), len(self.section.steps)
+        if self.section.products is None or together > self.products:
+            return
+        for last in range(together, self.period + 1, together):
+            parts = tuple(
+                (self._name(name, product), self._goal(name, product))
+                for product in range(last - together + 1, last + 1)
+                for name in self.section.placed
+            )
+            yield last * steps, Leaving(OUTFEED, parts)
+
+    def _goal(self, name: str, product: int) -> Transform:
+        goal = self._part(name, product, None).goal
+        assert goal is not None
+        return readonly(build_transform(goal))
+
+    def _joined(self, product: int) -> Iterator[JoinedSection]:
+        """Yield the joints of a product, with its names; those of no product once."""
+        for joint in self.section.joined:
+            parts = tuple(self._name(name, product) for name in joint.parts)
+            if parts == joint.parts and product > 1:
+                continue
+            by = joint.by
+            if by is not None and self.section.products is not None:
+                by = numbered(by, product)
+            yield joint.model_copy(update={"parts": parts, "by": by})
+
+    def _step(self, step: StepSection, product: int) -> StepSection:
+        """Return a step for a product, with names of that."""
+        if self.section.products is None:
+            return step
+        update: dict[str, object] = {
+            "after": tuple(numbered(name, product) for name in step.after)
+        }
+        if step.place is not None:
+            update["place"] = self._name(step.place, product)
+        if step.name is not None:
+            update["name"] = numbered(step.name, product)
+        if step.hold is not None:
+            update["hold"] = self._name(step.hold, product)
+        if step.at is not None and step.at.part is not None:
+            part = self._name(step.at.part, product)
+            update["at"] = step.at.model_copy(update={"part": part})
+        return step.model_copy(update=update)
+
+
+def _pose(transform: Transform) -> PoseSection:
+    return PoseSection(
+        xyz_m=tuple(np.asarray(transform[:3, 3]).tolist()),
+        quat_wxyz=tuple(np.asarray(quat_wxyz(transform)).tolist()),
+    )

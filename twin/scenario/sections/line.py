@@ -1,0 +1,198 @@
+"""Where the parts of an assembly come from, and how many products are made of them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from twin.durations import AnyDuration, Fixed
+from twin.durations.model import PositiveSeconds, Seconds
+from twin.scenario.document.section import Section, Several, Two
+from twin.scenario.sections.poses import PoseSection
+
+Count = Annotated[int, Field(ge=1, le=100)]
+Pitch = Annotated[float, Field(ge=-100, le=100)]
+
+
+class GridSection(Section):
+    """Places in rows and columns.
+
+    Attributes:
+        counts: how many places along x, and how many along y.
+        pitch_m: from one place to the next along x, and along y.
+    """
+
+    counts: Two[Count]
+    pitch_m: Two[Pitch]
+
+    @property
+    def size(self) -> int:
+        """Number of places."""
+        return self.counts[0] * self.counts[1]
+
+
+class _Refilled(Section):
+    """What sources have in common that are filled again once they are empty.
+
+    Attributes:
+        pose: of the centre of the part that is taken first.
+        refill_s: time from when the last part has been taken until the next is there.
+        refill: distribution of that time, in place of ``refill_s``.
+    """
+
+    pose: PoseSection
+    refill_s: Seconds = 0.0
+    refill: AnyDuration | None = None
+
+    @model_validator(mode="after")
+    def _one_time(self) -> _Refilled:
+        if self.refill is not None and "refill_s" in self.model_fields_set:
+            raise ValueError("give refill_s or refill, not both")
+        return self
+
+    @property
+    def refill_time(self) -> AnyDuration:
+        """Time until the next part, or the next full one, is there."""
+        return self.refill or Fixed(value_s=self.refill_s)
+
+
+class FeederSection(_Refilled):
+    """A place where the next part appears when the last was taken.
+
+    Attributes:
+        kind: ``feeder``.
+    """
+
+    kind: Literal["feeder"]
+
+
+class TraySection(_Refilled):
+    """A tray of parts, exchanged for a full one when the last was taken.
+
+    Attributes:
+        kind: ``tray``.
+        grid: the places in it, in the frame of ``pose``, along x first.
+    """
+
+    kind: Literal["tray"]
+    grid: GridSection
+
+
+class StackSection(_Refilled):
+    """Parts on top of each other, the top one taken first.
+
+    Attributes:
+        kind: ``stack``.
+        count: how many there are when it is full.
+        pitch_m: height from one part to the next, along z of ``pose``.
+    """
+
+    kind: Literal["stack"]
+    count: Count
+    pitch_m: Annotated[float, Field(gt=0, le=10)]
+
+
+class ConveyorSection(Section):
+    """A conveyor that brings one part after another to its end; the first one is there at the start.
+
+    Attributes:
+        kind: ``conveyor``.
+        pose: of the centre of a part at the end, where it is taken.
+        every_s: time from one part to the next.
+        every: distribution of that time, in place of ``every_s``.
+        advance_s: time until the next part is at the end once the one before has been taken.
+        buffer: parts that may wait on it behind that at the end, until it stops bringing; any
+            number when not given.
+    """
+
+    kind: Literal["conveyor"]
+    pose: PoseSection
+    every_s: PositiveSeconds | None = None
+    every: AnyDuration | None = None
+    advance_s: Seconds = 0.0
+    buffer: Annotated[int, Field(ge=0, le=20)] | None = None
+
+    @model_validator(mode="after")
+    def _one_time(self) -> ConveyorSection:
+        if (self.every_s is None) == (self.every is None):
+            raise ValueError("how often does a part come? Give every_s or every")
+        return self
+
+    @property
+    def advance(self) -> AnyDuration:
+        """Time until the next part is at the end."""
+        return Fixed(value_s=self.advance_s)
+
+    @property
+    def interval(self) -> AnyDuration:
+        """Time from one part to the next."""
+        return self.every or Fixed(value_s=self.every_s or 0.0)
+
+
+SourceSection = Annotated[
+    FeederSection | TraySection | StackSection | ConveyorSection,
+    Field(discriminator="kind"),
+]
+"""A source of parts, by ``kind``."""
+
+
+class DueSection(Section):
+    """When products are due: the first one, and one after another from then on.
+
+    Attributes:
+        first_s: when the first one is.
+        every_s: time from one to the next.
+    """
+
+    first_s: Seconds
+    every_s: Seconds
+
+
+class ProductsSection(Section):
+    """How many products are made, what becomes of them, and when they are due.
+
+    Attributes:
+        count: number of products.
+        places: a pallet: product by product stands in the next of its places, moved from
+            ``goal`` along the axes of the world; the pallet leaves when it is full. Every product
+            leaves on its own when not given.
+        leave_s: time until a finished product, or a full pallet, is gone.
+        leave: distribution of that time, in place of ``leave_s``.
+        due: when they are due: the first and the time between two, or one time a product.
+        start_up: products at the beginning that do not count for throughput and takt; a tenth
+            when not given.
+    """
+
+    count: Annotated[int, Field(ge=1, le=100_000)]
+    places: GridSection | None = None
+    leave_s: Seconds = 0.0
+    leave: AnyDuration | None = None
+    due: DueSection | Several[Seconds] | None = None
+    start_up: Annotated[int, Field(ge=0, le=100_000)] | None = None
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> ProductsSection:
+        if self.leave is not None and "leave_s" in self.model_fields_set:
+            raise ValueError("give leave_s or leave, not both")
+        if isinstance(self.due, tuple) and len(self.due) != self.count:
+            raise ValueError(
+                f"{len(self.due)} due times for {self.count} products: give one for each"
+            )
+        if self.start_up is not None and self.start_up > self.count - 2:
+            raise ValueError(
+                "of the products at least two must be left after start_up to tell a takt"
+            )
+        return self
+
+    @property
+    def leave_time(self) -> AnyDuration:
+        """Time until a finished product, or a full pallet, is gone."""
+        return self.leave or Fixed(value_s=self.leave_s)
+
+    def due_s(self) -> tuple[float, ...]:
+        """Return when each product is due [s], nothing where they are not."""
+        if isinstance(self.due, DueSection):
+            first, every = self.due.first_s, self.due.every_s
+            return tuple(first + k * every for k in range(self.count))
+        return self.due or ()
