@@ -286,7 +286,6 @@ def conclude(
 
         write_recording(folder / RECORDING, tpg, run, events, name=scenario.name)
         progress(RECORDS, total, total)
-    from twin.planning.kind import assembly_kind
 
     completed = run.outcome == "completed"
     ended = run.outcome != "aborted"
