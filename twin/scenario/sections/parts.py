@@ -63,6 +63,14 @@ class PartSection(ShapedSection):
     insert: Direction = (0.0, 0.0, -1.0)
     take_out: Direction = (0.0, 0.0, 1.0)
 
+    @model_validator(mode="after")
+    def _comes_from_somewhere(self) -> PartSection:
+        if (self.start is None) == (self.source is None):
+            raise ValueError(
+                "where does it come from? Give start, a pose, or source, the name of one"
+            )
+        return self
+
 
 class PartGripSection(Section):
     """Rules for the grips on one part, in place of those of the assembly.
@@ -94,14 +102,6 @@ class PartGripSection(Section):
     finger_depth_m: Distance | None = None
     suction: bool | None = None
     cup_m: Distance | None = None
-
-    @model_validator(mode="after")
-    def _comes_from_somewhere(self) -> PartSection:
-        if (self.start is None) == (self.source is None):
-            raise ValueError(
-                "where does it come from? Give start, a pose, or source, the name of one"
-            )
-        return self
 
 
 class GripSection(Section):
