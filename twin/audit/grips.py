@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from planning.cell.workcell import PlacedRobot
+from planning.transforms import Transform
 from twin.audit.motion.executed import ObjectRow
 from twin.audit.motion.sampling import Stretch
 from twin.audit.violation import Violation
@@ -16,6 +18,9 @@ GRIP = 0.005
 """What is held may be this far away from the closed tool of its holder [m]."""
 
 _FAR = 10.0
+
+_PLAY = 1e-4
+"""A box may be wider than its fingers open by this: rounding of files [m]."""
 
 
 class GripWatch:
@@ -67,12 +72,37 @@ class GripWatch:
             for track in tracks
         )
         thinnest = min(2.0 * float(np.min(track.shape.half)) for track in tracks)
-        closing = max(0.0, 0.5 * (self._opening - thinnest))
+        placed = self._world.cell.robot(holder)
+        grip, opening = placed.model.grip, self._opening
+        if grip is not None:
+            opening = 0.0 if grip.opening is None else grip.opening[1]
+        closing = max(0.0, 0.5 * (opening - thinnest))
+        t = float(stretch.t[0])
+        if grip is not None and grip.opening is not None:
+            width = self._width(name, placed, stretch.placements[name].pose)
+            if width is not None and width > opening + _PLAY:
+                detail = (
+                    f"is {width * 1e3:.2f} mm wide between the fingers of {grip.tool}, which open to"
+                    f" {opening * 1e3:.2f} mm"
+                )
+                self._open[name] = Violation(
+                    t, t, name, holder, width - opening, detail, "grip"
+                )
+                return
         if gap > GRIP + closing:
-            t = float(stretch.t[0])
             detail = f"is held {gap * 1e3:.2f} mm away from {tool}"
             detail += f", which closes by {closing * 1e3:.2f} mm" if closing else ""
             self._open[name] = Violation(t, t, name, holder, gap, detail, "grip")
+
+    def _width(self, name: str, holder: PlacedRobot, held: Transform) -> float | None:
+        """Return how wide a box is along the axis in which fingers close [m].
+
+        None where that cannot be told: of what is no box, fingers may grip any part.
+        """
+        item, tool = self._world.cell.object(name), holder.model.frames.get("tool")
+        if tool is None or not item.shape.is_box:
+            return None
+        return float(np.abs(held[:3, :3].T @ tool[:3, 1]) @ item.size)
 
 
 def tool_shapes(world: AuditWorld, robot: int) -> list[Shape]:

@@ -6,10 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from planning.cell.robot_model import RobotModel, ToolGrip
+from planning.cell.shape import Element
+from planning.errors import FittingError, ShapeError
 from planning.robots.descriptions.fitting import Fitting, Limits, Tool
 from planning.robots.registry import robot_model, with_tool
+from twin.planning.build_shape import build_shape
 from twin.scenario.sections.cell import RobotSection
 from twin.scenario.sections.poses import build_transform
+from twin.scenario.sections.shapes import ShapeSection
 from twin.scenario.sections.tools import LimitsSection, ToolSection
 
 
@@ -46,7 +50,11 @@ def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:
     holds = section.suction or opening is not None
     return Tool(
         name=name,
-        description=Path(folder, section.description).resolve(),
+        description=None
+        if section.description is None
+        else Path(folder, section.description).resolve(),
+        shapes=_shapes(name, section, folder),
+        within=section.within_m,
         held=section.joints,
         mount=build_transform(section.mount),
         tcp=None if section.tcp is None else build_transform(section.tcp),
@@ -54,6 +62,17 @@ def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:
         frames={key: build_transform(pose) for key, pose in section.frames.items()},
         grip=ToolGrip(opening, name) if holds else None,
     )
+
+
+def _shapes(name: str, section: ToolSection, folder: Path) -> tuple[Element, ...]:
+    """Return the forms of a tool that is made of shapes."""
+    if not section.shapes:
+        return ()
+    whole = ShapeSection(compound=section.shapes)
+    try:
+        return build_shape(name, whole, folder).elements
+    except ShapeError as error:
+        raise FittingError(f"the tool {name!r}: {error}", key="tool") from None
 
 
 def build_limits(section: LimitsSection) -> Limits:

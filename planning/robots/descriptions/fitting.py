@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from planning.cell.robot_model import ToolGrip
+from planning.cell.shape import Element
 from planning.transforms import Transform, identity
 
 
@@ -17,7 +18,10 @@ class Tool:
 
     Attributes:
         name: unique in the cell.
-        description: its URDF or MJCF file.
+        description: its URDF or MJCF file; None for a tool of shapes.
+        shapes: what a tool without a description is made of, in the frame of its one link.
+        within: how deep a hollow of the meshes of its description may be that convex pieces fill;
+            None for one hull a mesh [m].
         held: its joints and the values they are held at, those left out at zero [rad or m].
         mount: pose of its root link in the flange frame of a robot.
         tcp: pose of the point at which it works in the frame of its root link, z out of the
@@ -28,7 +32,9 @@ class Tool:
     """
 
     name: str
-    description: Path
+    description: Path | None = None
+    shapes: tuple[Element, ...] = ()
+    within: float | None = None
     held: Mapping[str, float] = field(default_factory=dict)
     mount: Transform = field(default_factory=identity)
     tcp: Transform | None = None

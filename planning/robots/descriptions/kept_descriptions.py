@@ -34,7 +34,7 @@ def keep_description(root: Element, name: str) -> Path:
     for source in meshes:
         stat = os.stat(source)
         digest.update(f"{source} {stat.st_mtime_ns} {stat.st_size}".encode())
-    folder = _folder() / digest.hexdigest()[:16]
+    folder = kept_folder() / digest.hexdigest()[:16]
     path = folder / f"{name}.urdf"
     if not path.exists():
         (folder / "meshes").mkdir(parents=True, exist_ok=True)
@@ -48,7 +48,8 @@ def keep_description(root: Element, name: str) -> Path:
 
 
 @cache
-def _folder() -> Path:
+def kept_folder() -> Path:
+    """Return a folder that is there as long as the program runs."""
     folder, owner = Path(tempfile.mkdtemp(prefix="assembly-twin-")), os.getpid()
 
     def remove() -> None:

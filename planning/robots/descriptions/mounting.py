@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from planning.errors import FittingError, RobotModelError
+from planning.errors import FittingError, RobotModelError, ShapeError
 from planning.robots.descriptions.fitting import Fitting, Limits, Tool
 from planning.robots.descriptions.flange import flange_link, tip_link
 from planning.robots.descriptions.held_joints import (
@@ -26,6 +26,7 @@ from planning.robots.descriptions.held_joints import (
 )
 from planning.robots.descriptions.mesh_files import find_mesh_of_package, search_folders
 from planning.robots.descriptions.read_description import read_description
+from planning.robots.descriptions.shape_links import cut_meshes, urdf_of_shapes
 from planning.robots.descriptions.urdf_file import (
     UrdfOptions,
     checked_tree,
@@ -196,12 +197,17 @@ def _mount(
     root: Element, flange: str, tool: Tool
 ) -> tuple[tuple[str, ...], dict[str, Transform]]:
     """Add a tool to an arm; return its links and its frames in the frame of the flange."""
-    path = tool.description
-    body = read_description(path)
+    path = tool.description or Path(tool.name)
+    if tool.description is None:
+        body = urdf_of_shapes(tool.name, tool.shapes)
+    else:
+        body = read_description(path)
     dirs = search_folders(path)
     tree = checked_tree(body, path, dirs, free_kinds(body))
     hold_all(body, path, tool.held)
     _meshes_in_full(body, dirs)
+    if tool.within is not None:
+        _cut(body, path, tool.within)
     without_prefixes(body)
     tcp = _tcp(body, tree.root, tool)
     _rename(body, f"{tool.name}.")
@@ -221,6 +227,13 @@ def _mount(
     return links, frames
 
 
+def _cut(body: Element, path: Path, within: float) -> None:
+    try:
+        cut_meshes(body, within)
+    except ShapeError as error:
+        raise RobotModelError(f"{path}: {error}") from None
+
+
 def _tcp(body: Element, top: str, tool: Tool) -> Transform:
     """Return the point at which a tool works, in the frame of its root link."""
     if tool.tcp is not None:
@@ -230,7 +243,7 @@ def _tcp(body: Element, top: str, tool: Tool) -> Transform:
     if tip is None:
         raise RobotModelError(
             f"the tool {tool.name!r} needs a 'tcp', the point between its fingers or at its end as seen"
-            f" from link {top!r}: no link of {tool.description} is named as one"
+            f" from link {top!r}: no link of it is named as one"
         )
     joints = {_end(joint, "child"): joint for joint in body.findall("joint")}
     pose = np.eye(4)

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from twin.scenario.document.section import Name, Section, Several
 from twin.scenario.sections.poses import Coordinate, PoseSection
+from twin.scenario.sections.shapes import Length, PlacedShapeSection
 
 Opening = Annotated[float, Field(ge=0, le=10)]
 JointName = Annotated[str, Field(min_length=1, max_length=256)]
@@ -21,6 +22,10 @@ class ToolSection(Section):
 
     Attributes:
         description: path of a URDF or MJCF file, relative to the scenario's.
+        shapes: what a tool without a description is made of, in place of it: shapes, each in its
+            place.
+        within_m: how deep a hollow of a mesh of the description may be that convex pieces fill;
+            default: each mesh is taken for its convex hull.
         mount: pose of its root link in the flange frame of the robot that carries it.
         tcp: pose of the point at which it works in the frame of its root link: z out of the hand,
             between the fingers; default: its link that is named as one, such as tcp.
@@ -33,7 +38,9 @@ class ToolSection(Section):
         frames: further frames by name, each a pose in the frame of its root link.
     """
 
-    description: Annotated[str, Field(min_length=1, max_length=4096)]
+    description: Annotated[str, Field(min_length=1, max_length=4096)] | None = None
+    shapes: tuple[PlacedShapeSection, ...] = ()
+    within_m: Length | None = None
     mount: PoseSection = PoseSection(xyz_m=(0.0, 0.0, 0.0))
     tcp: PoseSection | None = None
     joints: HeldJoints = Field(default_factory=dict)
@@ -41,6 +48,14 @@ class ToolSection(Section):
     opening_m: Several[Opening] | Opening | None = None
     suction: bool = False
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _something(self) -> ToolSection:
+        if (self.description is None) == (not self.shapes):
+            raise ValueError("give description or shapes, one of them")
+        if self.description is None and (self.joints or self.within_m is not None):
+            raise ValueError("joints and within_m belong to a description")
+        return self
 
     @model_validator(mode="after")
     def _one_way_to_hold(self) -> ToolSection:
