@@ -92,13 +92,7 @@ def overview(model: RobotModel) -> Overview:
     held = tuple(
         row for joint in root.findall("joint") if (row := _held(joint)) is not None
     )
-    notes = written_options(root)
-    tool = set(notes.tool_links or ()) if notes else set[str]()
-    tool |= {
-        part.body.name.rpartition("_")[0]
-        for part in model.parts
-        if part.group == "tool"
-    }
+    tool = _tool_links(root, model)
     links = _links(root, values, model.urdf, tool, model.flange_link)
     return Overview(model, moving + held, links, tuple(_words(model, links)))
 
@@ -208,6 +202,27 @@ def _words(model: RobotModel, links: tuple[LinkRow, ...]) -> list[str]:
     if tip is not None:
         out.append(f"the link {tip!r} is named as a tool's tip")
     return out
+
+
+def tool_mass(model: RobotModel) -> float:
+    """Return the mass of a robot's tool, as far as its description tells it [kg]."""
+    root = read_xml(model.urdf)
+    tool = _tool_links(root, model)
+    return sum(
+        float(mass.get("value", "0"))
+        for link in root.findall("link")
+        if link.get("name") in tool and (mass := link.find("inertial/mass")) is not None
+    )
+
+
+def _tool_links(root: Element, model: RobotModel) -> set[str]:
+    notes = written_options(root)
+    tool = set(notes.tool_links or ()) if notes else set[str]()
+    return tool | {
+        part.body.name.rpartition("_")[0]
+        for part in model.parts
+        if part.group == "tool"
+    }
 
 
 def flange_doubt(model: RobotModel) -> str | None:

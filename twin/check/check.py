@@ -17,6 +17,7 @@ from twin.check.tools import (
     check_flanges,
     check_grips,
     check_openings,
+    check_payloads,
     check_tool_frames,
 )
 from twin.scenario.document.problems import InvalidScenarioError, Problem
@@ -34,6 +35,7 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
     check_flanges,
     check_tool_frames,
     check_openings,
+    check_payloads,
     check_skill_times,
     check_speeds,
 )

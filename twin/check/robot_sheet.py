@@ -150,6 +150,10 @@ def _of_tool(
         "its joints are held as below: 'joints' of a tool, or --hold, holds them elsewhere",
     )
     rows = [(row.name.removeprefix(prefix), f"{row.lower:.6g}") for row in joints]
+    links = [
+        row if row.parent.startswith(prefix) else replace(row, parent="", joint="")
+        for row in links
+    ]
     columns, shown = _links(links, root)
     extents = _extents(model, inverse(model.flange))
     columns = (*columns, "bodies from [m]", "bodies to [m]")

@@ -13,7 +13,7 @@ from planning.geometry.exact import Solid, distance_at
 from planning.parts.assembly import GripRules
 from planning.parts.grips import thinnest
 from planning.parts.tool_grips import tool_grips, tool_rules
-from planning.robots.overview import flange_doubt
+from planning.robots.overview import flange_doubt, tool_mass
 from planning.transforms import Array, readonly
 from twin.check.finding import Finding, Findings, Subject, millimetres
 from twin.scenario.sections.construction import ConstructionSection
@@ -143,6 +143,26 @@ def check_flanges(subject: Subject) -> Findings:
             yield Finding(at, f"flange of {robot.name} ({model.name}): {doubt}")
 
 
+def check_payloads(subject: Subject) -> Findings:
+    """Yield parts that are too heavy for every robot, its tool counted."""
+    if not isinstance(subject.scenario.assembly, PartsSection):
+        return
+    free: dict[str, float] = {}
+    for robot in subject.cell.robots:
+        drives = robot.model.drives
+        if drives is None or not np.isfinite(drives.payload):
+            return  # nobody knows what it carries
+        free[robot.name] = drives.payload - tool_mass(robot.model)
+    listing = ", ".join(f"{name} {left:.3g} kg" for name, left in free.items())
+    for part in subject.cell.objects:
+        if not part.fixed and part.mass > max(free.values()):
+            yield Finding(
+                subject.thing_at(part.name, "mass_kg"),
+                f"{part.name} weighs {part.mass:g} kg, which no robot carries beside its tool ({listing};"
+                " limits.payload_kg)",
+            )
+
+
 def check_openings(subject: Subject) -> Findings:
     """Yield fingers that are held farther apart than they open, or nearer than parts are wide."""
     seen: set[RobotModel] = set()
@@ -151,14 +171,19 @@ def check_openings(subject: Subject) -> Findings:
         if model in seen or model.grip is None or model.grip.opening is None:
             continue
         seen.add(model)
-        gap = finger_gap(model, model.frames.get("tool", np.eye(4)))
-        if gap is None:
-            continue
         least, most = model.grip.opening
         if most == 0.0:
             continue
+        gap = finger_gap(model, model.frames.get("tool", np.eye(4)))
         tool, at = model.grip.tool, subject.robot_at(robot.name, "tool", "model")
-        if gap > most + _PLAY or gap < least - _PLAY:
+        if gap is None:
+            yield Finding(
+                at,
+                f"there is nothing of {tool} on both sides of its tcp along the axis in which its fingers"
+                " close: its description has no fingers, or 'tcp' or 'closing' is wrong (twin robots"
+                " shows where everything is)",
+            )
+        elif gap > most + _PLAY or gap < least - _PLAY:
             yield Finding(
                 at,
                 f"the fingers of {tool} are held {millimetres(gap)} apart, and opening_m is"

@@ -21,7 +21,7 @@ from planning.transforms import Array, Transform, inverse, translation
 _MOST_INCLUDES = 100
 _UNLIMITED = 1e6
 
-_WORLD = "world"
+_WORLD, _ORIGIN = "world", "world.origin"
 _FRAMES = pinocchio.FrameType
 
 
@@ -93,6 +93,12 @@ def _prepare(root: Element, path: Path) -> None:
         for joint in (*body.findall("freejoint"), *body.findall("joint")):
             if joint.tag == "freejoint" or joint.get("type") == "free":
                 body.remove(joint)
+    # pinocchio takes the first body for the world, wherever it is.
+    for world in root.findall("worldbody"):
+        content = list(world)
+        for child in content:
+            world.remove(child)
+        SubElement(world, "body", name=_ORIGIN).extend(content)
     for element in root.iter():
         if element.tag in ("geom", "site"):
             element.attrib.pop("material", None)

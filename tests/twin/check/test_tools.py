@@ -1,4 +1,7 @@
-"""Tool frames: those of packaged robots are at their tools, an X-forward flange is not."""
+"""Tool frames: those of packaged robots are at their tools, an X-forward flange is not.
+
+Tools of cells: fingers that are where they say, parts that they can hold and carry.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,10 @@ import pytest
 
 from planning.robots.registry import ROBOTS, robot_model
 from planning.transforms import from_rpy
+from tests.planning.robots.descriptions.vendors import GRIPPER, ur5e
+from twin.check.check import check_scenario
 from twin.check.tools import misplaced
+from twin.scenario.file import read_scenario
 
 LINK = (
     '<link name="l{0}"><collision><origin xyz="0 0 0.05"/><geometry>'
@@ -67,3 +73,115 @@ def test_a_frame_too_far_from_the_tool_is_found() -> None:
     pose = from_rpy((0.0, 0.0, 0.2), (0.0, 0.0, 0.0))
     (words,) = misplaced(robot_model("panda"), pose)
     assert "mm away from the tool" in words
+
+
+CELL = """\
+version: 1
+name: hands
+cell:
+  tools:
+    hand: {description: hand.urdf, joints: {squeeze: 0.03}, opening_m: 0.08}
+  robots:
+    - {name: arm, model: ARM, tool: hand, home_deg: [0, -100, 110, -100, -90, 0], limits: {payload_kg: 3}}
+  fixtures:
+    - {name: table, size_m: [1.6, 1.6, 0.04], pose: {xyz_m: [0, 0, -0.03]}}
+assembly:
+  kind: assembly
+  grips: {positions: 1, depth_m: 0.02}
+  parts:
+    - {name: a, size_m: [0.06, 0.04, 0.04], start: {xyz_m: [0.5, 0.1, 0.01]}, goal: {xyz_m: [0.5, -0.1, 0.01]}, mass_kg: 1}
+  steps: [a]
+planning: {speed_model: joint}
+execution:
+  skills: {pick: {kind: fixed, value_s: 1}, place-down: {kind: fixed, value_s: 1}}
+"""
+
+
+def findings(folder: Path, old: str, new: str) -> list[tuple[str, int, bool]]:
+    """Return what is found in the cell with something else in it: words, line, whether an error."""
+    assert old in CELL
+    (folder / "hand.urdf").write_text(GRIPPER)
+    file = folder / "cell.yaml"
+    file.write_text(CELL.replace(old, new, 1).replace("ARM", "ur5e"))
+    report = check_scenario(*read_scenario(file), folder)
+    return [
+        (item.message, report.problem(item).mark.line, item.error)
+        for item in report.findings
+    ]
+
+
+def test_a_sound_hand_passes(tmp_path: Path) -> None:
+    assert findings(tmp_path, "version: 1", "version: 1") == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words", "line", "error"),
+    [
+        (
+            "opening_m: 0.08}",
+            "opening_m: 0.05}",
+            "hand are held 60.0 mm apart",
+            7,
+            False,
+        ),
+        (
+            "opening_m: 0.08}",
+            "opening_m: 0.08, closing: x}",
+            "nothing of hand on both sides",
+            7,
+            False,
+        ),
+        (
+            "size_m: [0.06, 0.04, 0.04]",
+            "size_m: [0.1, 0.1, 0.1]",
+            "and hand opens to 80.0 mm",
+            14,
+            True,
+        ),
+        ("opening_m: 0.08}", "opening_m: 0}", "and hand holds nothing", 14, True),
+        (
+            "mass_kg: 1}",
+            "mass_kg: 3.5}",
+            "a weighs 3.5 kg, which no robot carries",
+            14,
+            False,
+        ),
+        (
+            "squeeze: 0.03}, ",
+            "squeeze: 0.03}, mount: {xyz_m: [0, 0, 0], rpy_deg: [0, 90, 0]}, ",
+            "",
+            0,
+            False,
+        ),
+    ],
+)
+def test_a_hand_that_does_not_fit_is_found(
+    tmp_path: Path, old: str, new: str, words: str, line: int, error: bool
+) -> None:
+    found = findings(tmp_path, old, new)
+    if not words:  # a tool across the flange is a tool like others
+        assert not any("flange of arm" in message for message, _, _ in found)
+        return
+    assert any(
+        words in message and (at, bad) == (line, error) for message, at, bad in found
+    ), found
+
+
+def test_an_x_forward_flange_under_a_tool_is_found(tmp_path: Path) -> None:
+    """The arm of a vendor of ROS-Industrial's: its link flange is asked for, tool0 is right."""
+    vendor = str(ur5e())
+    for flange, doubtful in (("flange", True), ("tool0", False)):
+        text = CELL.replace("ARM", f"{vendor}, flange: {flange}")
+        file = tmp_path / "cell.yaml"
+        (tmp_path / "hand.urdf").write_text(GRIPPER)
+        file.write_text(text)
+        report = check_scenario(*read_scenario(file), tmp_path)
+        words = [item.message for item in report.findings if not item.error]
+        assert any("x points out of the flange" in w for w in words) == doubtful
+    turned = "squeeze: 0.03}, mount: {xyz_m: [0, 0, 0], rpy_deg: [0, 90, 0]}"
+    text = text.replace("flange: tool0", "flange: flange")
+    file.write_text(text.replace("squeeze: 0.03}", turned))
+    report = check_scenario(*read_scenario(file), tmp_path)
+    assert not any(
+        "points out of the flange" in item.message for item in report.findings
+    )

@@ -50,7 +50,8 @@ ARM = """<mujoco><worldbody><body name="foot"><geom type="box" size="0.1 0.1 0.1
 
 
 PLAIN = """<mujoco model="plain"><compiler angle="radian"/><worldbody>
-  <body name="base"><geom type="box" size="0.1 0.1 0.1"/>
+  <body name="base" pos="0.1 -0.2 0.3" quat="0.9238795 0 0.3826834 0">
+    <geom type="box" size="0.1 0.1 0.1"/>
     <body name="first" pos="0 0.1 0.2" quat="0.9238795 0 0 0.3826834">
       <joint name="slide" type="slide" axis="0 1 0" pos="0 0 0" range="0 1"/>
       <geom type="box" size="0.02 0.02 0.02"/>
@@ -96,7 +97,10 @@ def poses_of_bullet(path: Path, values: dict[str, float]) -> dict[str, Transform
 
 
 def test_bodies_are_where_pinocchio_puts_them(hand: Path) -> None:
-    """Joints off the origin of their body, turned bodies, and a joint that follows another."""
+    """Joints off the origin of their body, turned bodies, and a joint that follows another.
+
+    pinocchio leaves out where the first body is, so what is compared is seen from there.
+    """
     import pinocchio
 
     values = {"right": 0.03, "bend": 0.4}
@@ -109,11 +113,15 @@ def test_bodies_are_where_pinocchio_puts_them(hand: Path) -> None:
     data = mjcf.createData()
     pinocchio.framesForwardKinematics(mjcf, data, q)
     found = link_poses(model.urdf, {})
-    root = inverse(found["h.world"])
-    for body in ("palm", "left", "nail", "right"):
+    palm = inverse(found["h.palm"])
+    for body in ("left", "nail", "right"):
         number = mjcf.getFrameId(body, pinocchio.FrameType.BODY)
         wanted = data.oMf[number].homogeneous
-        assert np.allclose(root @ found[f"h.{body}"], wanted, atol=1e-7), body
+        assert np.allclose(palm @ found[f"h.{body}"], wanted, atol=1e-7), body
+    there = inverse(found["h.world"]) @ found["h.palm"]
+    half = np.pi / 8
+    turned = (np.cos(half), 0, 0, np.sin(half))
+    assert np.allclose(there, from_quat_wxyz((0, 0, 0.01), turned), atol=1e-6)
 
 
 def test_bodies_are_where_bullet_puts_them(tmp_path: Path) -> None:
