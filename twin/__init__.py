@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from twin.api.studies import Study as Study
     from twin.api.studies import resume_study as resume_study
     from twin.api.studies import study as study
+    from twin.study.replications.statistics import Precision as Precision
 
 _HOMES = {
     "LoadedScenario": "twin.api.scenarios",
@@ -50,6 +51,7 @@ _HOMES = {
     "Study": "twin.api.studies",
     "study": "twin.api.studies",
     "resume_study": "twin.api.studies",
+    "Precision": "twin.study.replications.statistics",
     "Comparison": "twin.api.comparisons",
     "compare": "twin.api.comparisons",
     "replay": "twin.api.replays",
@@ -57,9 +59,18 @@ _HOMES = {
 }
 
 __all__ = [
-    *("Audit", "Check", "Comparison", "LoadedScenario", "Plan", "SimulatedRun"),
-    *("Study", "TwinError", "audit", "check", "compare", "load", "plan", "read_plan"),
-    *("read_run", "replay", "resume_study", "run", "simulate", "study"),
+    *("Audit", "Check", "Comparison", "LoadedScenario", "Plan", "Precision"),
+    *(
+        "SimulatedRun",
+        "Study",
+        "TwinError",
+        "audit",
+        "check",
+        "compare",
+        "load",
+        "plan",
+    ),
+    *("read_plan", "read_run", "replay", "resume_study", "run", "simulate", "study"),
 ]
 
 

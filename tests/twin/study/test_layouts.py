@@ -228,3 +228,28 @@ def test_a_study_is_of_the_plan_that_is_run(
     rows = found.replications.to_pylist()
     (first,) = (r for r in rows if r["policy"] == own and r["replication"] == 0)
     assert first["makespan_s"] == twin.simulate(plan).makespan_s
+
+
+def test_lists_words_and_nothing_are_values_too(tmp_path: Path) -> None:
+    vary = {
+        "cell.robots.right.base.xyz_m": [[0.6, 0, 0], [0.7, 0, 0]],
+        "planning.speed_model": ["l1", "joint"],
+        "cell.robots.left.home_deg": [None],
+        "assembly.parts.cover.start.rpy_deg": [[0.0, 0.0, 0.0]],
+    }
+    arguments = [f"--vary={key}={json.dumps(v)[1:-1]}" for key, v in vary.items()]
+    done = CliRunner().invoke(
+        app,
+        [
+            *("study", "tray", "-n", "5", "--policy", "asynchronous", "--workers", "0"),
+            *("--out", str(tmp_path / "study"), *arguments),
+        ],
+    )
+    assert done.exit_code == 0, done.output
+    table = done.stdout.partition("worth fixing")[0]
+    assert "home_deg" not in table  # one value is not worth a column
+    summary = json.loads((tmp_path / "study/summary.json").read_text())
+    rows = [row["variant"]["planning.speed_model"] for row in summary["ranking"]]
+    assert rows == ["joint", "joint", "l1", "l1"]
+    names = [path.name for path in (tmp_path / "study").iterdir()]
+    assert max(map(len, names)) < 200

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from textwrap import fill
@@ -98,9 +99,9 @@ def draw_response(
             continue
         others = {k: v for k, v in cell["variant"].items() if k != key}
         label = cell_label({"policy": cell["policy"], "variant": others})
-        entry = (cell["variant"][key], cell["makespan_s"])
+        entry = (_plain(cell["variant"][key]), cell["makespan_s"])
         lines.setdefault((cell["policy"], label), []).append(entry)
-    values = list(dict.fromkeys(cell["variant"][key] for cell in summary["cells"]))
+    values = list(dict.fromkeys(_plain(c["variant"][key]) for c in summary["cells"]))
     numeric = all(isinstance(value, int | float) for value in values)
     lines_each = max([1, *Counter(policy for policy, _ in lines).values()])
     seen: dict[str, int] = {}
@@ -130,6 +131,11 @@ def draw_response(
     axes.set_ylim(bottom=0)
     legend_below(axes)
     return figure
+
+
+def _plain(value: Any) -> Any:
+    """Return a value that has a place on an axis: what is no number or word as text."""
+    return value if isinstance(value, int | float | str) else json.dumps(value)
 
 
 def _known(bound: float | None, entry: Mapping[str, Any]) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -60,6 +61,9 @@ _FIRST, _LATER = 7, 5
 
 _CRITICAL = 10
 
+_LONGEST_NAME = 150
+"""Letters of a label in the name of a file; file systems allow some 250."""
+
 Pieces = Iterator[str]
 
 
@@ -103,6 +107,14 @@ def shown_cell(summary: Mapping[str, Any], policies: Sequence[str]) -> int:
 
 def _label(result: StudyResult, cell: int) -> str:
     return cell_label(result.summary["cells"][cell])
+
+
+def _file_name(label: str) -> str:
+    """Return a label as part of the name of a file, with a hash in place of what is too long."""
+    name = re.sub(r"[^a-z0-9.]+", "-", label.lower()).strip("-")
+    if len(name) <= _LONGEST_NAME:
+        return name
+    return f"{name[:_LONGEST_NAME]}-{hashlib.sha256(label.encode()).hexdigest()[:8]}"
 
 
 def _drawn(result: StudyResult, figure: Figure, name: str) -> str:
@@ -197,7 +209,7 @@ def _cell(result: StudyResult, cell: int, progress: Report) -> Pieces:
     order = _in_order(result)
     label, load = _label(result, cell), result.loads[cell]
     drawn, first = order.index(cell) < _DRAWN, cell == order[0]
-    name = re.sub(r"[^a-z0-9.]+", "-", label.lower()).strip("-")
+    name = _file_name(label)
     yield heading(f"What decides: {label}")
     summary = result.summary["cells"][cell]
     if "makespan_s" not in summary:

@@ -95,7 +95,9 @@ def _print_ranking(
     """Print the layouts in their order under the policy that coordinates best."""
     policy = shown_policy(policies)
     rows = ranking_rows(summary, policy)
-    keys = list(rows[0]["variant"])
+    keys = [
+        k for k in rows[0]["variant"] if len({str(r["variant"][k]) for r in rows}) > 1
+    ]
     count = summary["cells"][rows[0]["cell"]]["replications"]
     table = Table(
         title=f"{summary['scenario']}: makespan in seconds of each layout, {policy},"

@@ -1,0 +1,117 @@
+"""Write docs/reference/python.md from the docstrings of the names that ``twin`` has.
+
+From the top of the repository: ``python docs/python_reference.py``.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import twin
+
+PAGE = Path(__file__).parent / "reference" / "python.md"
+
+FUNCTIONS = (
+    *("load", "check", "plan", "simulate", "run", "audit", "study", "compare"),
+    *("replay", "read_plan", "read_run", "resume_study"),
+)
+RESULTS = (
+    *("LoadedScenario", "Check", "Plan", "SimulatedRun", "Audit", "Study"),
+    *("Comparison", "Precision"),
+)
+
+_SECTION = re.compile(r"^(Args|Returns|Raises|Attributes):$")
+_ENTRY = re.compile(r"^    (\w[\w, ]*): (.*)$")
+
+
+def page() -> str:
+    """Return the page."""
+    parts = [
+        "# Python",
+        "Names of the package `twin`; how to use them is told in [From Python](../guides/python.md). This page is"
+        " made of their docstrings by `docs/python_reference.py`.",
+        "## Functions",
+        "`AnyScenario` is a scenario, the path of its file, or the name of one that comes with the program; `AnyPlan` is"
+        " that or a plan; `PathOrName` a path; `Report` a function that is called with the name of a stage, how much of it is"
+        " done, and how much there is in all.",
+    ]
+    for name in FUNCTIONS:
+        parts += [f"### twin.{name}", *_function(getattr(twin, name))]
+    parts.append("## Classes")
+    for name in RESULTS:
+        parts += [f"### twin.{name}", *_class(getattr(twin, name))]
+    parts += ["## Errors", "`twin.TwinError` is the base class of all errors."]
+    return "\n\n".join(parts) + "\n"
+
+
+def _function(function: Any) -> Iterator[str]:
+    signature = inspect.signature(function)
+    lines = []
+    keywords = False
+    for parameter in signature.parameters.values():
+        if parameter.kind is inspect.Parameter.KEYWORD_ONLY and not keywords:
+            keywords = True
+            lines.append("    *,")
+        # Annotations are texts already; a function has no text as default.
+        words = re.sub(r"<function (\w+) at \w+>", r"\1", str(parameter))
+        lines.append(f"    {words.replace(chr(39), '')},")
+    call = "\n".join([f"{function.__name__}(", *lines, ")"])
+    yield f"```python\n{call} -> {signature.return_annotation}\n```"
+    yield from _markdown(inspect.getdoc(function) or "")
+
+
+def _class(cls: type) -> Iterator[str]:
+    yield from _markdown(inspect.getdoc(cls) or "")
+    rows = []
+    own = {field.name for field in fields(cls)} if is_dataclass(cls) else set()
+    for name, member in vars(cls).items():
+        if name.startswith("_") or name in own:
+            continue
+        if isinstance(member, property | cached_property):
+            getter = member.fget if isinstance(member, property) else member.func
+            kind = inspect.signature(getter).return_annotation  # type: ignore[arg-type]
+            rows.append(f"| `{name}` | `{kind}` | {_first(member)} |")
+        elif inspect.isfunction(member):
+            names = [p for p in inspect.signature(member).parameters if p != "self"]
+            kind = inspect.signature(member).return_annotation
+            call = f"{name}({', '.join(names)})"
+            rows.append(f"| `{call}` | `{kind}` | {_first(member)} |")
+    if rows:
+        yield "\n".join(["| | | |", "|---|---|---|", *rows])
+
+
+def _first(member: Any) -> str:
+    """Return the first paragraph of a docstring, in one line of a table."""
+    text = " ".join((inspect.getdoc(member) or "").split("\n\n")[0].split())
+    return text.replace("``", "`").replace("|", "\\|")
+
+
+def _markdown(docstring: str) -> Iterator[str]:
+    """Yield the paragraphs of a docstring of Google's style; its sections become lists."""
+    for block in docstring.replace("``", "`").split("\n\n"):
+        first, _, rest = block.partition("\n")
+        section = _SECTION.match(first)
+        if section is None:
+            yield " ".join(block.split())
+            continue
+        yield f"*{'Arguments' if section[1] == 'Args' else section[1]}:*"
+        items: list[str] = []
+        for line in rest.splitlines():
+            entry = _ENTRY.match(line)
+            if entry is not None:
+                items.append(f"- `{entry[1]}`: {entry[2]}")
+            elif items:
+                items[-1] += f" {line.strip()}"
+            else:
+                items.append(line.strip())
+        yield "\n".join(items)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
