@@ -265,10 +265,10 @@ def _corners(planes: Array, inner: Array) -> Array:
 def _mass(
     bodies: list[tuple[Array, Indices]], hulls: list[Array]
 ) -> tuple[float, Array]:
-    """Return volume and centre of mass: of the mesh where all of it is closed, else of the hulls."""
+    """Return volume and centre of mass: of the mesh where its holes can be closed, else of the hulls."""
     import trimesh
 
-    meshes = [trimesh.Trimesh(*body, process=False) for body in bodies]
+    meshes = [trimesh.Trimesh(*_closed(*body), process=False) for body in bodies]
     volumes = np.array([float(mesh.volume) for mesh in meshes])
     if all(m.is_watertight and m.is_winding_consistent for m in meshes):
         if volumes.sum() < 0.0:

@@ -17,7 +17,7 @@ from planning.meshes.convex_pieces import Cut, TooManyPiecesError, cut_convex
 from planning.meshes.mesh_file import Triangles, read_mesh_bytes, read_triangles
 from planning.transforms import readonly
 
-_VERSION = b"1"
+_VERSION = b"2"
 """Changes whenever meshes are cut in another way."""
 
 _SHARES = (1.0 / 60.0, 1.0 / 20.0)

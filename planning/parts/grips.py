@@ -27,6 +27,9 @@ _OPPOSITE = np.cos(np.radians(15.0))
 """Fingers hold faces that are turned from the direction in which they close by no more."""
 
 _FLAT = 0.001
+_SAME = 0.002
+"""Grips that are nearer to each other than this are one [m]."""
+
 _LEVELS = 3
 _CLUSTER = np.cos(np.radians(10.0))
 _MOST_CLUSTERS = 10
@@ -227,7 +230,7 @@ def _holds(
     """Yield places of the tool frame at which fingers hold the part, with words."""
     view = _view(lines, turn)
     aside = 0.5 * rules.finger_width * np.array([-1.0, 0.0, 1.0])
-    seen: set[tuple[int, int, int]] = set()
+    seen: list[Array] = []
     ys = np.linspace(view.low[1], view.high[1], 15)
     for x in _places(float(view.low[0]), float(view.high[0]), rules):
         tops = view.tops(x + aside, ys)
@@ -235,10 +238,12 @@ def _holds(
             z = _depth_below(view, x, ys, top, rules)
             for stretch in view.across(x, z):
                 y = 0.5 * (stretch.begin + stretch.end)
-                key = (round(x * 1e4), round(y * 1e4), round(z * 1e4))
-                if key in seen or not _fits(view, stretch, (x, z), rules):
+                place = np.array([x, y, z])
+                if any(np.abs(place - other).max() < _SAME for other in seen):
                     continue
-                seen.add(key)
+                if not _fits(view, stretch, (x, z), rules):
+                    continue
+                seen.append(place)
                 at, width = view.point(x, y, z), stretch.end - stretch.begin
                 yield at, f"grip {width * 1e3:.0f} mm wide at ({_millimetres(at)})"
 

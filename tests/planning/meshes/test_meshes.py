@@ -1,0 +1,204 @@
+"""Meshes become convex pieces that contain them; what cannot be used is named with a remedy."""
+
+import struct
+
+import numpy as np
+import pytest
+import trimesh
+from trimesh.creation import annulus, box, icosphere
+
+from planning.errors import ShapeError
+from planning.meshes import mesh_form as module
+from planning.meshes.convex_pieces import _outside
+from planning.meshes.mesh_form import mesh_form
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    module._form.cache_clear()
+
+
+def written(mesh, path):
+    mesh.export(path)
+    return path
+
+
+def tray():
+    """Five boxes that touch, as a CAD program writes them: two walls end at the others."""
+    walls = [box((0.12, 0.08, 0.004))]
+    for x in (-0.058, 0.058):
+        walls.append(box((0.004, 0.08, 0.04)).apply_translation((x, 0, 0.02)))
+    for y in (-0.038, 0.038):
+        walls.append(box((0.12, 0.004, 0.04)).apply_translation((0, y, 0.02)))
+    return trimesh.util.concatenate(walls)
+
+
+def ring(sections=24):
+    return annulus(r_min=0.02, r_max=0.04, height=0.03, sections=sections)
+
+
+def with_holes(mesh, *gone):
+    keep = np.ones(len(mesh.faces), bool)
+    keep[list(gone)] = False
+    mesh = mesh.copy()
+    mesh.update_faces(keep)
+    return mesh
+
+
+def beyond(form, points):
+    return float(np.min([_outside(hull, points) for hull in form.hulls], axis=0).max())
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".obj", ".STL"])
+@pytest.mark.parametrize(
+    ("mesh", "pieces"),
+    [(box((0.1, 0.2, 0.3)), 1), (icosphere(2, 0.02), 1), (tray(), 5)],
+    ids=["box", "ball", "tray"],
+)
+def test_convex_bodies_are_their_hulls(mesh, pieces, suffix, tmp_path):
+    form = mesh_form(written(mesh, tmp_path / f"part{suffix}"))
+    assert len(form.hulls) == pieces
+    assert len(form.faces) == len(mesh.faces)
+    assert form.volume == pytest.approx(mesh.volume, rel=1e-4)
+    np.testing.assert_allclose(form.centre, mesh.center_mass, atol=1e-6)
+    points = trimesh.sample.sample_surface(mesh, 500, seed=1)[0]
+    assert beyond(form, points) <= 1e-6
+
+
+def test_pieces_of_a_ring_contain_it_and_leave_its_hole_open(tmp_path, monkeypatch):
+    mesh = ring()
+    file = written(mesh, tmp_path / "ring.stl")
+    form = mesh_form(file)
+    points = trimesh.sample.sample_surface(mesh, 3000, seed=7)[0]
+    assert beyond(form, points) <= form.missed + 2e-5
+    assert form.missed <= 1e-5
+    # Hollows are filled by a sixtieth of the longest edge at most; the hole is 20 mm wide.
+    inner = trimesh.creation.cylinder(0.02 - 0.08 / 60 - 5e-4, 0.03).vertices
+    assert min(_outside(hull, inner).min() for hull in form.hulls) > 0.0
+    assert form.volume == pytest.approx(mesh.volume, rel=1e-4)
+
+    # The next time they are remembered, also for a copy of the file.
+    def never(*_):
+        raise AssertionError("cut again")
+
+    monkeypatch.setattr(module, "cut_convex", never)
+    module._form.cache_clear()
+    again = mesh_form(written(mesh, tmp_path / "copy.stl"))
+    for one, other in zip(form.hulls, again.hulls, strict=True):
+        np.testing.assert_array_equal(one, other)
+    with pytest.raises(AssertionError, match="cut again"):
+        mesh_form(file, within=0.004)
+
+
+def test_a_damaged_cache_is_made_anew(tmp_path):
+    file = written(box((0.1, 0.1, 0.1)), tmp_path / "a.stl")
+    mesh_form(file)
+    (kept,) = module.cache_folder().iterdir()
+    kept.write_bytes(b"no arrays")
+    module._form.cache_clear()
+    assert len(mesh_form(file).hulls) == 1
+
+
+def test_millimetres_and_holes(tmp_path):
+    big = with_holes(icosphere(2, 25.0), 3, 150, 300)
+    form = mesh_form(written(big, tmp_path / "mm.stl"), 0.001)
+    assert len(form.hulls) == 1
+    np.testing.assert_allclose(np.ptp(form.vertices, axis=0), 0.05, rtol=0.02)
+    whole = icosphere(2, 0.025).volume
+    assert form.volume == pytest.approx(whole, rel=0.05)
+
+
+def test_an_open_ring_is_closed(tmp_path):
+    form = mesh_form(written(with_holes(ring(), 5, 17), tmp_path / "open.stl"))
+    assert len(form.hulls) < 30
+    points = trimesh.sample.sample_surface(ring(), 2000, seed=2)[0]
+    assert beyond(form, points) <= 1e-3
+
+
+def test_a_fine_ball_has_few_corners_around_it(tmp_path):
+    mesh = icosphere(5, 0.02)
+    form = mesh_form(written(mesh, tmp_path / "fine.stl"))
+    (hull,) = form.hulls
+    assert len(hull) < 200
+    assert beyond(form, mesh.vertices) <= 1e-5
+    assert np.linalg.norm(hull, axis=1).max() < 0.0225
+
+
+def stl(*triangles):
+    body = b"".join(
+        struct.pack("<12fH", 0, 0, 0, *np.ravel(t).tolist(), 0) for t in triangles
+    )
+    return bytes(80) + struct.pack("<I", len(triangles)) + body
+
+
+FLAT = stl([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 0, 0), (0, 1, 0), (-1, 0, 0)])
+LINE = stl([(0, 0, 0), (1, 0, 0), (2, 0, 0)])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("gone.stl", None, r"gone\.stl is not there: relative paths start at"),
+        ("a.step", b"", r"a\.step is of an unknown kind.*valid: \.stl, \.obj"),
+        ("a.stl", b"", r"a\.stl (cannot be read as STL|has no triangles)"),
+        (
+            "a.stl",
+            b"hello there, this is no mesh" * 9,
+            r"a\.stl (cannot be read|has no triangles).*export",
+        ),
+        (
+            "a.stl",
+            stl([(0, 0, 0)] * 3)[:-30],
+            r"a\.stl (cannot be read|has no triangles).*export",
+        ),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\n", r"a\.obj .*export"),
+        ("a.obj", b"v 0 0 0\nf 1 2 3\n", r"a\.obj .*export"),
+        ("a.stl", LINE, r"a\.stl has only triangles without an area"),
+        ("a.stl", FLAT, r"a\.stl is flat, .*give the sheet a thickness"),
+    ],
+)
+def test_useless_files_are_named_with_a_remedy(name, content, words, tmp_path):
+    file = tmp_path / name
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(ShapeError, match=words):
+        mesh_form(file)
+
+
+@pytest.mark.parametrize(
+    ("edge", "scale", "words"),
+    [
+        (
+            120.0,
+            None,
+            r"measures 120 x 120 x 120 m: if it is in millimetres, write scale",
+        ),
+        (120.0, 100.0, r"measures 1\.2e\+04 x .*write scale: 0\.001"),
+        (5e-5, None, r"less than a tenth of a millimetre"),
+    ],
+)
+def test_sizes_that_nothing_has_are_refused(edge, scale, words, tmp_path):
+    file = written(box((edge,) * 3), tmp_path / "cube.stl")
+    with pytest.raises(ShapeError, match=words):
+        mesh_form(file, scale)
+    if edge > 1.0:
+        assert mesh_form(file, 1.0).volume == pytest.approx(edge**3)
+    missing = np.array([[np.nan, 0, 0], [1, 0, 0], [0, 1, 0]])
+    file.write_bytes(stl(missing))
+    with pytest.raises(ShapeError, match=r"cube\.stl .*export it anew"):
+        mesh_form(file)
+
+
+def test_too_many_pieces_ask_for_a_coarser_cut(tmp_path):
+    grid = [
+        box((0.01, 0.01, 0.01)).apply_translation((0.03 * i, 0.03 * j, 0.03 * k))
+        for i in range(5)
+        for j in range(5)
+        for k in range(3)
+    ]
+    file = written(trimesh.util.concatenate(grid), tmp_path / "grid.stl")
+    with pytest.raises(
+        ShapeError, match=r"grid\.stl: .*75 convex pieces, more than 64"
+    ):
+        mesh_form(file)

@@ -1,0 +1,168 @@
+"""Grips on parts that are no boxes: fingers meet opposite faces, cups find flat spots."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.cell.forms import Box, Capsule, Cylinder, Mesh
+from planning.cell.shape import Element, box_shape, shape_of
+from planning.meshes.convex_pieces import cut_convex
+from planning.meshes.mesh_file import Triangles
+from planning.parts.assembly import GripRules, box_grips
+from planning.parts.grips import part_grips
+from planning.transforms import from_rpy, identity
+
+EYE = identity()
+ANY = GripRules(
+    positions=3, steepest=np.pi, opening=0.04, depth=0.03, around=np.radians(45)
+)
+
+
+def of(*forms):
+    return shape_of("part", [Element(form, EYE) for form in forms])
+
+
+def of_mesh(mesh):
+    triangles = Triangles(np.array(mesh.vertices), np.array(mesh.faces))
+    cut = cut_convex(triangles, 0.002)
+    form = Mesh(triangles.vertices, triangles.faces, cut.hulls, cut.volume, cut.centre)
+    return of(form)
+
+
+@given(*[st.floats(0.01, 0.3)] * 3)
+def test_boxes_keep_their_grips(x, y, z):
+    shape, rules = box_shape("b", (x, y, z)), GripRules(tilts=(0.0, 0.3))
+    found = part_grips(shape, EYE, EYE, rules)
+    for one, other in zip(found, box_grips(shape.size, EYE, EYE, rules), strict=True):
+        np.testing.assert_array_equal(one.pose, other.pose)
+        assert one.words == other.words
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.005, 0.03), st.floats(0.03, 0.3), st.booleans())
+def test_fingers_close_on_a_bar_across_its_axis_or_on_its_ends(radius, length, ends):
+    shape = of(Capsule(radius, length) if ends else Cylinder(radius, length))
+    found = part_grips(shape, EYE, EYE, ANY)
+    full = length + 2 * radius * ends
+    if 2 * radius > 0.04 and full > 0.04:
+        assert not found
+    for grip in found:
+        pose = grip.pose
+        np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-9)
+        assert np.linalg.det(pose[:3, :3]) == pytest.approx(1.0)
+        closing, at = pose[:3, 1], pose[:3, 3]
+        assert abs(closing[2]) < 1e-9 or abs(closing[2]) > 1 - 1e-9
+        if abs(closing[2]) < 0.5:
+            # Across the axis: the line on which fingers close goes through it.
+            assert 2 * radius <= 0.04 + 1e-6
+            assert abs(at[0] * closing[1] - at[1] * closing[0]) < 2e-3 + 0.3 * radius
+            assert abs(at[2]) <= 0.5 * full + 1e-9
+        else:
+            assert full <= 0.04 + 2e-3
+    if 2 * radius <= 0.0395:
+        assert found
+
+
+@pytest.mark.parametrize(("around", "tools"), [(90, 2 * 4), (45, 2 * 8), (30, 2 * 12)])
+def test_a_finer_angle_gives_more_sides_of_a_bar(around, tools):
+    rules = GripRules(steepest=np.pi, positions=1, around=np.radians(around))
+    found = part_grips(of(Cylinder(0.01, 0.2)), EYE, EYE, rules)
+    aside = [g for g in found if abs(g.pose[2, 2]) < 0.5]
+    assert len(aside) == tools
+    from_above = GripRules(positions=1, around=np.radians(around))
+    lying = from_rpy((0, 0, 0), (0, np.pi / 2, 0))
+    for grip in part_grips(of(Cylinder(0.01, 0.2)), lying, lying, from_above):
+        assert (lying[:3, :3] @ grip.pose[:3, 2])[2] <= -0.5 + 1e-9
+
+
+def interval(mesh, at, closing):
+    """Return how far the triangles of a mesh are from a point, both ways along a line."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        way = np.einsum("fx,fx->f", a - at, normal) / (normal @ closing)
+        hit = at + way[:, None] * closing
+        inside = np.isfinite(way)
+        for p, q in ((a, b), (b, c), (c, a)):
+            inside &= np.einsum("fx,fx->f", np.cross(q - p, hit - p), normal) >= -1e-18
+    return min(-way[inside & (way < 0)]), min(way[inside & (way > 0)])
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        trimesh.creation.annulus(r_min=0.02, r_max=0.035, height=0.03, sections=24),
+        trimesh.creation.cylinder(0.012, 0.08, sections=32),
+        trimesh.creation.torus(0.05, 0.012, major_sections=24, minor_sections=16),
+    ],
+    ids=["tube", "bar", "torus"],
+)
+def test_fingers_meet_a_mesh_on_both_sides(mesh):
+    """Oracle: the triangles themselves tell how wide the mesh is between the fingers."""
+    shape = of_mesh(mesh)
+    found = part_grips(shape, EYE, EYE, ANY)
+    assert found
+    for grip in found:
+        one, other = interval(mesh, grip.pose[:3, 3], grip.pose[:3, 1])
+        assert one + other <= ANY.opening + 2e-3
+        assert abs(one - other) <= 4e-3
+
+
+def test_a_wall_of_a_tube_is_gripped_only_where_a_finger_has_room_inside():
+    wide = of_mesh(
+        trimesh.creation.annulus(r_min=0.04, r_max=0.05, height=0.03, sections=24)
+    )
+    tight = of_mesh(
+        trimesh.creation.annulus(r_min=0.012, r_max=0.03, height=0.03, sections=24)
+    )
+    down = GripRules(opening=0.02, finger_width=0.01)
+    assert part_grips(wide, EYE, EYE, down)
+    # 18 mm of wall would fit, but not a finger beside it: the hole is 24 mm wide.
+    roomy = GripRules(opening=0.04, finger_width=0.01, finger_depth=0.015)
+    assert not part_grips(tight, EYE, EYE, roomy)
+
+
+def test_nothing_else_of_a_part_is_where_fingers_come_down():
+    """A post between two others: fingers fit around it only where they are far enough away."""
+
+    def posts(gap):
+        return shape_of("p", [
+            Element(Box((0.02, 0.02, 0.06)), from_rpy((0, k * (0.02 + gap), 0), (0, 0, 0)))
+            for k in (-1, 0, 1)
+        ])  # fmt: skip
+
+    rules = GripRules(opening=0.03, finger_depth=0.01, positions=1)
+    close = [
+        g
+        for g in part_grips(posts(0.012), EYE, EYE, rules)
+        if abs(g.pose[1, 1]) > 0.9 and abs(g.pose[1, 3]) < 1e-3
+    ]
+    apart = [
+        g
+        for g in part_grips(posts(0.02), EYE, EYE, rules)
+        if abs(g.pose[1, 1]) > 0.9 and abs(g.pose[1, 3]) < 1e-3
+    ]
+    assert not close
+    assert apart
+
+
+@pytest.mark.parametrize(
+    ("shape", "there"),
+    [
+        (box_shape("b", (0.2, 0.1, 0.05)), True),
+        (of(Cylinder(0.03, 0.04)), True),
+        (of(Cylinder(0.008, 0.04)), False),
+        (of(Capsule(0.03, 0.0)), False),
+    ],
+    ids=["box", "disc", "pin", "ball"],
+)
+def test_a_cup_needs_a_flat_spot(shape, there):
+    rules = GripRules(suction=True, cup=0.01)
+    found = part_grips(shape, EYE, EYE, rules)
+    assert bool(found) == there
+    for grip in found:
+        np.testing.assert_allclose(grip.pose[:3, 2], (0, 0, -1), atol=1e-12)
+        assert grip.pose[2, 3] == pytest.approx(shape.high[2], abs=1e-6)
+        assert np.all(np.abs(grip.pose[:2, 3]) <= shape.high[:2] + 1e-9)
