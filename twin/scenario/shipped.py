@@ -105,15 +105,15 @@ def _copy_named(source: Path, text: str, folder: Path) -> None:
         copied = folder / other.name
         if copied.exists() and copied.read_bytes() == other.read_bytes():
             continue
-        _create(copied, other.read_text(encoding="utf-8"))
+        _create(copied, other.read_bytes())
 
 
-def _create(path: Path, text: str) -> None:
+def _create(path: Path, content: str | bytes) -> None:
     """Write a file that is not there yet."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
+        with path.open("xb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
     except FileExistsError:
         raise OutputError(f"{path}: is there already, and stays as it is") from None
     except OSError as error:

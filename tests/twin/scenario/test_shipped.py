@@ -14,7 +14,9 @@ from typer.testing import CliRunner, Result
 import twin
 from planning.errors import OutputError, ScenarioError
 from twin.cli import app
+from twin.planning.build_workcell import build_workcell
 from twin.scenario.document.yaml_text import read_yaml
+from twin.scenario.file import load_scenario
 from twin.scenario.manifest import file_hashes
 from twin.scenario.shipped import (
     TEMPLATE,
@@ -153,3 +155,12 @@ def test_the_wheel_brings_them(tmp_path: Path) -> None:
     for package in ("planning", "scheduling", "twin"):
         assert f"{package}/py.typed" in names
     assert "twin/scenario/scenario.schema.json" in names
+
+
+def test_meshes_that_a_scenario_names_are_copied_too(tmp_path: Path) -> None:
+    file = begin_scenario(tmp_path / "own.yaml", "shapes")
+    source = shipped_scenarios()["shapes"].parent / "shapes_housing.stl"
+    assert (tmp_path / "shapes_housing.stl").read_bytes() == source.read_bytes()
+    scenario = load_scenario(file)
+    cell = build_workcell(scenario, file.parent)
+    assert len(cell.object("housing").shape.pieces) > 3
