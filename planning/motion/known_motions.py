@@ -36,7 +36,7 @@ class _ClearWay:
     """A way that asks for nothing but to be clear, and all that was found to be clear of it."""
 
     way: Way
-    of: frozenset[int]
+    of: int
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class KnownMotions:
         """
         alike = moving, scene.amid
         clear = self._clear.get(alike)
-        if clear is not None and scene.standing <= clear.of:
+        if clear is not None and scene.is_within(clear.of):
             return clear.way
 
         def ask() -> Way | str:
@@ -88,7 +88,7 @@ class KnownMotions:
             raise TransitError(known)
         return known
 
-    def _note_clear(self, alike: Hashable, way: Way, of: frozenset[int]) -> None:
+    def _note_clear(self, alike: Hashable, way: Way, of: int) -> None:
         known = self._clear.get(alike)
         if known is None and len(self._clear) >= _MOST:
             self._clear.clear()

@@ -22,11 +22,15 @@ class Scene:
 
     Attributes:
         amid: other robots, what is in hands, what may be touched, and what changes hands.
-        standing: numbers of all else at rest, by shape and place.
+        standing: all else at rest, by shape and place: a bit for each.
     """
 
     amid: Hashable
-    standing: frozenset[int]
+    standing: int
+
+    def is_within(self, others: int) -> bool:
+        """Tell whether all that stands is among others."""
+        return self.standing & ~others == 0
 
 
 class KnownScenes:
@@ -34,6 +38,7 @@ class KnownScenes:
 
     def __init__(self) -> None:
         self._numbers: dict[Hashable, int] = {}
+        self._places: dict[Hashable, int] = {}
         self._shapes: dict[CellObject, int] = {}
         self._objects: tuple[tuple[CellObject, ...], dict[str, CellObject]] = (), {}
         self._rest: tuple[Mapping[str, Attachment], dict[str, int]] = {}, {}
@@ -76,8 +81,11 @@ class KnownScenes:
                 for pairs in allowed
             ),
         )
-        standing = [number for name, number in at_rest.items() if name not in special]
-        return Scene(amid, frozenset(standing))
+        standing = 0
+        for name, number in at_rest.items():
+            if name not in special:
+                standing |= 1 << number
+        return Scene(amid, standing)
 
     def _objects_of(self, cell: Workcell) -> dict[str, CellObject]:
         if cell.objects is not self._objects[0]:
@@ -89,15 +97,14 @@ class KnownScenes:
         if state.attachments is not self._rest[0]:
             objects = self._objects_of(cell)
             found = {
-                name: self._number((self._shape(objects[name]), at.pose.tobytes()))
+                name: _number(
+                    self._places, (self._shape(objects[name]), at.pose.tobytes())
+                )
                 for name, at in state.attachments.items()
                 if at.holder is None
             }
             self._rest = state.attachments, found
         return self._rest[1]
-
-    def _number(self, thing: Hashable) -> int:
-        return self._numbers.setdefault(thing, len(self._numbers))
 
     def _shape(self, item: CellObject) -> int:
         """Return a number that objects of one shape have in common."""
@@ -106,9 +113,13 @@ class KnownScenes:
             if len(self._shapes) >= _MOST:
                 self._shapes.clear()
             corners = tuple(p.vertices.tobytes() for p in item.shape.pieces)
-            known = self._number((item.kind, corners))
+            known = _number(self._numbers, (item.kind, corners))
             self._shapes[item] = known
         return known
+
+
+def _number(numbers: dict[Hashable, int], thing: Hashable) -> int:
+    return numbers.setdefault(thing, len(numbers))
 
 
 def _joint_values(configurations: Mapping[str, Array]) -> Hashable:

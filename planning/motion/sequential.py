@@ -173,7 +173,8 @@ def _way_of(
         return work_out().way
     pairs = [phase.pairs for phase in phases]
     scene = known.scenes.scene(cell, now.state, pairs, task.handlings)
-    moving = task.robot, task.kind, task.path.tobytes()
+    seconds = None if task.kind == TRANSIT else settings.seconds_of(cell, task)
+    moving = task.robot, task.kind, task.path.tobytes(), seconds
     return known.way(moving, scene, seed, work_out)
 
 

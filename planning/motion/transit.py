@@ -18,7 +18,7 @@ ou.setLogLevel(ou.LogLevel.LOG_NONE)
 
 
 class TransitPlanner(Protocol):
-    """Finds a path for one robot while everything else stands."""
+    """Finds a path for one robot while everything else stands, the straight one where it is free."""
 
     def plan(
         self, checker: MotionChecker, start: Array, goal: Array, seed: int

@@ -22,7 +22,7 @@ task that must be complete before it."""
 Pair = tuple[bytes, bytes, frozenset[tuple[str, str]]]
 """What two things consist of, and who may touch whom in both."""
 
-_MOST = 300_000
+_MOST = 200_000
 """Pairs that are kept."""
 
 

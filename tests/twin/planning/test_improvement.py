@@ -41,6 +41,25 @@ SCENARIO = (
 """
 )
 
+PARTS = """\
+version: 1
+name: parts
+seed: 2
+cell:
+  robots:
+    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
+    - {name: right, model: gp4, base: {xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}
+  fixtures: [{name: plate, size_m: [0.384, 0.384, 0.005], pose: {xyz_m: [0.44, 0, 1.112]}}]
+assembly:
+  kind: assembly
+  parts:
+    - {name: a, size_m: [0.0158, 0.0318, 0.0096], start: {xyz_m: [0.34, 0.12, 1.1193]}, goal: {xyz_m: [0.42, 0, 1.1193]}}
+    - {name: b, size_m: [0.0158, 0.0318, 0.0096], start: {xyz_m: [0.54, 0.12, 1.1193]}, goal: {xyz_m: [0.46, 0, 1.1193]}}
+    - {name: c, size_m: [0.0158, 0.0318, 0.0096], start: {xyz_m: [0.34, -0.12, 1.1193]}, goal: {xyz_m: [0.42, 0, 1.1289]}}
+    - {name: d, size_m: [0.0158, 0.0318, 0.0096], start: {xyz_m: [0.54, -0.12, 1.1193]}, goal: {xyz_m: [0.46, 0, 1.1289]}}
+  steps: [a, b, c, d]
+"""
+
 
 @pytest.fixture(scope="module")
 def scenario(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
@@ -105,6 +124,20 @@ def _obeys(problem: AssignmentProblem, plan: TaskPlan) -> bool:
 
 
 def test_what_is_known_of_other_plans_changes_no_rating(first: PlannedMotions) -> None:
+    assert _rates_as_fresh(first) > 1
+
+
+def test_what_is_known_of_other_plans_of_parts_changes_no_rating(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "parts.yaml"
+    file.write_text(PARTS)
+    planned = plan_motions(load_scenario(file), tmp_path, StageWatch())
+    assert _rates_as_fresh(planned) == 1  # nothing is known of other orders of parts
+
+
+def _rates_as_fresh(first: PlannedMotions) -> int:
+    """Compare ratings that know other plans with fresh ones; return the number of orders seen."""
     once, twice = (_rater(first, shortcuts=on) for on in (False, True))
     orders = set()
     for work, plan in _walk(_work(first), first.task_plan, 8):
@@ -123,7 +156,7 @@ def test_what_is_known_of_other_plans_changes_no_rating(first: PlannedMotions) -
             if not shortcuts:
                 # The graph built from scratch says what the search among orders said.
                 assert known.makespan_s == pytest.approx(known.by_home_s, abs=1e-6)
-    assert len(orders) > 1
+    return len(orders)
 
 
 def test_the_same_tries_find_the_same_plan_and_no_worse_one(
@@ -199,3 +232,10 @@ def test_no_plan_is_below_the_bound_of_load(
             continue  # the bound is that of an order of the steps
         rated = rater.rate(work, plan)
         assert rated is None or planned.load_bound_s <= rated.makespan_s
+
+
+def test_steps_stay_in_their_order_where_that_is_asked_for(scenario: Scenario) -> None:
+    kept = plan_scenario(_changed(scenario, improve_tries=6, improve_order=False))
+    assert kept.step_order == ()
+    assert [choice.step for choice in kept.task_plan.choices] == [1, 2, 3, 4]
+    assert kept.assembly.steps == plan_scenario(scenario).assembly.steps
