@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 
 from planning.errors import OutputError, ScenarioError
+from planning.files import is_file
+from twin.scenario.document.yaml_text import read_yaml
 from twin.scenario.file import scenario_schema
 
 TEMPLATE = "tray"
@@ -19,8 +21,10 @@ SCENARIO, SCHEMA = "scenario.yaml", "scenario.schema.json"
 
 _YAML = (".yaml", ".yml")
 _NAME = re.compile(
-    r"(?!(?:true|false|null)$)[A-Za-z][A-Za-z0-9_.-]{0,99}", re.IGNORECASE
+    r"(?!(?:true|false|null)$)[A-Za-z][A-Za-z0-9_.-]{0,63}", re.IGNORECASE
 )
+"""Names that YAML takes for texts, and scenarios for names."""
+
 _HERE = Path(__file__)
 
 _PLACES = (_HERE.parents[1] / "shipped", _HERE.parents[2] / "scenarios")
@@ -79,41 +83,45 @@ def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
         )
     source = shipped_scenarios()[name]
     text = source.read_text(encoding="utf-8")
-    own = target.stem if target.suffix in _YAML else target.resolve().name
+    single = target.suffix in _YAML
+    file = target if single else target / SCENARIO
+    beside = {
+        file.parent / named: (source.parent / named).read_bytes()
+        for named in _named_files(read_yaml(source, text).data, source.parent)
+    }
+    for path, content in {file: None, **beside}.items():
+        if path.exists() and (content is None or path.read_bytes() != content):
+            raise OutputError(f"{path}: is there already, and stays as it is")
+    own = target.stem if single else target.resolve().name
     if _NAME.fullmatch(own):
-        # Digits alone would be a number, and "on" is not a name in every reader of YAML.
-        text = re.sub(
-            r"^name: .*$", f"name: {json.dumps(own)}", text, flags=re.MULTILINE
-        )
-    if target.suffix in _YAML:
-        _create(target, text)
-        _copy_named(source, text, target.parent)
-        return target
-    file = target / SCENARIO
-    _create(file, f"# yaml-language-server: $schema={SCHEMA}\n{text}")
-    _copy_named(source, text, target)
-    if not (target / SCHEMA).exists():
-        _create(target / SCHEMA, json.dumps(scenario_schema(), indent=2) + "\n")
+        text = re.sub(r"^name: .*$", f"name: {own}", text, count=1, flags=re.MULTILINE)
+    if not single:
+        text = f"# yaml-language-server: $schema={SCHEMA}\n{text}"
+        schema = json.dumps(scenario_schema(), indent=2) + "\n"
+        beside[target / SCHEMA] = schema.encode()
+    for path, content in beside.items():
+        if not path.exists():
+            _create(path, content)
+    _create(file, text.encode())
     return file
 
 
-def _copy_named(source: Path, text: str, folder: Path) -> None:
-    """Copy the files beside a scenario that it names, such as descriptions of tools."""
-    for other in sorted(source.parent.iterdir()):
-        if other.suffix in _YAML or not other.is_file() or other.name not in text:
-            continue
-        copied = folder / other.name
-        if copied.exists() and copied.read_bytes() == other.read_bytes():
-            continue
-        _create(copied, other.read_bytes())
+def _named_files(value: object, folder: Path) -> Iterator[str]:
+    """Yield the files of a folder that values of a scenario name."""
+    if isinstance(value, str):
+        if Path(value).suffix and is_file(folder / value):
+            yield value
+    elif isinstance(value, dict | list):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from _named_files(part, folder)
 
 
-def _create(path: Path, content: str | bytes) -> None:
+def _create(path: Path, content: bytes) -> None:
     """Write a file that is not there yet."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("xb") as file:
-            file.write(content.encode() if isinstance(content, str) else content)
+            file.write(content)
     except FileExistsError:
         raise OutputError(f"{path}: is there already, and stays as it is") from None
     except OSError as error:

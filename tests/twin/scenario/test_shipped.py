@@ -12,12 +12,11 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import twin
+from planning.cell.differences import cell_differences
 from planning.errors import OutputError, ScenarioError
 from twin.cli import app
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.document.yaml_text import read_yaml
-from twin.scenario.file import load_scenario
-from twin.scenario.manifest import file_hashes
 from twin.scenario.shipped import (
     TEMPLATE,
     begin_scenario,
@@ -26,6 +25,9 @@ from twin.scenario.shipped import (
 )
 
 ROOT = Path(__file__).parents[3]
+
+FILES = {"taskboard": {"driver.urdf"}, "shapes": {"shapes_housing.stl"}}
+"""Files that shipped scenarios name."""
 
 
 def invoke(*arguments: object) -> Result:
@@ -38,14 +40,17 @@ def test_all_are_found_and_no_two_have_one_name() -> None:
     assert len({path.stem for path in files}) == len(files)
 
 
-def test_a_shipped_scenario_needs_no_file_beside_it() -> None:
-    for name, path in shipped_scenarios().items():
-        found = twin.load(name)
-        assert found.sections.description, name
-        assert file_hashes(found.sections, path.parent) == {}
-        assert "file:" not in path.read_text()
-        for robot in found.sections.cell.robots:
-            assert not robot.model.endswith(".urdf"), name
+@pytest.mark.parametrize("name", shipped_scenarios())
+def test_a_copy_of_each_is_whole_wherever_it_is(name: str, tmp_path: Path) -> None:
+    original = twin.load(name)
+    assert original.sections.description
+    copied = twin.load(begin_scenario(tmp_path / "copy", name))
+    sections = copied.sections.model_copy(update={"name": original.name})
+    assert sections == original.sections
+    cells = (build_workcell(own.sections, own.folder) for own in (original, copied))
+    assert not cell_differences(*cells)
+    named = {path.name for path in copied.folder.iterdir()}
+    assert named == {"scenario.yaml", "scenario.schema.json", *FILES.get(name, ())}
 
 
 def test_a_name_is_a_scenario_unless_there_is_such_a_file(
@@ -92,7 +97,7 @@ def test_files_that_a_scenario_names_are_copied_too(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_a_name_leaves_the_name(tmp_path: Path) -> None:
-    for place in ("2nd cell.yaml", "null.yaml", "12.yaml"):
+    for place in ("2nd cell.yaml", "null.yaml", "12.yaml", f"{65 * 'x'}.yaml"):
         assert twin.load(begin_scenario(tmp_path / place)).name == TEMPLATE
 
 
@@ -101,6 +106,10 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="is there already"):
         begin_scenario(tmp_path / "mine.yaml")
     assert (tmp_path / "mine.yaml").read_text() == "mine"
+    (tmp_path / "driver.urdf").write_text("mine")
+    with pytest.raises(OutputError, match=r"driver.urdf: is there already"):
+        begin_scenario(tmp_path / "board.yaml", "taskboard")
+    assert not (tmp_path / "board.yaml").exists()
     (tmp_path / "scenario.schema.json").write_text("{}")
     begin_scenario(tmp_path)
     assert (tmp_path / "scenario.schema.json").read_text() == "{}"
@@ -161,6 +170,6 @@ def test_meshes_that_a_scenario_names_are_copied_too(tmp_path: Path) -> None:
     file = begin_scenario(tmp_path / "own.yaml", "shapes")
     source = shipped_scenarios()["shapes"].parent / "shapes_housing.stl"
     assert (tmp_path / "shapes_housing.stl").read_bytes() == source.read_bytes()
-    scenario = load_scenario(file)
+    scenario = twin.load(file).sections
     cell = build_workcell(scenario, file.parent)
     assert len(cell.object("housing").shape.pieces) > 3
