@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from planning.errors import FittingError, RobotModelError, ScenarioError
+from planning.errors import FittingError, RobotModelError, ScenarioError, ShapeError
 from planning.tasks.task import HOLD, SKILLS, STRAIGHT, TRANSIT
 from twin.durations import DurationModel, Empirical
 from twin.planning.kind import assembly_kind
@@ -17,6 +17,7 @@ from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
+from twin.scenario.sections.shapes import ShapeSection
 
 Found = Iterator[tuple[KeyPath, str]]
 
@@ -39,6 +40,8 @@ def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
     found: list[tuple[KeyPath, str]] = []
     found += _check_robots(scenario.cell, folder)
     found += _check_names(scenario)
+    found += _check_meshes(scenario.cell.fixtures, ("cell", "fixtures"), folder)
+    found += _check_meshes(scenario.assembly, ("assembly",), folder)
     found += _check_durations(scenario.execution, ("execution",), folder)
     found += _check_processes(scenario)
     found += _check_work(scenario)
@@ -150,6 +153,20 @@ def _check_durations(value: object, at: KeyPath, folder: Path) -> Found:
             value.located(folder)
         except ScenarioError as error:
             yield (*at, "csv") if isinstance(value, Empirical) else at, str(error)
+
+
+def _check_meshes(value: object, at: KeyPath, folder: Path) -> Found:
+    """Yield meshes that cannot be used, in whatever may name some."""
+    if isinstance(value, ShapeSection) and value.mesh is not None:
+        from planning.meshes.mesh_form import mesh_form
+
+        try:
+            mesh_form(folder / value.mesh, value.scale, value.within_m)
+        except ShapeError as error:
+            yield (*at, "mesh"), str(error)
+        return
+    for key, part in _parts(value):
+        yield from _check_meshes(part, (*at, key), folder)
 
 
 def _parts(value: object) -> Iterator[tuple[str | int, object]]:
