@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.parts.assembly import PartAssembly
 from planning.parts.balance import balance_waits
+from planning.parts.handovers import Handover, find_handovers
 from planning.parts.part_skills import PartSkills
 from planning.parts.part_steps import PartStep, WorkStep, part_steps
 from planning.parts.relays import Relay, find_relays
@@ -49,7 +50,7 @@ class PartCandidates:
         holds: how a part is held, by step, robot and number of the grip.
         beside: the place or the process of a way beside a way to hold.
         blockers: what was in the way of tries of a step, most often first.
-        relays: ways with the part laid down in between; their numbers follow those of the grips.
+        relays: ways in which the part changes hands in between; their numbers follow those of the grips.
         balance: pairs of steps from 0: what the second does to the structure waits for the first,
             so that it always stands.
     """
@@ -62,7 +63,7 @@ class PartCandidates:
     holds: Mapping[_Way, SkillPath] = field(repr=False)
     beside: Mapping[tuple[_Way, _Way], SkillPath] = field(repr=False)
     blockers: Mapping[int, tuple[str, ...]] = field(repr=False)
-    relays: Mapping[_Way, Relay] = field(repr=False)
+    relays: Mapping[_Way, Relay | Handover] = field(repr=False)
     balance: Waits = frozenset()
 
     @property
@@ -158,7 +159,7 @@ class _Collector:
         self.holds: dict[_Way, SkillPath] = {}
         self.beside: dict[tuple[_Way, _Way], SkillPath] = {}
         self.blockers: dict[int, Counter[str]] = defaultdict(Counter)
-        self.relays: dict[_Way, Relay] = {}
+        self.relays: dict[_Way, Relay | Handover] = {}
 
     def add(self, number: int, step: PartStep | WorkStep) -> None:
         """Add the candidates of a step, counted from 1."""
@@ -212,8 +213,10 @@ class _Collector:
             self.primaries.append(PrimaryCandidate(number, name, part, k, cost))
 
     def _add_relays(self, number: int, step: PartStep) -> None:
-        """Add ways with the part laid down in between."""
-        found = find_relays(self._cell, self._assembly, self._skills, step)
+        """Add ways with the part laid down in between, or handed over in the air."""
+        about = self._cell, self._assembly, self._skills, step
+        found: Sequence[Relay | Handover] = find_relays(*about)
+        found = found or find_handovers(*about)
         for k, relay in enumerate(found, start=len(step.grips)):
             way = number, relay.receiver, k
             self.relays[way] = relay
@@ -225,8 +228,8 @@ class _Collector:
                 )
             )
         if not found:
-            reason = "it finds no place to lie in between that robots reach"
-            self._reject(number, f"{step.part.name} is laid down", reason)
+            reason = "robots reach no place in common, to lie or to be handed over"
+            self._reject(number, f"{step.part.name} changes hands", reason)
 
     def _add_works(self, number: int, step: WorkStep, robot: PlacedRobot) -> None:
         process, name = step.step.process, robot.name

@@ -11,6 +11,7 @@ from planning.cell.workcell import PlacedRobot
 from planning.geometry.robot_bodies import entity
 from planning.parts.assembly import Grip
 from planning.parts.candidates import PartCandidates
+from planning.parts.handovers import Handover
 from planning.parts.part_skills import held_pose
 from planning.parts.part_steps import PartStep, WorkStep
 from planning.parts.relays import Relay
@@ -66,20 +67,22 @@ class _Expander:
         *_, pick, place = self.candidates.paths_of(choice)
         way = choice.step, choice.robot, choice.grasp
         relay = self.candidates.relays.get(way)
-        laid = None if relay is None else self._lay_down(step, relay)
-        grip = step.grips[choice.grasp] if relay is None else relay.take
-        picked = self._pick(robot, part, pick, grip)
+        if isinstance(relay, Handover):
+            picked = self._hand_over(step, relay)
+        elif relay is not None:
+            laid = self._lay_down(step, relay)
+            picked = self._pick(robot, part, pick, relay.take)
+            build.allow(touching(part, relay.touched), picked)
+            build.depend(laid, picked)
+        else:
+            picked = self._pick(robot, part, pick, step.grips[choice.grasp])
+            build.allow(touching(part, step.at_start), picked)
         held = self._hold(step)
         build.lead_in(place, f"{part} to its place", part)
         placed = build.skill(place, f"place {part}", part, None, step.goal)
         build.transit(robot.name, robot.home, "HOME", None)
         carrying = build.of_robot(robot.name, picked, placed)
         build.allow(gripped(robot.name, part), *carrying)
-        if relay is None or laid is None:
-            build.allow(touching(part, step.at_start), picked)
-        else:
-            build.allow(touching(part, relay.touched), picked)
-            build.depend(laid, picked)
         build.allow(touching(part, step.at_goal), placed)
         if held is not None:
             self._let_go(step, held, placed, placed)
@@ -107,6 +110,29 @@ class _Expander:
         build.allow(touching(part, step.at_start), picked)
         build.allow(touching(part, relay.touched), laid)
         return laid
+
+    def _hand_over(self, step: PartStep, way: Handover) -> int:
+        """Write pick and handover; return the task with which the receiver takes the part."""
+        build, part, cell = self.build, step.part.name, self.candidates.cell
+        giver, receiver = cell.robot(way.giver), cell.robot(way.receiver)
+        pick, give, _ = way.paths
+        picked = self._pick(giver, part, pick, way.give)
+        build.transit(receiver.name, way.pre, "to the handover", None)
+        ready = build.transit(receiver.name, way.receive, "ready to receive", None)
+        build.lead_in(give, f"{part} to {receiver.name}", part)
+        in_hand = held_pose(receiver, self.candidates.frame, way.take.pose)
+        given = build.skill(give, f"hand over {part}", part, receiver.name, in_hand)
+        build.depend(ready, given)
+        carrying = build.of_robot(giver.name, picked, given)
+        # The receiver stands at the end of its task "ready" while the part is brought.
+        build.allow(gripped(giver.name, part), *carrying, ready)
+        build.allow(touching(part, step.at_start), picked)
+        build.transit(giver.name, giver.home, "HOME", None)
+        taken = build.transit(receiver.name, way.pre, f"take {part}", part)
+        build.depend(given, taken)
+        build.allow(gripped(receiver.name, part), ready, given)
+        build.transit(receiver.name, receiver.home, f"HOME with {part}", part)
+        return taken
 
     def work(self, step: WorkStep) -> None:
         """Write the hold if any, approach, process, and the ways back."""

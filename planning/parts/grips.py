@@ -16,8 +16,8 @@ import numpy as np
 from planning.cell.cover import directions
 from planning.cell.forms import Box, Mesh
 from planning.cell.shape import Element, Shape
+from planning.cell.solid_lines import SolidLines, Stretch
 from planning.parts.assembly import Grip, GripRules, box_grips, points_well
-from planning.parts.solid_lines import SolidLines, Stretch
 from planning.transforms import Array, Transform, readonly
 
 _MOST = 48

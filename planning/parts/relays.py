@@ -9,23 +9,31 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
 from planning.contacts.contact_graph import near_to, standing
+from planning.kinematics.kinematics import inverse_kinematics
 from planning.parts.assembly import Grip, PartAssembly
 from planning.parts.part_skills import PartSkills
 from planning.parts.part_steps import PartStep
 from planning.parts.tool_grips import robot_grips
 from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
-from planning.transforms import Array, Transform, readonly, rotation
+from planning.transforms import (
+    Array,
+    Transform,
+    readonly,
+    rotation,
+)
 
 _SPACING = 0.1
 """Distance of the spots that are tried on a fixture [m]."""
 
-_MOST_SPOTS = 40
+_MOST_SPOTS, _FEW_SPOTS = 100, 12
+"""Spots that are looked at, and those in reach of which all sides of a part are tried."""
+
 _MOST_GRIPS = 12
 _ENOUGH = 3
 _CLEAR = 0.0005
@@ -59,7 +67,7 @@ class Relay:
 
 
 @dataclass(frozen=True)
-class _End:
+class End:
     """What a robot does at one end of the way of a part.
 
     Attributes:
@@ -87,8 +95,8 @@ def find_relays(
         step: that no robot can do alone.
     """
     robots = [robot for robot in cell.robots if step.step.done_by(robot.name)]
-    picks = _ends(robots, assembly, skills, step, pick=True)
-    places = _ends(robots, assembly, skills, step, pick=False)
+    picks = ends_of(robots, assembly, skills, step, pick=True)
+    places = ends_of(robots, assembly, skills, step, pick=False)
     if not picks or not places:
         return []
     found: list[Relay] = []
@@ -108,7 +116,7 @@ def find_relays(
 
 
 def _relay(
-    pair: tuple[tuple[_End, SkillPath, float], tuple[_End, SkillPath, float]],
+    pair: tuple[tuple[End, SkillPath, float], tuple[End, SkillPath, float]],
     rest: Transform,
     touched: Mapping[str, float],
 ) -> Relay:
@@ -125,14 +133,14 @@ def _relay(
     )
 
 
-def _ends(
+def ends_of(
     robots: Sequence[PlacedRobot],
     assembly: PartAssembly,
     skills: PartSkills,
     step: PartStep,
     *,
     pick: bool,
-) -> list[_End]:
+) -> list[End]:
     """Return how robots can pick a part, or place it, some ways for each."""
     at = step.part.start if pick else step.goal
     out = []
@@ -149,7 +157,7 @@ def _ends(
             if skills.carried_home(robot, step, grip.pose) is not None:
                 continue
             cost = joint_distance(robot.home, path.contact)
-            out.append(_End(robot, grip, path, cost))
+            out.append(End(robot, grip, path, cost))
             count += 1
             if count == _MOST_GRIPS:
                 break
@@ -159,12 +167,12 @@ def _ends(
 def _through(
     skills: PartSkills,
     step: PartStep,
-    ends: Sequence[_End],
+    ends: Sequence[End],
     rest: Transform,
     assembly: PartAssembly,
     *,
     pick: bool,
-) -> list[tuple[_End, SkillPath, float]]:
+) -> list[tuple[End, SkillPath, float]]:
     """Return the ends whose robots also reach the part where it is laid down, one way each."""
     rules = assembly.ways(step.part.name).grips
     good = {
@@ -191,21 +199,25 @@ def _rests(
     cell: Workcell,
     assembly: PartAssembly,
     step: PartStep,
-    ends: tuple[Sequence[_End], Sequence[_End]],
+    ends: tuple[Sequence[End], Sequence[End]],
 ) -> Iterator[tuple[Transform, Mapping[str, float]]]:
     """Yield where a part can lie in between, nearest to the robots first, and what it touches."""
     lying = standing(cell) | {
         name: (item, at.pose) for name, (item, at) in step.around.items()
     }
     own = {"goal": (step.part, step.goal), "start": (step.part, step.part.start)}
-    bases = [np.mean([end.robot.base[:3, 3] for end in side], axis=0) for side in ends]
-    spots = sorted(
-        (spot for fixture in cell.fixtures for spot in _spots(fixture)),
-        key=lambda spot: round(
-            sum(float(np.linalg.norm(spot - base)) for base in bases), 6
-        ),
-    )
-    for spot in spots[:_MOST_SPOTS]:
+    # As far from the robots as what they reach already.
+    rings = []
+    for side, at in zip(ends, (step.part.start, step.goal), strict=True):
+        base = np.mean([end.robot.base[:3, 3] for end in side], axis=0)
+        rings.append((base, float(np.linalg.norm(at[:3, 3] - base))))
+
+    def away(spot: Array) -> float:
+        return round(sum(abs(float(np.linalg.norm(spot - c)) - r) for c, r in rings), 6)
+
+    spots = sorted((s for fixture in cell.fixtures for s in _spots(fixture)), key=away)
+    near = (spot for spot in spots[:_MOST_SPOTS] if _in_reach(spot, assembly, ends))
+    for spot in islice(near, _FEW_SPOTS):
         for turn in _turns(step):
             low, _ = step.part.shape.bounds(turn)
             rest = turn.copy()
@@ -219,6 +231,24 @@ def _rests(
             if near_to((step.part, rest), own, assembly.touch):
                 continue  # no step lies on where it comes from or goes
             yield readonly(rest), touched
+
+
+def _in_reach(
+    spot: Array, assembly: PartAssembly, ends: tuple[Sequence[End], Sequence[End]]
+) -> bool:
+    """Tell whether a robot of either side reaches above a spot with its tool down."""
+    tool = rotation("x", np.pi)
+    tool[:3, 3] = spot
+    tool[2, 3] += assembly.approach
+    return all(
+        any(
+            inverse_kinematics(
+                robot, assembly.grips.frame, tool, robot.home, restarts=3
+            )
+            for robot in {end.robot.name: end.robot for end in side}.values()
+        )
+        for side in ends
+    )
 
 
 def _spots(fixture: Fixture) -> Iterator[Array]:

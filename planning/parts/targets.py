@@ -14,7 +14,7 @@ from planning.parts.assembly import DOWN, UP
 from planning.parts.steps import Process
 from planning.skills.subgoals import SkillTargets, Subgoal
 from planning.tasks.task import HOLD
-from planning.transforms import Transform, rotation, translation
+from planning.transforms import Array, Transform, rotation, translation
 
 Vector = tuple[float, float, float]
 
@@ -137,6 +137,28 @@ def _along(poses: Sequence[Transform]) -> list[Transform]:
             pose[:3, 3] += way * k / count
             out.append(pose)
     return out
+
+
+def handover_targets(
+    frame: str, grip: Transform, coming: Array, leave: float
+) -> SkillTargets:
+    """Return the subgoals of handing a part over: in between open fingers, let go, back.
+
+    Args:
+        frame: name of the giver's tool frame.
+        grip: pose of that frame in the world where the part changes hands.
+        coming: straight way on which it brings the part there, shape (3,) [m].
+        leave: length of the straight way back along its tool after it [m].
+    """
+    before = grip.copy()
+    before[:3, 3] -= coming
+    back = grip @ translation(0.0, 0.0, -leave)
+    subgoals = [
+        *_straight(frame, "bring", before, grip),
+        Subgoal("attach", frame, grip),
+        *_straight(frame, "leave", back, grip)[::-1],
+    ]
+    return SkillTargets("handover", tuple(subgoals), change_at=_index(subgoals))
 
 
 def _straight(frame: str, name: str, far: Transform, near: Transform) -> list[Subgoal]:

@@ -7,7 +7,6 @@ the two bases, nearest to it first.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -20,9 +19,10 @@ from planning.lego.bricks.grips import grip_pose, side_contact_pose
 from planning.lego.skills.options import SkillOptions
 from planning.lego.skills.targets import handover_targets, held_box, received_top
 from planning.skills.contacts import NOTHING, SkillContacts, gripped
-from planning.skills.joint_paths import LARGEST_TURN, Obstruction, SkillPath
+from planning.skills.handovers import ready_postures, receiver_clash
+from planning.skills.joint_paths import Obstruction, SkillPath
 from planning.skills.subgoals import Subgoal
-from planning.skills.surroundings import SkillScene, find_obstruction, resolve_skill
+from planning.skills.surroundings import SkillScene, resolve_skill
 from planning.transforms import Array, Transform, rotation, translation
 
 REACH = 0.45
@@ -166,9 +166,9 @@ class HandoverOptions:
             return Obstruction(f"{resting.name} of {giver} is out of reach")
         reason: Obstruction | None = None
         for place in receive_poses(taker.base, source.base):
-            for pre, receive in _ready(taker, *place):
+            for pre, receive in ready_postures(taker, *place):
                 scene = self._scene(receiver, step, grasp, receive)
-                found = _receiver_clash(scene, taker, pre, source, rests[0]) or (
+                found = receiver_clash(scene, taker, pre, source, rests[0]) or (
                     self._give(scene, source, place[1].pose, step, grasp)
                 )
                 if not isinstance(found, Obstruction):
@@ -224,40 +224,3 @@ class HandoverOptions:
         targets = handover_targets(frames, kind, top, press, twist=twist)
         found = resolve_skill(giver, targets, scene)
         return found if isinstance(found, Obstruction) else (found.path, top)
-
-
-def _receiver_clash(
-    scene: SkillScene,
-    receiver: PlacedRobot,
-    pre: Array,
-    giver: PlacedRobot,
-    rest: Array,
-) -> Obstruction | None:
-    """Return what the receiver touches on its way in, or out with the brick."""
-    assert scene.handed is not None
-    receive = scene.configurations[receiver.name]
-    coming = SkillPath("receive", receiver.name, pre[None], receive[None])
-    empty = replace(
-        scene,
-        objects={k: v for k, v in scene.objects.items() if k != scene.handed[0]},
-        configurations={**scene.configurations, receiver.name: receiver.home},
-        contacts=SkillContacts(NOTHING, NOTHING, NOTHING),
-        handed=None,
-    )
-    if found := find_obstruction(coming, empty):
-        return found
-    leaving = SkillPath("receive", receiver.name, receive[None], pre[None])
-    standing = {**empty.configurations, giver.name: rest}
-    return find_obstruction(
-        leaving, replace(scene, configurations=standing, handed=None)
-    )
-
-
-def _ready(
-    robot: PlacedRobot, pre: Subgoal, receive: Subgoal
-) -> Iterator[tuple[Array, Array]]:
-    """Yield the receiver's (pre, receive) postures, nearest to HOME first."""
-    for start in inverse_kinematics(robot, pre.frame, pre.pose, robot.home):
-        near = inverse_kinematics(robot, receive.frame, receive.pose, start, restarts=0)
-        if near and np.abs(near[0] - start).max() <= LARGEST_TURN:
-            yield start, near[0]

@@ -43,6 +43,38 @@ execution:
   stalls: {rate_per_h: 120, duration_s: [1, 3]}
 """
 
+TWO_TABLES = """\
+version: 1
+name: gap
+cell:
+  robots:
+    - {name: left, model: panda, base: {xyz_m: [-0.65, 0, 0]}}
+    - {name: right, model: panda, base: {xyz_m: [0.65, 0, 0], rpy_deg: [0, 0, 180]}}
+  fixtures:
+    - {name: west, size_m: [0.8, 1.2, 0.04], pose: {xyz_m: [-0.7, 0, -0.02]}}
+    - {name: east, size_m: [0.8, 1.2, 0.04], pose: {xyz_m: [0.7, 0, -0.02]}}
+assembly:
+  kind: assembly
+  grips: {positions: 5}
+  parts:
+    - name: bar
+      size_m: [0.24, 0.03, 0.03]
+      start: {xyz_m: [-0.65, 0.45, 0.0155]}
+      goal: {xyz_m: [0.65, -0.45, 0.0155]}
+    - name: rod
+      size_m: [0.03, 0.2, 0.03]
+      start: {xyz_m: [0.65, 0.45, 0.0155]}
+      goal: {xyz_m: [-0.65, -0.45, 0.0155]}
+  steps: [bar, {place: rod, after: [bar]}]
+planning: {speed_model: joint}
+execution:
+  skills:
+    pick: {kind: lognormal, median_s: 1.5, p95_s: 1.9}
+    place-down: {kind: lognormal, median_s: 1.5, p95_s: 2.0}
+    handover: {kind: lognormal, median_s: 2.0, p95_s: 2.5}
+  stalls: {rate_per_h: 120, duration_s: [1, 3]}
+"""
+
 TURNED_OVER = """\
 version: 1
 name: turned-over
@@ -89,6 +121,30 @@ def test_a_part_is_laid_down_in_between_and_the_audit_is_clean(
         (robots[1], "pick"),
         (robots[1], "place-down"),
     ]
+    out = tmp_path / "run"
+    out.mkdir()
+    trial = try_plan(scenario, tpg, out, recording=False)
+    assert trial.passed
+    assert trial.summary["audit"]["violations"] == []
+
+
+def test_across_a_gap_parts_are_handed_over_and_the_audit_is_clean(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "gap.yaml"
+    file.write_text(TWO_TABLES)
+    scenario = load_scenario(file)
+    tpg = plan_scenario(scenario).tpg
+    assert verify_plan(tpg).problems == ()
+    for step, (giver, receiver) in ((1, ("left", "right")), (2, ("right", "left"))):
+        handled = [
+            (t.robot, t.kind) for t in tpg.tasks if t.handlings and t.step == step
+        ]
+        assert handled == [
+            (giver, "pick"),
+            (giver, "handover"),
+            (receiver, "place-down"),
+        ]
     out = tmp_path / "run"
     out.mkdir()
     trial = try_plan(scenario, tpg, out, recording=False)

@@ -1,0 +1,174 @@
+"""Parts handed over in the air, where no robot can do a step alone and there is no place to lie."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice, permutations, product
+
+import numpy as np
+
+from planning.cell.workcell import Attachment, PlacedRobot, Workcell
+from planning.parts.assembly import Grip, PartAssembly
+from planning.parts.part_skills import PartSkills, held_pose
+from planning.parts.part_steps import PartStep
+from planning.parts.relays import End, ends_of
+from planning.parts.targets import handover_targets
+from planning.skills.contacts import NOTHING, SkillContacts, gripped
+from planning.skills.handovers import ready_postures, receiver_clash
+from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
+from planning.skills.subgoals import Subgoal
+from planning.skills.surroundings import SkillScene, resolve_skill
+from planning.transforms import (
+    Array,
+    Transform,
+    inverse,
+    readonly,
+    rotation,
+    translation,
+)
+
+_PALM, _PALMS = 0.08, 0.1
+"""Palms are so far behind the tips of tools, and at least so far from each other [m]."""
+
+_MOST_PAIRS, _MOST_MEETINGS = 8, 48
+"""Pairs of grips, and meetings with them, that are tried for each pair of robots."""
+
+_HEIGHTS = (0.4, 0.3, 0.5, 0.6)
+"""Heights above the middle between two bases at which a part is handed over [m]."""
+
+
+@dataclass(frozen=True)
+class Handover:
+    """A way to do a step in which one robot hands the part over to another in the air.
+
+    Attributes:
+        giver: who picks the part.
+        receiver: who takes it in its fingers, which stand open, and places it.
+        give, take: grips of the two.
+        pre: where the receiver comes from and goes to with the part, shape (n,).
+        receive: where it stands while it is given the part, shape (n,).
+        paths: pick and handover of the giver, place of the receiver.
+        cost: joint distance of all from HOME.
+    """
+
+    giver: str
+    receiver: str
+    give: Grip
+    take: Grip
+    pre: Array
+    receive: Array
+    paths: tuple[SkillPath, SkillPath, SkillPath]
+    cost: float
+
+
+def find_handovers(
+    cell: Workcell, assembly: PartAssembly, skills: PartSkills, step: PartStep
+) -> list[Handover]:
+    """Return ways to do a step in which one robot hands the part over, the cheapest first.
+
+    The giver brings the part into the receiver's open fingers, along the receiver's tool, and
+    leaves along its own. They meet between their bases, at some heights.
+
+    Args:
+        cell: its objects are the parts.
+        assembly: goals, grips and approaches.
+        skills: of the robots.
+        step: that no robot can do alone.
+    """
+    robots = [robot for robot in cell.robots if step.step.done_by(robot.name)]
+    picks = ends_of(robots, assembly, skills, step, pick=True)
+    places = ends_of(robots, assembly, skills, step, pick=False)
+    found: list[Handover] = []
+    for giver, receiver in permutations(robots, 2):
+        tries = islice(_meetings(picks, places, giver, receiver), _MOST_MEETINGS)
+        ways = (_handover(skills, step, *meeting) for meeting in tries)
+        found += islice((way for way in ways if way is not None), 1)
+    return sorted(found, key=lambda way: way.cost)
+
+
+def _meetings(
+    picks: Sequence[End],
+    places: Sequence[End],
+    giver: PlacedRobot,
+    receiver: PlacedRobot,
+) -> Iterator[tuple[End, End, Transform]]:
+    """Yield how two robots hold a part between them, and its pose: hands far apart come first.
+
+    The giver points to the receiver, or down; the receiver to the giver, or down.
+    """
+    own = [end for end in picks if end.robot is giver]
+    other = [end for end in places if end.robot is receiver]
+    pairs = [pair for pair in product(own, other) if _apart(*pair) >= _PALMS]
+    pairs.sort(key=lambda pair: -round(_apart(*pair), 6))
+    to = receiver.base[:3, 3] - giver.base[:3, 3]
+    middle = giver.base[:3, 3] + 0.5 * to
+    bearing = float(np.arctan2(to[1], to[0]))
+    level = rotation("z", bearing) @ rotation("y", np.pi / 2)
+    down = rotation("z", bearing) @ rotation("x", np.pi)
+    for height, pointing, (give, take), quarter in product(
+        _HEIGHTS, (level, down), pairs[:_MOST_PAIRS], range(4)
+    ):
+        tool = pointing @ rotation("z", quarter * np.pi / 2)
+        part = tool @ inverse(give.grip.pose)
+        part[:3, 3] = middle
+        part[2, 3] += height
+        facing = (part @ take.grip.pose)[:3, 2]
+        if facing @ level[:3, 2] < -0.5 or facing[2] < -0.8:
+            yield give, take, readonly(part)
+
+
+def _apart(give: End, take: End) -> float:
+    """Return how far the palms of two hands on one part are from each other [m]."""
+    palm = translation(0.0, 0.0, -_PALM)
+    one, two = (end.grip.pose @ palm for end in (give, take))
+    return float(np.linalg.norm(one[:3, 3] - two[:3, 3]))
+
+
+def _handover(
+    skills: PartSkills, step: PartStep, give: End, take: End, at: Transform
+) -> Handover | None:
+    """Return how a part is handed over at a pose, None if something is in the way."""
+    name, frame = step.part.name, skills.assembly.grips.frame
+    giver, receiver = give.robot, take.robot
+    ways = skills.assembly.ways(name)
+    approach, leave = ways.approach, ways.leave
+    tool = at @ take.grip.pose
+    back = Subgoal("pre-receive", frame, tool @ translation(0.0, 0.0, -approach))
+    given = Attachment(giver.name, held_pose(giver, frame, give.grip.pose))
+    taken = Attachment(receiver.name, held_pose(receiver, frame, take.grip.pose))
+    held = gripped(receiver.name, name)
+    home = {robot.name: robot.home for robot in skills.cell.robots}
+    coming = -approach * tool[:3, 2]
+    targets = handover_targets(frame, at @ give.grip.pose, coming, leave)
+    for pre, receive in ready_postures(receiver, back, Subgoal("receive", frame, tool)):
+        scene = SkillScene(
+            skills.cell,
+            {**step.around, name: (step.part, taken)},
+            {**home, receiver.name: receive},
+            SkillContacts(held, held, held),
+            (name, taken),
+        )
+        if receiver_clash(scene, receiver, pre, giver, giver.home):
+            continue
+        grip = gripped(giver.name, name)
+        scene = replace(
+            scene,
+            objects={**step.around, name: (step.part, given)},
+            contacts=SkillContacts(grip, grip | held, NOTHING),
+        )
+        found = resolve_skill(giver, targets, scene)
+        if isinstance(found, Obstruction):
+            continue
+        cost = give.cost + take.cost + joint_distance(giver.home, found.path.contact)
+        return Handover(
+            giver.name,
+            receiver.name,
+            give.grip,
+            take.grip,
+            pre,
+            receive,
+            (give.path, found.path, take.path),
+            cost + joint_distance(receiver.home, receive),
+        )
+    return None
