@@ -29,6 +29,7 @@ REPLICATIONS, TASKS, EDGES = (
     "tasks.parquet",
     "edges.parquet",
 )
+PRODUCTS = "products.parquet"
 SUMMARY, REPORT = "summary.json", "report.html"
 
 

@@ -23,6 +23,7 @@ from twin.engine.engine import Simulator
 from twin.host.atomic import write_json
 from twin.host.progress import Report, report_nothing
 from twin.planning.build_workcell import build_workcell
+from twin.planning.kind import assembly_kind
 from twin.recorders.motion_tables import write_motion
 from twin.run.policies import NAMED_POLICIES, OPEN_LOOP
 from twin.scenario.sections.scenario import Scenario
@@ -32,6 +33,7 @@ from twin.study.folder import (
     BLOCKS,
     EDGES,
     PLANS,
+    PRODUCTS,
     REPLICATIONS,
     SUMMARY,
     TASKS,
@@ -43,6 +45,7 @@ from twin.study.folder import (
 from twin.study.gains.files import write_gains
 from twin.study.gains.gains import CellGains, study_gains
 from twin.study.layouts import plan_layouts
+from twin.study.line import line_content, product_times
 from twin.study.plans import (
     Plans,
     load_plans,
@@ -58,10 +61,13 @@ from twin.study.replications.runner import OpenExecutor, run_replications
 from twin.study.replications.workload import Workload
 from twin.study.summary import summarise_study
 from twin.study.tables import (
+    cell_table,
     edge_columns,
+    product_columns,
     task_columns,
     write_cells,
     write_replications,
+    write_tables,
 )
 from twin.trial.simulation import doubts_about_stalls, skill_durations
 from twin.uncertainty.disturbances import Speed
@@ -173,6 +179,7 @@ def _run(
         engines=[load.reasons for load in loads],
         audits=audits,
     )
+    _add_lines(request, folder, summary)
     samples = [makespans_s(blocks, cell) for cell in range(len(loads))]
     summary["ranking"] = rank_layouts(experiment, samples)
     summary["refused"] = [
@@ -193,6 +200,22 @@ def _run(
         for load in loads
     )
     return StudyResult(folder, request, summary, loads, gains, raised_skills)
+
+
+def _add_lines(request: StudyRequest, folder: Path, summary: Mapping[str, Any]) -> None:
+    """Write what is found of products, where there are several, and add figures to cells."""
+    experiment = request.experiment
+    rows = []
+    for cell, (policy, variant) in enumerate(experiment.cells):
+        times = product_times(folder / BLOCKS, cell)
+        if times is None:
+            continue
+        due = assembly_kind(varied(request.scenario, variant).assembly).due()
+        entry = summary["cells"][cell]
+        entry["line"] = line_content(times, due, summary["confidence"])
+        rows.append(cell_table(policy, variant, product_columns(times, due[0])))
+    if rows:
+        write_tables(folder / PRODUCTS, rows)
 
 
 def makespans_s(blocks: Path, cell: int) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,12 @@ from twin.engine.bulk.policy_graph import OTHER, policy_graph
 from twin.host.atomic import replacing
 from twin.recorders.motion_tables import write_table
 from twin.scenario.variations import Variant
-from twin.study.replications.block_results import TaskTally, cell_blocks, task_groups
+from twin.study.replications.block_results import (
+    ProductTimes,
+    TaskTally,
+    cell_blocks,
+    task_groups,
+)
 from twin.study.replications.experiment import Experiment
 from twin.study.replications.workload import Workload
 from twin.uncertainty.contraction import contract
@@ -57,7 +62,7 @@ def _groups(experiment: Experiment, blocks: Path) -> Iterator[pa.Table]:
     waiting: list[pa.Table] = []
     for cell, (policy, variant) in enumerate(experiment.cells):
         for result in cell_blocks(blocks, cell):
-            waiting.append(_cell_table(policy, variant, result.rows.columns()))
+            waiting.append(cell_table(policy, variant, result.rows.columns()))
             while sum(len(table) for table in waiting) >= ROWS_A_GROUP:
                 joined = pa.concat_tables(waiting, promote_options="permissive")
                 yield joined.slice(0, ROWS_A_GROUP)
@@ -66,7 +71,7 @@ def _groups(experiment: Experiment, blocks: Path) -> Iterator[pa.Table]:
         yield pa.concat_tables(waiting, promote_options="permissive")
 
 
-def _cell_table(policy: str, variant: Variant, columns: Mapping[str, Any]) -> pa.Table:
+def cell_table(policy: str, variant: Variant, columns: Mapping[str, Any]) -> pa.Table:
     """Return columns of a cell behind those that name the cell."""
     count = len(next(iter(columns.values())))
     names = {"policy": pa.array([policy] * count, pa.string())}
@@ -79,9 +84,14 @@ def write_cells(
 ) -> None:
     """Write a table of columns for each cell of an experiment."""
     tables = [
-        _cell_table(policy, variant, own)
+        cell_table(policy, variant, own)
         for (policy, variant), own in zip(experiment.cells, columns, strict=True)
     ]
+    write_tables(path, tables)
+
+
+def write_tables(path: Path, tables: Sequence[pa.Table]) -> None:
+    """Write tables of cells as one."""
     write_table(path, pa.concat_tables(tables, promote_options="permissive"))
 
 
@@ -105,6 +115,27 @@ def task_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
     for name, values in (("start", tally.start_ns), ("end", tally.end_ns)):
         for p in (10, 50, 90):
             columns[f"{name}_p{p}_s"] = _percentile(values, p, len(tasks))
+    return columns
+
+
+def product_columns(times: ProductTimes, due_s: Sequence[float] = ()) -> dict[str, Any]:
+    """Return a row a product: when it is complete, and how likely after it is due."""
+    begin = times.product_begin_ns / NANOSECONDS
+    end = times.product_end_ns / NANOSECONDS
+    count = len(end)
+    columns: dict[str, Any] = {
+        "product": np.arange(1, count + 1),
+        "begin_mean_s": begin.mean(axis=1),
+        "end_mean_s": end.mean(axis=1),
+        "cycle_mean_s": (end - begin).mean(axis=1),
+    }
+    for p in (5, 50, 95):
+        columns[f"end_p{p}_s"] = np.percentile(end, p, axis=1)
+    if len(due_s):
+        late = end - np.asarray(due_s)[:, None]
+        columns["due_s"] = np.asarray(due_s, dtype=float)
+        columns["lateness_mean_s"] = late.mean(axis=1)
+        columns["late"] = (late > 0).mean(axis=1)
     return columns
 
 

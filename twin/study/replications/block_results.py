@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
@@ -48,6 +48,7 @@ _SEAL = "made_from_and_sha256"
 _NAME = re.compile(r"(\d+)-(\d+)-(\d+)\.npz")
 _TEXTS = ("outcome", "error")
 _ROWS = ("replication", "makespan_ns", "busy_ns", "waited_ns")
+_PRODUCTS = ("product_begin_ns", "product_end_ns")
 _TALLY = ("critical", "critical_edges", "slack_ns", "start_ns", "end_ns")
 
 
@@ -75,12 +76,24 @@ class ReplicationRows:
     error: npt.NDArray[Any]
     robots: tuple[str, ...]
 
-    def fill(self, which: npt.NDArray[np.bool_], found: Completions) -> None:
-        """Enter what came of replications that completed: those rows, shape (r,)."""
+    def fill(
+        self,
+        which: npt.NDArray[np.bool_],
+        found: Completions,
+        chains: Sequence[int] | slice = slice(None),
+    ) -> None:
+        """Enter what came of replications that completed.
+
+        Args:
+            which: those rows, shape (r,).
+            found: their times.
+            chains: of the robots.
+        """
         self.outcome[which] = COMPLETED
         self.makespan_ns[which] = found.makespan_ns
-        self.busy_ns[:, which] = found.chain_end_ns - found.waited_ns.sum(axis=1)
-        self.waited_ns[:, which] = found.waited_ns.sum(axis=0)
+        waited = found.waited_ns[chains]
+        self.busy_ns[:, which] = found.chain_end_ns[chains] - waited.sum(axis=1)
+        self.waited_ns[:, which] = waited.sum(axis=0)
 
     def makespans_s(self) -> npt.NDArray[np.float64]:
         """Return the makespans, NaN where a replication did not complete, shape (r,) [s]."""
@@ -169,6 +182,18 @@ class TaskGroups:
 
 
 @dataclass(frozen=True)
+class ProductTimes:
+    """When products began and were complete in replications that completed.
+
+    Attributes:
+        product_begin_ns, product_end_ns: shape (products, r) [ns].
+    """
+
+    product_begin_ns: Nanoseconds
+    product_end_ns: Nanoseconds
+
+
+@dataclass(frozen=True)
 class BlockResult:
     """Result of a block of replications.
 
@@ -176,11 +201,13 @@ class BlockResult:
         block: which.
         rows: one a replication.
         tally: what is kept of tasks; replications that did not complete are not in it.
+        products: None where there is only one.
     """
 
     block: Block
     rows: ReplicationRows
     tally: TaskTally
+    products: ProductTimes | None = None
 
 
 def empty_rows(
@@ -224,6 +251,8 @@ def write_block(folder: Path, result: BlockResult, made_from: str = "") -> None:
     """
     block = result.block
     arrays: dict[str, Any] = {**vars(result.rows), **vars(result.tally)}
+    if result.products is not None:
+        arrays |= vars(result.products)
     arrays |= {name: arrays[name].astype(str) for name in _TEXTS}
     arrays["robots"] = np.array(result.rows.robots, dtype=str)
     arrays = {name: np.asarray(values) for name, values in arrays.items()}
@@ -258,13 +287,16 @@ def read_block(folder: Path, block: Block, made_from: str | None = None) -> Bloc
         tally = TaskTally(
             int(arrays["count"]), **{name: arrays[name] for name in _TALLY}
         )
+        products = None
+        if _PRODUCTS[0] in arrays:
+            products = ProductTimes(**{name: arrays[name] for name in _PRODUCTS})
     except NPZ_ERRORS as error:
         raise OutputError(f"{path}: is no block of a study: {error}") from error
     if made_from not in (None, origin):
         raise OutputError(
             f"{path}: was made from another scenario, plan, policy, variant or version of a package"
         )
-    return BlockResult(block, rows, tally)
+    return BlockResult(block, rows, tally, products)
 
 
 def _digest(

@@ -39,6 +39,9 @@ from twin.study.replications.workload import (
 BULK_BLOCK, EVENTS_BLOCK = 500, 20
 """Replications of a block, by engine: about as much work as is worth sending away."""
 
+_MOST_TASKS = 3_000_000
+"""Tasks of all replications of a block that are computed side by side."""
+
 _log = logging.getLogger(__name__)
 
 _RESTARTS = 3
@@ -94,9 +97,7 @@ def run_replications(
         blocks = [
             block
             for cell, load in enumerate(workloads)
-            for block in blocks_of(
-                cell, begin, target, EVENTS_BLOCK if load.reasons else BULK_BLOCK
-            )
+            for block in blocks_of(cell, begin, target, _block_size(load))
         ]
         missing = []
         for block in blocks:
@@ -116,6 +117,13 @@ def run_replications(
         place = put_aside(folder, block)
         _log.warning("%s: is no block of this study and counts for nothing", place)
     return begin
+
+
+def _block_size(load: Workload) -> int:
+    """Return how many replications are worth sending away, and have room in memory together."""
+    if load.reasons:
+        return EVENTS_BLOCK
+    return max(1, min(BULK_BLOCK, _MOST_TASKS // max(len(load.tpg.tasks), 1)))
 
 
 def _kept(folder: Path, block: Block, made_from: str) -> BlockResult | None:

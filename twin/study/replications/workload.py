@@ -17,17 +17,20 @@ import numpy as np
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, Workcell
+from scheduling.graph.machine_chains import machine_chains
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine
-from twin.engine.bulk.max_plus import completions, explain
+from twin.engine.bulk.max_plus import Completions, completions, explain
 from twin.engine.bulk.policy_graph import PrecedenceArrays, policy_graph
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.run.run_record import DeadlockError, Run
+from twin.run.throughput import ProductNodes, product_nodes
 from twin.study.replications.block_results import (
     ERROR,
     BlockResult,
+    ProductTimes,
     ReplicationRows,
     TaskGroups,
     empty_rows,
@@ -107,11 +110,12 @@ class Engines:
         well = ~times.fails
         found = completions(bulk.graph, times.busy_ns[:, well])
         rows = empty_rows(numbers, robots, engine="bulk")
-        rows.fill(well, found)
+        rows.fill(well, found, robot_chains(load.tpg))
         for place in np.flatnonzero(~well).tolist():
             self._by_event(rows, place)
         tally = self._segment_groups.tally(numbers[well], found)
-        return BlockResult(block, rows, tally)
+        products = _product_times(self._segment_products, found)
+        return BlockResult(block, rows, tally, products)
 
     def by_events(self, block: Block) -> BlockResult:
         """Execute a block with the event engine, one replication after the other."""
@@ -128,9 +132,10 @@ class Engines:
         start = _columns([run.start_ns for run in done], len(graph.order))
         end = _columns([run.end_ns for run in done], len(graph.order))
         found = explain(graph, start, end)
-        rows.fill(well, found)
+        rows.fill(well, found, robot_chains(load.tpg))
         tally = self._node_groups.tally(numbers[well], found)
-        return BlockResult(block, rows, tally)
+        products = _product_times(self._node_products, found)
+        return BlockResult(block, rows, tally, products)
 
     @cached_property
     def bulk(self) -> BulkEngine:
@@ -149,6 +154,14 @@ class Engines:
     @cached_property
     def _node_groups(self) -> TaskGroups:
         return task_groups(self.workload.tpg)
+
+    @cached_property
+    def _segment_products(self) -> ProductNodes | None:
+        return product_nodes(self.bulk.contraction.tpg)
+
+    @cached_property
+    def _node_products(self) -> ProductNodes | None:
+        return product_nodes(self.workload.tpg)
 
     @cached_property
     def _node_graph(self) -> PrecedenceArrays:
@@ -174,7 +187,21 @@ class Engines:
 
 def robot_names(tpg: TemporalPlanGraph) -> tuple[str, ...]:
     """Return the names of the robots that have work, in the order of the chains."""
-    return tuple(chain.robot for chain in tpg.chains)
+    return tuple(tpg.chains[k].robot for k in robot_chains(tpg))
+
+
+def robot_chains(tpg: TemporalPlanGraph) -> list[int]:
+    """Return the chains that are no machines'."""
+    machines = machine_chains(tpg)
+    return [k for k in range(len(tpg.chains)) if k not in machines]
+
+
+def _product_times(
+    nodes: ProductNodes | None, found: Completions
+) -> ProductTimes | None:
+    if nodes is None:
+        return None
+    return ProductTimes(nodes.begin(found.start_ns), nodes.end(found.end_ns))
 
 
 def _columns(values: Sequence[tuple[Nanoseconds, ...]], nodes: int) -> Nanoseconds:

@@ -17,16 +17,24 @@ from twin.check.picture import cell_figure
 from twin.host.atomic import write_text
 from twin.host.pictures import save_png
 from twin.host.progress import Report
+from twin.planning.kind import assembly_kind
 from twin.run.policies import ASYNCHRONOUS, ASYNCHRONOUS_SHORTCUTS, NAMED_POLICIES
 from twin.scenario.variations import varied
 from twin.study.folder import BLOCKS, REPORT
 from twin.study.gains.candidates import task_names
+from twin.study.line import product_times
 from twin.study.replications.block_results import TaskTally, cell_tally
 from twin.study.report.assumptions import assumptions, warnings
 from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
 from twin.study.report.figures import draw_ecdf, draw_response, draw_waits
 from twin.study.report.fixing import HONEST, critical_tasks_table, gains_tables
 from twin.study.report.layout import WIDTH_IN
+from twin.study.report.lines import (
+    draw_line,
+    has_lines,
+    lateness_list,
+    lines_table,
+)
 from twin.study.report.markup import (
     heading,
     pairs,
@@ -156,6 +164,7 @@ def _first_page(result: StudyResult) -> Pieces:
     yield makespans_table(summary, shown if many else None)
     if many:
         yield paragraph("The other variants are in a table further down.", "note")
+    yield from _lines(result, cell)
     yield heading("What is worth fixing")
     yield paragraph(HONEST, "note")
     yield gains_tables(
@@ -170,6 +179,22 @@ def _first_page(result: StudyResult) -> Pieces:
     yield _drawn(result, cell_figure(subject, width_in=WIDTH_IN), "cell")
     yield heading("What it rests on")
     yield pairs(assumptions(result))
+
+
+def _lines(result: StudyResult, cell: int) -> Pieces:
+    """Yield throughput, takt and lateness, where several products are made."""
+    summary = result.summary
+    if not has_lines(summary["cells"]):
+        return
+    yield heading("What the line achieves")
+    yield lines_table(summary)
+    yield lateness_list(summary)
+    times = product_times(result.folder / BLOCKS, cell)
+    if times is not None:
+        variant = summary["cells"][cell]["variant"]
+        scenario = varied(result.request.scenario, variant)
+        due = assembly_kind(scenario.assembly).due()
+        yield _drawn(result, draw_line(times, due), "products")
 
 
 def _layouts(result: StudyResult) -> Pieces:

@@ -15,6 +15,7 @@ from twin.study.folder import REPORT
 from twin.study.layouts import words
 from twin.study.replications.statistics import Interval
 from twin.study.report.fixing import LESS, P90
+from twin.study.report.lines import line_rows
 from twin.study.report.ranking import behind_words, ranking_rows, told_apart
 from twin.study.report.report import shown_cell, shown_policy
 from twin.study.study import StudyResult
@@ -71,8 +72,9 @@ def _print_makespans(console: Console, summary: Mapping[str, Any]) -> None:
 
 
 def _print_rest(console: Console, result: StudyResult) -> None:
-    """Print what has no plan, what collided, warnings, what is worth fixing, and the folder."""
+    """Print lines, what has no plan, what collided, warnings, what is worth fixing, the folder."""
     summary = result.summary
+    _print_lines(console, summary)
     for item in summary["refused"]:
         console.print(
             f"[yellow]no plan[/yellow]: {words(item['layout'])}:",
@@ -87,6 +89,19 @@ def _print_rest(console: Console, result: StudyResult) -> None:
         console.print("[yellow]warning[/yellow]:", Text(warning), soft_wrap=True)
     _print_gains(console, result)
     console.print(f"{result.folder}")
+
+
+def _print_lines(console: Console, summary: Mapping[str, Any]) -> None:
+    """Print throughput, takt and lateness, where several products are made."""
+    head, rows = line_rows(summary)
+    if not rows:
+        return
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in head:
+        table.add_column(name, justify="left" if name == head[0] else "right")
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
 
 
 def _print_ranking(
