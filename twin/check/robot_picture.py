@@ -19,7 +19,7 @@ from twin.check.picture import AXIS_COLOURS, hull_outline
 from twin.host.pictures import INK, new_picture, save_png, style_axes
 
 _ARM, _TOOL = "#7f93ab", "#d9822b"
-_VIEWS = (("from the front", 1, 2, 0, 1.0), ("from the side", 0, 2, 1, -1.0))
+_VIEWS = (("from the front (+x)", 1, 2, 0, 1.0), ("from the side (-y)", 0, 2, 1, -1.0))
 """Title, axes to the right and up, axis towards the eye and its sign."""
 
 
@@ -60,7 +60,7 @@ def picture_of_tool(model: RobotModel, title: str) -> PicturedThing:
         for part in model.parts
         if part.group == "tool"
     )
-    return PicturedThing(title, hulls, {"flange": identity(), **model.frames})
+    return PicturedThing(title, hulls, {"root": identity()})
 
 
 def save_picture(thing: PicturedThing, path: Path) -> None:

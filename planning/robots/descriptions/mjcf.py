@@ -14,12 +14,17 @@ import pinocchio
 
 from planning.errors import RobotModelError
 from planning.files import is_file
+from planning.robots.descriptions import urdf_checks
 from planning.robots.descriptions.held_joints import write_pose
 from planning.robots.descriptions.xml_reading import read_xml
 from planning.transforms import Array, Transform, inverse, translation
 
 _MOST_INCLUDES = 100
 _UNLIMITED = 1e6
+
+_NUMBERS = {"pos", "quat", "axisangle", "euler", "xyaxes", "zaxis", "axis", "size"}
+_NUMBERS |= {"fromto", "range", "scale", "polycoef"}
+_LARGEST = 1e5
 
 _WORLD, _ORIGIN = "world", "world.origin"
 _FRAMES = pinocchio.FrameType
@@ -39,6 +44,8 @@ def urdf_of_mjcf(root: Element, path: Path) -> Element:
         RobotModelError: it cannot be read, or holds what URDF has no words for.
     """
     _include(root, path, 0)
+    _check_values(root, path)
+    _check_references(root, path)
     _prepare(root, path)
     with tempfile.TemporaryDirectory() as folder:
         plain = Path(folder, "plain.xml")
@@ -52,7 +59,7 @@ def urdf_of_mjcf(root: Element, path: Path) -> Element:
                     ("visual", pinocchio.GeometryType.VISUAL),
                 )
             }
-        except (ValueError, RuntimeError) as error:
+        except (ValueError, RuntimeError, IndexError, KeyError) as error:
             said = str(error).partition("message:")[2] or str(error)
             raise RobotModelError(
                 f"{path} cannot be read as MJCF: {' '.join(said.split())}"
@@ -82,6 +89,40 @@ def _include(root: Element, path: Path, depth: int) -> None:
             element.remove(child)
             for number, part in enumerate(content):
                 element.insert(at + number, part)
+
+
+def _check_values(root: Element, path: Path) -> None:
+    """Require numbers to be numbers of a magnitude that bodies have, and directions to have one."""
+    for element in root.iter():
+        for key in _NUMBERS & element.attrib.keys():
+            name = element.get("name") or element.get("class") or ""
+            where = f"{path}: {key} of <{element.tag}> {name!r}"
+            text = element.get(key, "")
+            values = [urdf_checks.number(part, where) for part in text.split()]
+            if not values or any(abs(value) > _LARGEST for value in values):
+                raise RobotModelError(
+                    f"{where} must be numbers of at most {_LARGEST:g}, is {text[:60]!r}"
+                )
+            if key in ("quat", "axis", "zaxis") and not any(values):
+                raise RobotModelError(f"{where} must not be zero")
+
+
+def _check_references(root: Element, path: Path) -> None:
+    """Require classes and meshes that are named to be there."""
+    classes = {item.get("class", "main") for item in root.iter("default")} | {"main"}
+    meshes = {
+        item.get("name") or Path(item.get("file", "")).stem
+        for item in root.findall("asset/mesh")
+    }
+    for key, valid in (("class", classes), ("childclass", classes), ("mesh", meshes)):
+        for element in root.iter():
+            name = element.get(key)
+            if name is None or (element.tag == "default" or name in valid):
+                continue
+            raise RobotModelError(
+                f"{path}: {key} {name!r} of a <{element.tag}> is not there",
+                choices=tuple(sorted(valid)),
+            )
 
 
 def _prepare(root: Element, path: Path) -> None:

@@ -32,22 +32,22 @@ def read_description(path: Path) -> Element:
             f"{path} is neither URDF nor MJCF: its root element is <{root.tag}>",
             choices=("robot", "mujoco"),
         )
-    _take_capsules_apart(root)
+    _take_capsules_apart(root, path)
     return root
 
 
-def _take_capsules_apart(root: Element) -> None:
+def _take_capsules_apart(root: Element, path: Path) -> None:
     """Write capsules, which not every program reads, as a cylinder and two balls."""
     for link in root.findall("link"):
         for tag in ("collision", "visual"):
             for shape in link.findall(tag):
                 capsule = shape.find("geometry/capsule")
                 if capsule is not None and capsule.get("radius"):
-                    _take_apart(link, shape, capsule)
+                    where = f"{path}: link {link.get('name')!r}: a <capsule>"
+                    _take_apart(link, shape, capsule, where)
 
 
-def _take_apart(link: Element, shape: Element, capsule: Element) -> None:
-    where = f"link {link.get('name')!r}: a <capsule>"
+def _take_apart(link: Element, shape: Element, capsule: Element, where: str) -> None:
     radius, length = capsule.get("radius", ""), capsule.get("length", "0")
     place = pose_of(shape.find("origin"), where)
     half = 0.5 * number(length, where)

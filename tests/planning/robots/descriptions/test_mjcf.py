@@ -175,6 +175,21 @@ def test_an_arm_in_mjcf_moves_where_its_joints_let_it(tmp_path: Path) -> None:
             '<joint name="left"/><joint name="more"/>',
             "several joints",
         ),
+        (
+            'pos="0 0.004 0.1" childclass',
+            'pos="0 nan 0.1" childclass',
+            "pos of <body> '\\w+' must be a fin",
+        ),
+        (
+            'pos="0 0 0.01" quat="0.9238795 0 0 0.3826834"',
+            'quat="0 0 0 0"',
+            "quat of <body> 'palm'",
+        ),
+        (
+            'childclass="finger"',
+            'childclass="thumb"',
+            "childclass 'thumb' of a <body> is not there",
+        ),
         ('polycoef="0.002 0.5 0 0 0"', 'polycoef="0 1 2 0 0"', "along a curve"),
         ("</mujoco>", '<include file="more.xml"/></mujoco>', "more.xml does not exist"),
         ("</mujoco>", '<include file="hand.xml"/></mujoco>', "includes itself"),
