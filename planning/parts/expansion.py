@@ -146,7 +146,8 @@ class _Expander:
         way = [*path.lead, *path.path]
         held = self._hold(step)
         build.lead_in(path, f"to {words}", None)
-        first = self._along(STRAIGHT, way[: targets.first + 1], words, part)
+        coming = f"approach to {words}"
+        first = self._along(STRAIGHT, way[: targets.first + 1], coming, part)
         done = self._along(
             process.name, way[targets.first : targets.last + 1], words, part
         )

@@ -39,6 +39,14 @@ def test_who_does_what_is_by_the_tools(planned: Planned) -> None:
     assert [task.label for task in tasks if task.kind == HOLD] == ["hold cover"] * 2
 
 
+def test_every_text_of_a_lane_tells_of_one_kind_of_task(planned: Planned) -> None:
+    """A lane has the colour of its text: an approach must not be called as its process is."""
+    kinds: dict[str, set[str]] = {}
+    for task in planned.tpg.tasks:
+        kinds.setdefault(task.label, set()).add(task.kind)
+    assert all(len(found) == 1 for found in kinds.values())
+
+
 def test_the_order_is_one_in_which_it_can_be_built(planned: Planned) -> None:
     step = {task.label: task.step for task in planned.tpg.tasks if task.object}
     step |= {
