@@ -71,12 +71,9 @@ class GripWatch:
             for shape in tool_shapes(self._world, arm)
             for track in tracks
         )
-        thinnest = min(2.0 * float(np.min(track.shape.half)) for track in tracks)
         placed = self._world.cell.robot(holder)
-        grip, opening = placed.model.grip, self._opening
-        if grip is not None:
-            opening = 0.0 if grip.opening is None else grip.opening[1]
-        closing = max(0.0, 0.5 * (opening - thinnest))
+        grip, opening = placed.model.grip, finger_opening(placed, self._opening)
+        closing = max(finger_travel(track.shape, opening) for track in tracks)
         t = float(stretch.t[0])
         if grip is not None and grip.opening is not None:
             width = self._width(name, placed, stretch.placements[name].pose)
@@ -103,6 +100,24 @@ class GripWatch:
         if tool is None or not item.shape.is_box:
             return None
         return float(np.abs(held[:3, :3].T @ tool[:3, 1]) @ item.size)
+
+
+def finger_opening(robot: PlacedRobot, otherwise: float) -> float:
+    """Return how far the fingers of a robot stand open [m].
+
+    Args:
+        robot: says itself if its tool is one of the cell's.
+        otherwise: what the scenario says of tools that come with their robots [m].
+    """
+    grip = robot.model.grip
+    if grip is None:
+        return otherwise
+    return 0.0 if grip.opening is None else grip.opening[1]
+
+
+def finger_travel(shape: Shape, opening: float) -> float:
+    """Return how far each finger closes on the thinnest edge of a shape at most [m]."""
+    return max(0.0, 0.5 * (opening - 2.0 * float(np.min(shape.half))))
 
 
 def tool_shapes(world: AuditWorld, robot: int) -> list[Shape]:

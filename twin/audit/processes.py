@@ -10,7 +10,7 @@ import numpy as np
 from planning.cell.workcell import Workcell
 from planning.transforms import Array, Indices, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.grips import tool_shapes
+from twin.audit.grips import finger_opening, finger_travel, tool_shapes
 from twin.audit.motion.executed import Recording, RobotRows
 from twin.audit.places import rows_at
 from twin.audit.supports import SUPPORT, stands_still
@@ -189,11 +189,9 @@ def _held(
     world: AuditWorld, recording: Recording, wanted: Wanted, part: str, done: _Done
 ) -> Iterator[Violation]:
     """Yield that a part was not held while a process was done."""
-    shape = next(item for item in world.objects if item.entity == part)
+    shapes = [item for item in world.objects if item.entity == part]
     row = rows_at(world.cell, recording, done.end)[part]
-    size = world.cell.object(part).size
-    closing = max(0.0, 0.5 * (wanted.opening_m - float(np.min(size))))
-    least = _FAR
+    least, closing = _FAR, 0.0
     for k, robot in enumerate(world.cell.robots):
         rows = recording.robots[robot.name]
         if robot.name == done.robot or row.holder is not None:
@@ -201,9 +199,14 @@ def _held(
         if not stands_still(rows, done.begin, done.end):
             continue
         world.configure(k, rows.at(np.array([done.begin]))[0])
-        world.place(shape, row.pose)
-        gap = min(world.distance(item, shape, _FAR) for item in tool_shapes(world, k))
-        least = min(least, gap)
+        opening = finger_opening(robot, wanted.opening_m)
+        for shape in shapes:
+            world.place(shape, shape.at(row.pose))
+            tool = tool_shapes(world, k)
+            gap = min(world.distance(item, shape, _FAR) for item in tool)
+            closes = finger_travel(shape, opening)
+            if gap - closes < least - closing:
+                least, closing = gap, closes
     if least > SUPPORT + closing:
         detail = "is not held meanwhile by another robot that stands still"
         if least < _FAR:

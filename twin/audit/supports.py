@@ -10,7 +10,7 @@ import numpy as np
 from planning.cell.workcell import Workcell
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.grips import tool_shapes
+from twin.audit.grips import finger_opening, finger_travel, tool_shapes
 from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
 from twin.audit.places import rows_at, taken
 from twin.audit.violation import Violation
@@ -131,7 +131,8 @@ def _supported(
             rows, change.begin, change.end
         ):
             continue
-        gap, closes = _gap_to_objects(world, recording, index, change, opening)
+        own = finger_opening(robot, opening)
+        gap, closes = _gap_to_objects(world, recording, index, change, own)
         if gap - closes < least - closing:
             least, nearest, closing = gap, robot.name, closes
     if least > SUPPORT + closing:
@@ -166,8 +167,7 @@ def _gap_to_objects(
             continue
         world.place(shape, shape.at(at.pose))
         gap = min(world.distance(part, shape, _FAR) for part in tool)
-        edge = 2.0 * float(np.min(shape.half))
-        closes = max(0.0, 0.5 * (opening - edge))
+        closes = finger_travel(shape, opening)
         if gap - closes < least - closing:
             least, closing = gap, closes
     return least, closing

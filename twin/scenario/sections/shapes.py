@@ -67,7 +67,7 @@ class ShapeSection(Section):
         if len(given) != 1:
             found = " and ".join(given) if given else "none"
             raise ValueError(f"give one of {', '.join(FORMS)}, not {found}")
-        if self.mesh is None and {"scale", "within_m"} & self.model_fields_set:
+        if self.mesh is None and (self.scale, self.within_m) != (None, None):
             raise ValueError("scale and within_m belong to a mesh")
         return self
 

@@ -1,0 +1,55 @@
+"""The shipped gearbox: tools of their own, a mesh, pins, and a cover that is held while it is screwed on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from planning.tasks.task import HOLD
+from scheduling.verification.verify import verify_plan
+from twin.planning.pipeline import Planned, plan_scenario
+from twin.scenario.file import load_scenario
+from twin.scenario.sections.scenario import Scenario, resolved, restored
+from twin.trial.trial import try_plan
+
+FILE = Path(__file__).parents[3] / "scenarios" / "assembly" / "gearbox.yaml"
+
+
+@pytest.fixture(scope="module")
+def gearbox() -> Scenario:
+    return load_scenario(FILE)
+
+
+@pytest.fixture(scope="module")
+def planned(gearbox: Scenario) -> Planned:
+    return plan_scenario(gearbox, FILE.parent)
+
+
+def test_it_is_built_and_found_clean(
+    gearbox: Scenario, planned: Planned, tmp_path: Path
+) -> None:
+    trial = try_plan(gearbox, planned.tpg, tmp_path, base=FILE.parent)
+    assert trial.passed
+    assert verify_plan(planned.tpg).ok
+
+
+def test_the_driver_screws_while_the_gripper_holds(planned: Planned) -> None:
+    tasks = planned.tpg.tasks
+    assert {t.robot for t in tasks if t.kind == "screw"} == {"right"}
+    assert {t.robot for t in tasks if t.kind in ("pick", "place-down", HOLD)} == {
+        "left"
+    }
+    assert sum(t.kind == "screw" for t in tasks) == 4
+    assert sum(t.kind == HOLD for t in tasks) == 2
+
+
+def test_a_run_remembers_its_scenario(gearbox: Scenario) -> None:
+    """Shapes with all their defaults filled in are read as they were written."""
+    assert restored(resolved(gearbox)) == gearbox
+
+
+def test_pins_are_put_in_before_the_gears_on_them(planned: Planned) -> None:
+    order = [t.object for t in planned.tpg.tasks if t.kind == "place-down"]
+    for side in "ab":
+        assert order.index(f"pin_{side}") < order.index(f"gear_{side}")
