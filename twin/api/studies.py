@@ -17,7 +17,7 @@ from twin.comparison.comparison import shortcut_budget
 from twin.host.progress import Report, report_nothing
 from twin.run.folder import locked, run_folder
 from twin.run.policies import OPEN_LOOP, SEQUENTIAL, policy_named
-from twin.scenario.variations import Variation, variants
+from twin.scenario.variations import Variation, variants, variation
 from twin.study.folder import (
     EDGES,
     REPLICATIONS,
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
     from twin.cluster.address import Cluster
 
-Vary = Mapping[str, Sequence[Any]] | Iterable[Variation]
+Vary = Mapping[str, Iterable[Any]] | Iterable[Variation]
 """Values by key, such as ``{"skills.pick.scale": [1, 1.5, 2]}``."""
 
 
@@ -270,7 +270,7 @@ def _variations(vary: Vary) -> list[Variation]:
     """Return what is varied, of whatever it was written as."""
     if not isinstance(vary, Mapping):
         return list(vary)
-    return [Variation(key, tuple(values)) for key, values in vary.items()]
+    return [variation(key, values) for key, values in vary.items()]
 
 
 def _saved(plan: Plan) -> SavedPlan:

@@ -9,10 +9,12 @@ from __future__ import annotations
 import copy
 import itertools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from planning.errors import ScenarioError
 from planning.tasks.task import HOLD
@@ -58,10 +60,30 @@ def parse_variation(text: str) -> Variation:
             f"cannot vary {text!r}: write key=value,value such as"
             " skills.pick.scale=1,1.5,2"
         )
-    values = tuple(_value(item) for item in _split(rest))
-    if len({json.dumps(value) for value in values}) < len(values):
-        raise ScenarioError(f"cannot vary {text!r}: a value is there twice")
-    return Variation(key, values)
+    return variation(key, [_value(item) for item in _split(rest)])
+
+
+def variation(key: str, values: Iterable[Any]) -> Variation:
+    """Return the variation of a key over some values; those of numpy become plain ones.
+
+    Raises:
+        ScenarioError: these are no values, there are none, or one is there twice.
+    """
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise ScenarioError(
+            f"cannot vary {key}: a list of values expected, not {values!r}"
+        )
+    plain = tuple(map(_plain, values))
+    if not plain:
+        raise ScenarioError(f"cannot vary {key}: no values")
+    if len({json.dumps(value) for value in plain}) < len(plain):
+        raise ScenarioError(f"cannot vary {key}: a value is there twice")
+    return Variation(key, plain)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON has it."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
 def variants(variations: Sequence[Variation]) -> tuple[Variant, ...]:
@@ -117,7 +139,8 @@ def assign_variant(content: dict[str, Any], variant: Variant) -> None:
     Raises:
         ScenarioError: there is no such key; the message names those there are.
     """
-    for key, value in variant.items():
+    for key, given in variant.items():
+        value = _plain(given)
         if key == ROBOTS:
             continue
         if is_of_execution(key):

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from planning.errors import ScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
-from twin.scenario.variations import Variation, parse_variation, variants, varied
+from twin.scenario.variations import (
+    Variation,
+    parse_variation,
+    variants,
+    variation,
+    varied,
+)
 
 CLIFF = Path(__file__).parents[3] / "scenarios/lego/cliff.yaml"
 
@@ -111,6 +119,23 @@ def test_keys_of_the_whole_scenario_are_paths_by_position_or_name(
     assert other.planning.speed_rad_s == 2.0
     assert other.seed == 7
     assert other.assembly == cliff.assembly
+
+
+def test_values_of_numpy_are_plain_ones(cliff: Scenario) -> None:
+    found = variation("seed", np.arange(2))
+    assert found == Variation("seed", (0, 1))
+    assert all(type(value) is int for value in found.values)
+    moved = varied(cliff, {"cell.robots.0.base.xyz_m": np.array([1.0, 2.0, 3.0])})
+    assert moved.cell.robots[0].base.xyz_m == (1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [("l1", "a list of values"), (3, "a list of values"), ([], "no values")],
+)
+def test_what_is_no_list_of_values_is_refused(values: Any, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
+        variation("planning.speed_model", values)
 
 
 def test_names_with_dots_are_names(cliff: Scenario) -> None:
