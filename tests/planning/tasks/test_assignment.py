@@ -41,7 +41,7 @@ def problems(draw: st.DrawFn) -> AssignmentProblem:
             item = draw(st.sampled_from(objects))
             others = [r for r in robots if r != robot]
             partner = None
-            if needs[step - 1] and draw(st.booleans()):
+            if draw(st.booleans()):
                 partner = draw(st.sampled_from(others))
             after = draw(st.sets(st.sampled_from(objects), max_size=1))
             if draw(st.integers(0, 3)) or item in after:
@@ -123,6 +123,10 @@ def objective(problem: AssignmentProblem, plan: TaskPlan) -> float:
         window = plan.choices[start : start + n]
         busy = [c.robot for c in window] + [
             c.support.robot for c in window if c.support
+        ]
+        # Who hands an object over works, too, whether or not the step has a support.
+        busy += [
+            c.primary.partner for c in window if c.primary.partner and not c.support
         ]
         load = [busy.count(robot) for robot in problem.robots]
         total += problem.balance_weight * (max(load) - min(load))
