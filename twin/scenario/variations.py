@@ -222,6 +222,11 @@ def _entry(
     for used in range(len(words), 0, -1):
         if (name := ".".join(words[:used])) in entries:
             return entries[name], used
+    if isinstance(place, _NewSection):
+        whole = f"{walked}.{words[0]}"
+        raise ScenarioError(
+            f"cannot vary {key}: the scenario leaves {walked} out; give {whole} as a whole"
+        )
     here = f"{walked} has" if walked else "a scenario has"
     what = f"no entry {words[0]!r}" if isinstance(place, list) else f"no {words[0]!r}"
     raise ScenarioError(f"cannot vary {key}: {here} {what}", choices=tuple(entries))

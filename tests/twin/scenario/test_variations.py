@@ -168,6 +168,7 @@ def test_the_number_of_robots_is_varied_with_and_without_a_team(
         ({"cell.robots.left.base.xyz_m.3": 0}, r"xyz_m has no entry '3' .*0, 1, 2"),
         ({"planning.speed_model": "quick"}, "unknown value 'quick'.*joint"),
         ({"robots": "two"}, "no number of robots: 'two'"),
+        ({"cell.robots.left.parked.at_m.0": 1}, "leaves cell.robots.left.parked out"),
     ],
 )
 def test_paths_and_values_that_do_not_fit_are_refused_by_place(
