@@ -42,6 +42,10 @@ if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
 
 
+ORDERS = "orders tried"
+"""Name of the stage for progress displays."""
+
+
 @dataclass(frozen=True)
 class PartKind(AssemblyKind):
     """An assembly of parts of a scenario.
@@ -150,7 +154,7 @@ class PartKind(AssemblyKind):
         assembly = _build_assembly(line)
         with watch.stage("assignment", ASSIGNMENT):
             found = (
-                find_ordered_candidates(cell, assembly)
+                find_ordered_candidates(cell, assembly, watch.reporter(ORDERS))
                 if self.section.order == "find"
                 else find_candidates(cell, assembly)
             )
