@@ -141,13 +141,15 @@ def _links(
     known: dict[str, Transform] = {}
 
     def pose(link: str) -> Transform:
-        if link not in known:
-            joint = above.get(link)
-            if joint is None:
-                known[link] = np.eye(4)
-            else:
-                known[link] = pose(_parent(joint)) @ _across(joint, values, path)
-        return known[link]
+        way: list[tuple[str, Element]] = []
+        at = link
+        while at not in known and at in above:
+            way.append((at, above[at]))
+            at = _parent(above[at])
+        found = known.setdefault(at, np.eye(4))
+        for name, joint in reversed(way):
+            found = known[name] = found @ _across(joint, values, path)
+        return found
 
     rows = []
     for element in root.findall("link"):

@@ -10,6 +10,7 @@ import pytest
 
 from planning.cell.differences import cell_differences
 from planning.cell.forms import Mesh
+from planning.cell.robot_model import ToolGrip
 from planning.cell.shape import Element, Shape, box_shape, shape_of
 from planning.cell.workcell import Clearances, Workcell
 from planning.transforms import from_rpy, translation
@@ -22,6 +23,16 @@ Change = Callable[[Workcell], Workcell]
 def _robot(**changes: object) -> Change:
     return lambda cell: replace(
         cell, robots=(replace(cell.robots[0], **changes), *cell.robots[1:])
+    )
+
+
+def _model(**changes: object) -> Change:
+    return lambda cell: replace(
+        cell,
+        robots=(
+            replace(cell.robots[0], model=replace(cell.robots[0].model, **changes)),
+            *cell.robots[1:],
+        ),
     )
 
 
@@ -43,6 +54,7 @@ def test_a_cell_does_not_differ_from_itself() -> None:
 
 
 ROBOT, OBJECT = CELL.robots[0], CELL.objects[0]
+MODEL = ROBOT.model
 
 
 @pytest.mark.parametrize(
@@ -55,6 +67,14 @@ ROBOT, OBJECT = CELL.robots[0], CELL.objects[0]
         ),
         (_robot(home=ROBOT.home + 0.01), "another HOME"),
         (_robot(name="new"), "robot 'new' is not in the plan"),
+        (
+            _model(grip=ToolGrip((0.0, 0.05), "hand")),
+            "a tool that holds in another way",
+        ),
+        (_model(velocity=MODEL.velocity * 0.5), "other joint limits (velocity)"),
+        (_model(flange=translation(0, 0, 0.01) @ MODEL.flange), "its flange is 0.01 m"),
+        (_model(parts=MODEL.parts[1:]), "has another arm"),
+        (_model(parts=(*MODEL.parts, MODEL.parts[-1])), "has another tool"),
         (_object(shape=box_shape("b", OBJECT.size * 2.0)), "measures"),
         (_object(shape=_wedge(OBJECT.size)), "another shape of the same size"),
         (_object(start=translation(0.0, 0.0, 0.002) @ OBJECT.start), "0.002 m from"),
