@@ -13,11 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from planning.errors import ScenarioError
 from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.comparison.bounds import straight_line_ratio, straight_line_s
 from twin.durations import NANOSECONDS
 from twin.host.progress import Report, StageWatch, report_nothing
+from twin.planning.kind import assembly_kind
 from twin.planning.pipeline import (
     default_shortcuts,
     order_motions,
@@ -115,6 +117,11 @@ def measure_policies(
         TwinError: it cannot be planned; see ``plan_scenario``.
     """
     scenario = scenario.model_copy(update={"seed": seed})
+    if assembly_kind(scenario.assembly).machines():
+        raise ScenarioError(
+            "sources and products have machines that no plan in slots can wait for: study the"
+            " scenario instead, with the policies sequential and asynchronous"
+        )
     watch = StageWatch(progress)
     turns = plan_in_turns(scenario, base, watch)
     settings = turns.settings

@@ -92,8 +92,7 @@ def plan_scenario(
         TransitError: no collision-free path was found.
         PlanInvariantError: the plan breaks a guarantee, which is a fault of this program.
     """
-    watch = StageWatch(progress)
-    first, planned = plan_best(scenario, folder, watch)
+    first, planned = plan_best(scenario, folder, watch := StageWatch(progress))
     if first.pattern is not None:
         return _repeated(replace(planned, pattern=first.pattern), watch)
     if first.work is None:
@@ -123,10 +122,9 @@ def _repeated(planned: Planned, watch: StageWatch) -> Planned:
     """Return the plan of some products for all that there are to be; the stage is products."""
     plans = {IN_TURNS: planned.turns or planned.tpg, planned.variant: planned.tpg}
     found = repeated_plans(plans, planned.pattern, watch)
-    turns, tpg = found[IN_TURNS], found[planned.variant]
-    if tpg is turns:
+    if (tpg := found[planned.variant]) is found[IN_TURNS]:
         return replace(planned, cell=tpg.cell, tpg=tpg, turns=None, variant=IN_TURNS)
-    return replace(planned, cell=tpg.cell, tpg=tpg, turns=turns)
+    return replace(planned, cell=tpg.cell, tpg=tpg, turns=found[IN_TURNS])
 
 
 def _better(
@@ -261,8 +259,7 @@ def plan_motions(scenario: Scenario, folder: Path, watch: StageWatch) -> Planned
         )
     if kind.machines() and scenario.planning.coordination != "sequential":
         raise ScenarioError(
-            "in slots everyone would wait for the machines of sources and products, and they for"
-            " everyone: leave out the planning's coordination"
+            "no slot can wait for machines of sources and products: leave out coordination"
         )
     cell = build_workcell(scenario, folder)
     return kind.plan(cell, motion_settings(scenario, cell, folder), watch)
@@ -280,11 +277,6 @@ def plan_in_turns(
         raise ScenarioError(
             f"a {scenario.assembly.kind} is planned in space and time at once, not one task"
             " after another"
-        )
-    if assembly_kind(scenario.assembly).machines():
-        raise ScenarioError(
-            "sources and products have machines that no plan in slots can wait for: study the"
-            " scenario instead, with the policies sequential and asynchronous"
         )
     return plan_motions(scenario, folder, watch)
 

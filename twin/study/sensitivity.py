@@ -11,6 +11,7 @@ import numpy as np
 from scipy import stats
 
 from planning.transforms import Array
+from scheduling.graph.machine_chains import machine_chains
 from twin.host.progress import Report, report_nothing
 from twin.study.replications.experiment import Block
 from twin.study.replications.workload import Engines, Workload
@@ -21,6 +22,9 @@ SHARE = 0.2
 
 _TORNADO, _TORNADO_BY_EVENTS = 200, 30
 """Replications of each input and direction, with the draws of the study's first ones."""
+
+_LEAST, _MOST_TASKS = 20, 1_000_000
+"""Fewest replications of a long plan, and tasks of all of them together beyond that."""
 
 _SOBOL = 50
 """Replications of each combination of inputs; all of them see the same draws."""
@@ -79,7 +83,10 @@ def inputs_of(load: Workload) -> Mapping[str, Scaled]:
         for skill in load.execution.durations.models
         if skill in kinds
     }
-    for chain in load.tpg.chains:
+    machines = machine_chains(load.tpg)
+    for k, chain in enumerate(load.tpg.chains):
+        if k in machines:
+            continue
         found[f"motions of {chain.robot}"] = partial(_with_motions, robot=chain.robot)
     if load.execution.disturbances.stalls.rate_per_h > 0:
         found["rate of stalls"] = _with_stalls
@@ -94,7 +101,9 @@ def influences(load: Workload) -> list[Influence]:
     Args:
         load: the work of one cell.
     """
-    block = Block(0, 0, _TORNADO_BY_EVENTS if load.reasons else _TORNADO)
+    affordable = max(_LEAST, _MOST_TASKS // max(len(load.tpg.tasks), 1))
+    most = _TORNADO_BY_EVENTS if load.reasons else _TORNADO
+    block = Block(0, 0, min(most, affordable))
     base = makespans_s(load, block)
 
     def change(scaled: Scaled, factor: float) -> float:

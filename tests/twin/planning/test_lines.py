@@ -14,10 +14,10 @@ from planning.tasks.supply_tasks import LEAVE, PRESENT
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.rollout import earliest_times
 from scheduling.invariant import check_invariant
-from twin.host.progress import StageWatch, report_nothing
+from twin.comparison.comparison import measure_policies
 from twin.planning.kind import assembly_kind
 from twin.planning.line.written_out import slots, written_out
-from twin.planning.pipeline import Planned, plan_in_turns, plan_scenario
+from twin.planning.pipeline import Planned, plan_scenario
 from twin.run.throughput import line_summary, product_nodes
 from twin.scenario.document.problems import InvalidScenarioError
 from twin.scenario.file import load_scenario
@@ -201,4 +201,4 @@ def test_a_part_that_lies_there_once_makes_one_product(tmp_path: Path) -> None:
 def test_lines_have_no_slots(tmp_path: Path) -> None:
     own = scenario(tmp_path)
     with pytest.raises(ScenarioError, match="no plan in slots"):
-        plan_in_turns(own, tmp_path, StageWatch(report_nothing))
+        measure_policies(own, 0, candidates=0, base=tmp_path)

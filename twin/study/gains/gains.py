@@ -33,6 +33,9 @@ _BUDGET_BY_EVENTS = 1_000_000
 """The same where the event engine has to do it."""
 
 _LEAST, _MOST = 100, 2000
+_FEWEST = 20
+"""Replications of a cell whose plan is so long that more would take minutes."""
+
 _LEAST_BY_EVENTS, _MOST_BY_EVENTS = 8, 200
 """Replications of a cell; where fewer are affordable by events nothing is tried."""
 
@@ -180,6 +183,8 @@ def _affordable(load: Workload, count: int, share: float) -> int:
     affordable = max(affordable, count / (4 * levers if needs_events(load) else levers))
     if needs_events(load) and affordable < least:
         return 0
+    if not needs_events(load):
+        least = max(_FEWEST, min(least, _MOST_VALUES // 4 // replay_cost(load)))
     most = max(least, min(most, _MOST_VALUES // replay_cost(load)))
     return min(count, int(np.clip(affordable, least, most)) // 2 * 2)
 

@@ -24,6 +24,8 @@ from twin.study.sensitivity import SHARE, Influence, SobolIndex
 
 _LESS, _MORE = "#1f5f9e", "#d97b29"
 _TASKS_A_ROW = 30
+_MOST_LANES = 160
+"""Lanes of all rows together."""
 _CRITICALITY = colormaps["YlOrRd"]
 
 
@@ -35,7 +37,7 @@ def draw_bands(tpg: TemporalPlanGraph, tally: TaskTally) -> Figure:
 
     Args:
         tpg: the plan that was executed.
-        tally: of its tasks; long plans wrap into several rows.
+        tally: of its tasks; long plans wrap into several rows, of very long ones the first is drawn.
     """
     groups = task_groups(tpg)
     lane_of = {chain.robot: k for k, chain in enumerate(tpg.chains)}
@@ -44,6 +46,9 @@ def draw_bands(tpg: TemporalPlanGraph, tally: TaskTally) -> Figure:
     share = tally.critical / max(tally.count, 1)
     total = float(end[2].max())
     rows = max(1, -(-len(groups.task) // (_TASKS_A_ROW * len(lane_of))))
+    if rows * len(lane_of) > _MOST_LANES:
+        fewer = max(1, _MOST_LANES // len(lane_of))
+        total, rows = total * fewer / rows, fewer
     height = 1.2 + rows * (0.5 + 0.46 * len(lane_of))
     figure = new_picture(WIDTH_IN, height, dpi=110)
     panels: list[Axes] = figure.subplots(rows, 1, squeeze=False)[:, 0].tolist()
