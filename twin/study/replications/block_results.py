@@ -42,6 +42,9 @@ WAIT_COLUMNS = {
 KEPT = 500
 """Replications whose starts and ends of tasks are kept, for bands on a Gantt chart."""
 
+_FEWEST, _MOST_KEPT = 50, 4_000_000
+"""Fewest of these, and starts of tasks in all of them where a plan is so long that it would be more."""
+
 _LARGEST = 1 << 30  # bytes of a block: some thousand times the largest one
 
 _SEAL = "made_from_and_sha256"
@@ -166,7 +169,7 @@ class TaskGroups:
 
     def tally(self, replications: Indices, found: Completions) -> TaskTally:
         """Sum up what came of some replications that completed."""
-        kept = replications < KEPT
+        kept = replications < min(KEPT, max(_FEWEST, _MOST_KEPT // len(self.task)))
         critical = np.logical_or.reduceat(found.critical, self.first, axis=0)
         slack = np.full(len(self.task), -1, dtype=np.int64)
         if found.slack_ns is not None:
