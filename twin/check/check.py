@@ -10,6 +10,7 @@ from typing import Any
 from twin.check.balance import check_balance
 from twin.check.finding import Finding, Findings, Subject
 from twin.check.lying import check_fixtures, check_goals, check_starts
+from twin.check.meshes import check_meshes
 from twin.check.reach import check_reach
 from twin.check.robots import check_bases, check_homes, check_speeds
 from twin.check.times import check_skill_times
@@ -26,6 +27,7 @@ from twin.scenario.sections.scenario import Scenario
 
 _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
     check_fixtures,
+    check_meshes,
     check_bases,
     check_homes,
     check_starts,
