@@ -113,9 +113,16 @@ def plan_best(
     refuse_improvement(scenario)
     first = plan_motions(scenario, folder, watch)
     planned = _coordinated(scenario, first, watch)
-    if scenario.planning.improves:
-        return _better(scenario, first, planned, watch)
-    return first, planned
+    improves = scenario.planning.improves
+    found = improved_motions(scenario, first, watch) if improves else None
+    if found is None:
+        return first, planned
+    try:
+        other = _coordinated(scenario, found, watch)
+    except PlanInvariantError:
+        return first, planned
+    better = nominal_s(other.tpg) < nominal_s(planned.tpg)
+    return (found, other) if better else (first, planned)
 
 
 def _repeated(planned: Planned, watch: StageWatch) -> Planned:
@@ -125,21 +132,6 @@ def _repeated(planned: Planned, watch: StageWatch) -> Planned:
     if (tpg := found[planned.variant]) is found[IN_TURNS]:
         return replace(planned, cell=tpg.cell, tpg=tpg, turns=None, variant=IN_TURNS)
     return replace(planned, cell=tpg.cell, tpg=tpg, turns=found[IN_TURNS])
-
-
-def _better(
-    scenario: Scenario, first: PlannedMotions, planned: Planned, watch: StageWatch
-) -> tuple[PlannedMotions, Planned]:
-    """Return what a search for better choices leads to; the given plan where that is no better."""
-    found = improved_motions(scenario, first, watch)
-    if found is None:
-        return first, planned
-    try:
-        other = _coordinated(scenario, found, watch)
-    except PlanInvariantError:
-        return first, planned
-    better = nominal_s(other.tpg) < nominal_s(planned.tpg)
-    return (found, other) if better else (first, planned)
 
 
 def _coordinated(

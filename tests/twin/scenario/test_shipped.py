@@ -26,8 +26,12 @@ from twin.scenario.shipped import (
 
 ROOT = Path(__file__).parents[3]
 
-FILES = {"taskboard": {"driver.urdf"}, "shapes": {"shapes_housing.stl"}}
-"""Files that shipped scenarios name."""
+FILES: dict[str, set[str]] = {
+    "taskboard": {"driver.urdf"},
+    "shapes": {"shapes_housing.stl"},
+    "gearbox": set(),
+}
+"""Scenarios that name files, with some of them."""
 
 
 def invoke(*arguments: object) -> Result:
@@ -49,8 +53,14 @@ def test_a_copy_of_each_is_whole_wherever_it_is(name: str, tmp_path: Path) -> No
     assert sections == original.sections
     cells = (build_workcell(own.sections, own.folder) for own in (original, copied))
     assert not cell_differences(*cells)
-    named = {path.name for path in copied.folder.iterdir()}
-    assert named == {"scenario.yaml", "scenario.schema.json", *FILES.get(name, ())}
+    files = [path for path in copied.folder.rglob("*") if path.is_file()]
+    named = {path.relative_to(copied.folder).as_posix() for path in files}
+    named -= {"scenario.yaml", "scenario.schema.json"}
+    assert named >= FILES.get(name, set())
+    assert bool(named) == (name in FILES)
+    for path in named:
+        kept = (copied.folder / path).read_bytes()
+        assert kept == (original.folder / path).read_bytes()
 
 
 def test_a_name_is_a_scenario_unless_there_is_such_a_file(
