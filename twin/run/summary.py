@@ -205,7 +205,7 @@ def _line_rows(line: Mapping[str, Any] | None) -> list[tuple[str, str, str]]:
     most = f"at most {cycle['greatest']:.2f} s"
     rows.append(("cycle time of a product", f"{cycle['mean']:.2f} s", most))
     if due := line["due"]:
-        worst = f"at most {due['greatest_lateness_s']:.2f} s after they are due"
+        worst = f"lateness at most {due['greatest_lateness_s']:+.2f} s"
         rows.append(("late products", str(due["late"]), worst))
     return rows
 
