@@ -60,14 +60,19 @@ class SolidLines:
         Returns:
             Where they enter and where they leave; what is never inside leaves before it enters.
         """
-        enter, leave, _, _ = self._cut(starts, direction)
+        _, _, enter, leave = self._cut(starts, direction)
         return enter, leave
 
     def stretches(self, start: Array, direction: Array) -> list[Stretch]:
         """Return the stretches of one line inside of the shape, in order."""
-        enter, leave, into, out = (
-            rows[0] for rows in self._cut(start[None], direction)
+        low, high, enters, leaves = self._cut(start[None], direction)
+        first, count = self._planes[2], len(self._planes[1])
+        ends = np.append(first[1:], count)
+        into, out = (
+            _first_equal(values, wanted, first, ends)[0]
+            for values, wanted in ((low, enters), (high, leaves))
         )
+        enter, leave = enters[0], leaves[0]
         normals = self._planes[0]
         found: list[Stretch] = []
         inside = np.flatnonzero(leave > enter)
@@ -98,7 +103,8 @@ class SolidLines:
 
     def _cut(
         self, starts: Array, direction: Array
-    ) -> tuple[Array, Array, Indices, Indices]:
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return where lines pass each plane, on either side, and where each piece."""
         normals, offsets, first = self._planes
         along = normals @ direction
         height = starts @ normals.T + offsets
@@ -111,10 +117,7 @@ class SolidLines:
         low, high = np.where(never, np.inf, low), np.where(never, -np.inf, high)
         enter = np.maximum.reduceat(low, first, axis=1)
         leave = np.minimum.reduceat(high, first, axis=1)
-        ends = np.append(first[1:], len(offsets))
-        into = _first_equal(low, enter, first, ends)
-        out = _first_equal(high, leave, first, ends)
-        return enter, leave, into, out
+        return low, high, enter, leave
 
 
 def _first_equal(

@@ -17,6 +17,7 @@ from planning.cell.cover import directions
 from planning.cell.forms import Box, Mesh
 from planning.cell.shape import Element, Shape
 from planning.cell.solid_lines import SolidLines, Stretch
+from planning.kept_answers import KeptAnswers
 from planning.parts.assembly import Grip, GripRules, box_grips, points_well
 from planning.transforms import Array, Transform, readonly
 
@@ -25,6 +26,8 @@ _MOST = 48
 
 _OPPOSITE = np.cos(np.radians(15.0))
 """Fingers hold faces that are turned from the direction in which they close by no more."""
+
+_KNOWN: KeptAnswers[list[Grip]] = KeptAnswers(2000)
 
 _FLAT = 0.001
 _SAME = 0.002
@@ -51,7 +54,14 @@ def part_grips(
     """
     if shape.is_box and not rules.suction:
         return box_grips(shape.size, start, goal, rules)
-    turns = _wanted_turns(shape, (start, goal), rules)
+    key = (shape, start.tobytes(), goal.tobytes(), rules)
+    return list(_KNOWN.get(key, lambda: _found(shape, (start, goal), rules)))
+
+
+def _found(
+    shape: Shape, poses: tuple[Transform, Transform], rules: GripRules
+) -> list[Grip]:
+    turns = _wanted_turns(shape, poses, rules)
     tried = _spots if rules.suction else _holds
     lines = SolidLines(shape)
     found: list[tuple[float, Grip]] = []
