@@ -21,7 +21,7 @@ from planning.lego.skills.allowed_contacts import (
 )
 from planning.lego.skills.candidates import LegoCandidates
 from planning.lego.skills.handovers import HandoverOption
-from planning.lego.skills.options import SkillOption
+from planning.lego.skills.skill_option import SkillOption
 from planning.lego.skills.support import supported_span
 from planning.skills.contacts import gripped, touching
 from planning.skills.joint_paths import Obstruction, SkillPath

@@ -6,8 +6,8 @@ the robot, the step and the grip (the place): their product is never checked pai
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from itertools import product
 
@@ -27,6 +27,12 @@ from planning.lego.skills.allowed_contacts import (
     leaned_on,
     room_at_rest,
     supporting,
+)
+from planning.lego.skills.skill_option import (
+    Found,
+    SkillOption,
+    first_option,
+    is_blocked,
 )
 from planning.lego.skills.support import (
     support_bottom_targets,
@@ -48,7 +54,7 @@ from planning.skills.contacts import (
     ToolContact,
     gripped,
 )
-from planning.skills.joint_paths import Obstruction, SkillPath
+from planning.skills.joint_paths import Obstruction
 from planning.skills.subgoals import SkillTargets, Subgoal
 from planning.skills.surroundings import SkillScene, resolve_skill
 from planning.tasks.assignment import SupportCandidate
@@ -56,28 +62,6 @@ from planning.transforms import Array, Transform, translation
 
 _DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
 """How far behind the pre-pose a support may start [m]."""
-
-
-@dataclass(frozen=True)
-class SkillOption:
-    """A collision-free execution of a skill by one robot.
-
-    Attributes:
-        path: in joint space.
-        after: stock bricks that stand in the way until they have been used.
-        latest: last step at which it is possible, because a later brick is in the way; None
-            when none is.
-        touched: bricks that the tool grazes, False, or leans on, True.
-    """
-
-    path: SkillPath
-    after: frozenset[str] = frozenset()
-    latest: int | None = None
-    touched: Mapping[str, bool] = field(default_factory=dict)
-
-
-Found = SkillOption | Obstruction
-"""A free execution of a skill, or why there is none."""
 
 
 class SkillOptions:
@@ -191,7 +175,7 @@ class SkillOptions:
         option = self._resolve(
             robot, self.pick_targets(robot, stock, grasp), scene, loose
         )
-        if _blocked(option):
+        if is_blocked(option):
             targets = self.pick_targets(robot, stock, grasp, by_halves=True)
             other = self._resolve(robot, targets, scene, loose)
             if isinstance(other, SkillOption) and (
@@ -312,7 +296,7 @@ class SkillOptions:
         if grasp_number(work.press or press_of(grasp)) != grasp or not work.press:
             attacks.append(-work.attack)  # that of the step belongs to its own press
         heights = (APPROACH_HEIGHT,) if work.up else (APPROACH_HEIGHT, HIGH_APPROACH)
-        return _first_option(
+        return first_option(
             self._resolve(
                 robot,
                 self.place_targets(robot, step, grasp, attack, height),
@@ -352,7 +336,7 @@ class SkillOptions:
         scene = SkillScene(
             world.cell, {}, self.home, contacts, standing=standing, tool=self._tool
         )
-        return _first_option(
+        return first_option(
             self._resolve(robot, _drawn_back(targets, back), scene, world.loose_stock)
             for back, targets in product(
                 _DRAWN_BACK, self.support_targets(step, choice)
@@ -378,24 +362,6 @@ class SkillOptions:
         latest = min((k for k in steps if goal_name(k) in gone), default=None)
         after = frozenset(gone).difference(map(goal_name, steps))
         return SkillOption(found.path, after, latest, found.touched)
-
-
-def _blocked(found: Found) -> bool:
-    """Tell whether things are in the way of a skill, for good or until they are gone."""
-    if isinstance(found, Obstruction):
-        return found.by is not None
-    return bool(found.after)
-
-
-def _first_option(tried: Iterable[Found]) -> Found:
-    """Return the first way that is free, or else why the first one is not."""
-    reason: Obstruction | None = None
-    for option in tried:
-        if isinstance(option, SkillOption):
-            return option
-        reason = reason or option
-    assert reason is not None
-    return reason
 
 
 def _drawn_back(skill: SkillTargets, distance: float) -> SkillTargets:
