@@ -58,7 +58,8 @@ def load_urdf(
         hanging = links_on(description, flange_name)
     frames = known.frames
     if frames is None:
-        tip = tip_link(hanging) or (hanging[-1] if hanging else flange_name)
+        there = tuple(link for link in hanging if model.existFrame(link))
+        tip = tip_link(there) or (there[-1] if there else flange_name)
         frames = {"tool": inverse(flange) @ _link_pose(model, tip)}
     joints = description.joints
     lower = readonly([joint.lower for joint in joints])
