@@ -141,8 +141,8 @@ class PlainGraph:
             other = names.index(at.holder)
             stands = self.stands(other, last[other])
             pose = frame_pose(self.tpg.cell.robot(at.holder), stands) @ at.pose
-        solid = resting_solid(name, self.tpg.cell.object(name).body, pose)
-        return [Piece(name, solid, q, q)]
+        (body,) = self.tpg.cell.object(name).shape.pieces
+        return [Piece(name, resting_solid(name, body, pose), q, q)]
 
     def _robot(self, r: int, q_a: Array, q_b: Array) -> list[Piece]:
         name = self.tpg.chains[r].robot
@@ -160,7 +160,7 @@ class PlainGraph:
     def _carried(self, r: int, name: str, pose: Array, q_a: Array, q_b: Array) -> Piece:
         model = self.tpg.cell.robot(self.tpg.chains[r].robot).model
         local = model.flange @ pose
-        body = self.tpg.cell.object(name).body
+        (body,) = self.tpg.cell.object(name).shape.pieces
         solid = Solid(name, body, local, self.joints[r], model.dof - 1)
         return Piece(name, solid, q_a, q_b)
 

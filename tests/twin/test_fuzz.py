@@ -13,9 +13,9 @@ from benchmarks.fuzz.targets import TARGETS
 from benchmarks.fuzz.worker import Worker
 
 CASES = {
-    "scenarios": 500,
+    "scenarios": 200,
     "plans": 30,
-    "logs": 60,
+    "logs": 40,
     "blocks": 10,
     "urdfs": 60,
     "csvs": 40,

@@ -18,7 +18,8 @@ from planning.cell.workcell import Clearances
 from planning.construction.planner import ConstructionPlan
 from planning.construction.world.timeline import ObjectChange
 from planning.contacts.precedence import MOST_OVERLAP
-from scheduling.verification.reference import Part, measure, resting_part
+from planning.transforms import Array
+from scheduling.verification.reference import Part, measure, resting_parts
 
 Progress = Callable[[int, int], None]
 
@@ -59,6 +60,12 @@ def measure_clearances(
     return measurer
 
 
+def _half(part: Part) -> Array:
+    """Return half the edges of a box about the origin of a part's frame that holds it [m]."""
+    box = part.shape.aabb_local
+    return np.maximum(np.abs(np.array(box.min_)), np.abs(np.array(box.max_)))
+
+
 class _Spans:
     """Cuts the time of a plan, and says what is where in a span."""
 
@@ -69,8 +76,9 @@ class _Spans:
         self._changes = {name: line.changes for name, line in lines.items()}
         self._end = max(motion.end for motion in motions.values())
         self._fixtures = [
-            (resting_part(f.name, f.size, f.pose), 0.5 * np.asarray(f.size))
+            part
             for f in self._cell.fixtures
+            for part in resting_parts(f.name, f.shape, f.pose)
         ]
 
     def of(self, robots: Sequence[str]) -> list[tuple[float, float]]:
@@ -101,23 +109,24 @@ class _Spans:
         """Return a robot and what it holds after what happens at ``t``."""
         motion = self._motions[robot]
         loads = [
-            motion.robot.load(name, self._cell.object(name).size, np.asarray(last.pose))
+            load
             for name, changes in self._changes.items()
             if (last := _last(changes, t)) is not None and last.holder == robot
+            for load in motion.robot.loads(
+                name, self._cell.object(name).shape, np.asarray(last.pose)
+            )
         ]
         return Group(motion, (*motion.robot.parts, *loads))
 
     def still(self, t: float) -> Group:
         """Return the fixtures, and the parts that nobody holds after what happens at ``t``."""
-        found = list(self._fixtures)
+        parts = list(self._fixtures)
         for item in self._cell.objects:
             last = _last(self._changes[item.name], t)
             if last is None or last.holder is None:
                 pose = np.asarray(item.start if last is None else last.pose)
-                part = resting_part(item.name, item.size, pose)
-                found.append((part, 0.5 * np.asarray(item.size)))
-        parts, halves = zip(*found, strict=True)
-        return Group(None, parts, np.array(halves))
+                parts += resting_parts(item.name, item.shape, pose)
+        return Group(None, tuple(parts), np.array([_half(part) for part in parts]))
 
     def touching(self, robot: str, start: float, end: float) -> frozenset[str]:
         """Return the parts with which a robot has a skill in a span."""
