@@ -13,10 +13,10 @@ from benchmarks.fuzz.targets import TARGETS
 from benchmarks.fuzz.worker import Worker
 
 CASES = {
-    "scenarios": 200,
+    "scenarios": 120,
     "plans": 30,
     "logs": 40,
-    "blocks": 10,
+    "blocks": 6,
     "urdfs": 60,
     "csvs": 40,
     "tasks": 40,

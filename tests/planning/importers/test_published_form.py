@@ -113,7 +113,9 @@ def test_published_files_are_read_as_they_were_meant(
     np.testing.assert_allclose(found.plate.pose, assembly.plate.pose, atol=1e-9)
 
 
-@pytest.mark.parametrize("tool", ["dual-arm", "slim"])
+@pytest.mark.parametrize(
+    "tool", ["dual-arm", pytest.param("slim", marks=pytest.mark.expensive)]
+)
 def test_a_published_task_is_built_with_either_tool(tmp_path: Path, tool: str) -> None:
     write_published(tmp_path, "cliff", *shipped("cliff"))
     file = tmp_path / "cliff.yaml"

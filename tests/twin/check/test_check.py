@@ -250,7 +250,17 @@ def test_all_mistakes_are_found_at_once(tmp_path: Path) -> None:
     assert all(MISTAKES[name][3] in messages for name in planted)
 
 
-@pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.stem)
+@pytest.mark.parametrize(
+    "file",
+    [
+        # Its gears are meshes that are cut into convex pieces first.
+        pytest.param(file, marks=pytest.mark.expensive)
+        if file.stem == "gearbox"
+        else file
+        for file in SHIPPED
+    ],
+    ids=lambda file: file.stem,
+)
 def test_shipped_scenarios_have_no_errors(file: Path) -> None:
     start = time.process_time()
     report = checked(file)
@@ -315,6 +325,7 @@ def test_a_run_ends_before_planning(tmp_path: Path) -> None:
     assert not out.exists()
 
 
+@pytest.mark.expensive
 def test_a_run_keeps_warnings(tmp_path: Path) -> None:
     text = CELL.replace(
         "planning: {speed_model: joint}",

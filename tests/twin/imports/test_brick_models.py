@@ -68,6 +68,7 @@ def test_designs_come_back_from_ldraw(design: Path, tmp_path: Path) -> None:
     assert sorted(found) == expected
 
 
+@pytest.mark.expensive
 def test_a_run_is_exported_step_by_step(tmp_path: Path) -> None:
     """Of a run: a step an assembly step in the order of the plan, scaffolding before the first."""
     run, model = tmp_path / "run", tmp_path / "faucet.ldr"

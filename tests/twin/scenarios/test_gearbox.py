@@ -13,6 +13,8 @@ from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved, restored
 from twin.trial.trial import try_plan
 
+pytestmark = pytest.mark.expensive
+
 FILE = Path(__file__).parents[3] / "scenarios" / "assembly" / "gearbox.yaml"
 
 
