@@ -10,14 +10,12 @@ import numpy as np
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell
 from planning.contacts.contact_graph import near_to, standing
+from planning.contacts.precedence import MOST_OVERLAP
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import Grip, PartAssembly
 from planning.parts.steps import Place, Process, Work
 from planning.parts.tool_grips import tool_grips
 from planning.transforms import Transform, readonly
-
-MOST_OVERLAP = 0.002
-"""Deepest that a goal may be in what it touches: rounding of poses in files [m]."""
 
 TIP = 0.005
 """What is nearer than this to where a process is done may be touched by its tool [m]."""

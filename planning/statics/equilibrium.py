@@ -17,6 +17,9 @@ from scipy.sparse import coo_matrix, csc_matrix, eye, hstack, vstack
 
 from planning.transforms import Array
 
+STANDARD_GRAVITY = 9.80665
+"""[m/s^2]."""
+
 _NO_PULL = 1e-9
 _INFEASIBLE = 2
 

@@ -20,11 +20,12 @@ import numpy as np
 
 from planning.cell.body import ConvexBody
 from planning.statics.contact_patch import ContactPatch, contact_patch
-from planning.statics.equilibrium import Equilibrium, StabilityReport
+from planning.statics.equilibrium import (
+    STANDARD_GRAVITY,
+    Equilibrium,
+    StabilityReport,
+)
 from planning.transforms import Array, Transform
-
-STANDARD_GRAVITY = 9.80665
-"""[m/s2]."""
 
 _SIDES = 8
 """Edges of the pyramid that lies within a cone of friction."""

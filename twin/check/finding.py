@@ -8,9 +8,11 @@ from functools import cached_property
 from pathlib import Path
 
 from planning.cell.workcell import Workcell
+from twin.check.ordered_parts import OrderedParts
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import AssemblyKind, assembly_kind
 from twin.scenario.document.yaml_text import KeyPath
+from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
 
 
@@ -53,6 +55,14 @@ class Subject:
     def kind(self) -> AssemblyKind:
         """The kind of the assembly."""
         return assembly_kind(self.scenario.assembly)
+
+    @cached_property
+    def parts(self) -> OrderedParts | None:
+        """The assembly in order, where it is one of parts."""
+        section = self.scenario.assembly
+        if not isinstance(section, PartsSection):
+            return None
+        return OrderedParts(self.cell, section)
 
     @cached_property
     def own_fixtures(self) -> frozenset[str]:

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from planning.contacts.contact_graph import Lying, bounds, near_to, standing
-from planning.errors import ConstructionError, InfeasibleStepError
-from planning.parts.part_steps import MOST_OVERLAP
+from planning.contacts.precedence import MOST_OVERLAP
 from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, Subject, millimetres
 from twin.scenario.sections.parts import PartsSection
@@ -56,19 +55,13 @@ def check_starts(subject: Subject) -> Findings:
 
 def check_goals(subject: Subject) -> Findings:
     """Yield parts of an assembly that overlap, or hang in the air, in their places."""
-    section = subject.scenario.assembly
-    if not isinstance(section, PartsSection):
+    if subject.parts is None:
         return
-    from planning.parts.order import in_found_order
-    from twin.planning.parts import build_assembly
-
-    cell, assembly = subject.cell, build_assembly(section)
-    if section.order == "find":
-        try:
-            assembly = in_found_order(cell, assembly)
-        except (ConstructionError, InfeasibleStepError) as error:
-            yield Finding(("assembly", "steps"), error.message, error=True)
-            return
+    cell, section = subject.cell, subject.parts.section
+    assembly = subject.parts.found
+    if isinstance(assembly, str):
+        yield Finding(("assembly", "steps"), assembly, error=True)
+        return
     goals = assembly.goals
     where: dict[str, Transform] = {item.name: item.start for item in cell.objects}
     for name in assembly.placed:

@@ -15,18 +15,18 @@ from planning.errors import (
     ScenarioError,
 )
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
-from planning.parts.assembly import Grip, PartAssembly, PartWays
-from planning.parts.part_steps import WorkStep, part_steps
+from planning.parts.assembly import Grip, PartWays
+from planning.parts.part_steps import WorkStep
 from planning.parts.targets import pick_targets, place_targets, process_targets
 from planning.parts.tool_grips import robot_grips
 from planning.skills.joint_paths import SkillPath, skill_postures
 from planning.skills.subgoals import SkillTargets
 from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, Subject, position
+from twin.check.ordered_parts import OrderedParts
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.goals import GoalsSection
 from twin.scenario.sections.lego import LegoSection
-from twin.scenario.sections.parts import PartsSection
 
 _MOST_GRIPS = 40
 """Grips of a part that are tried by each robot."""
@@ -40,8 +40,8 @@ _STEP = re.compile(r"step (\d+) \(")
 def check_reach(subject: Subject) -> Findings:
     """Yield what no robot reaches: an error where the planner would find none either."""
     section = subject.scenario.assembly
-    if isinstance(section, PartsSection):
-        yield from _check_parts(subject, section)
+    if subject.parts is not None:
+        yield from _check_parts(subject, subject.parts)
     elif isinstance(section, GoalsSection):
         yield from _check_moves(subject, section)
     elif isinstance(section, LegoSection) and section.structure is None:
@@ -71,23 +71,16 @@ def placed_first(robot: PlacedRobot) -> Transform:
     return np.asarray(robot.model.chain.placement[0])
 
 
-def _check_parts(subject: Subject, section: PartsSection) -> Findings:
-    from planning.parts.order import in_found_order
-    from twin.planning.parts import build_assembly
-
-    assembly, cell = build_assembly(section), subject.cell
+def _check_parts(subject: Subject, parts: OrderedParts) -> Findings:
+    assembly, cell = parts.listed, subject.cell
     robots = [
         robot
         for robot in cell.robots
         if assembly.grips.frame in {"flange", *robot.model.frames}
     ]
-    ordered = assembly
-    if section.order == "find":
-        try:
-            ordered = in_found_order(cell, assembly)
-        except (ConstructionError, InfeasibleStepError):
-            return  # said elsewhere
-    yield from _check_works(subject, ordered, assembly)
+    if isinstance(parts.found, str):
+        return  # said elsewhere
+    yield from _check_works(subject, parts)
     if len(robots) < len(cell.robots):
         return  # said elsewhere: a robot has no such frame
     for name in dict.fromkeys(assembly.placed):
@@ -135,15 +128,9 @@ def _check_parts(subject: Subject, section: PartsSection) -> Findings:
         )
 
 
-def _check_works(
-    subject: Subject, assembly: PartAssembly, listed: PartAssembly
-) -> Findings:
+def _check_works(subject: Subject, parts: OrderedParts) -> Findings:
     """Yield places of work that no robot that may work there reaches."""
-    try:
-        steps = part_steps(subject.cell, assembly)
-    except InfeasibleStepError:
-        return  # said elsewhere
-    for found in steps:
+    for found in parts.steps or ():  # none where one cannot be, which is said elsewhere
         if not isinstance(found, WorkStep):
             continue
         step, process = found.step, found.step.process
@@ -161,7 +148,7 @@ def _check_works(
         ):
             continue
         who = ", ".join(robot.name for robot in robots)
-        number = next(k for k, item in enumerate(listed.steps) if item is step)
+        number = next(k for k, item in enumerate(parts.listed.steps) if item is step)
         yield Finding(
             ("assembly", "steps", number),
             f"no robot reaches {step.at}, at {position(found.place[:3, 3].tolist())}, with frame"

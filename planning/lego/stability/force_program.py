@@ -17,12 +17,12 @@ import numpy as np
 from planning.lego.bricks.assembly import STUD_PITCH, PlacedBrick
 from planning.lego.bricks.contacts import centre
 from planning.lego.stability.stability import (
-    STANDARD_GRAVITY,
     UP,
     Contact,
     Hold,
     Load,
 )
+from planning.statics.equilibrium import STANDARD_GRAVITY
 from planning.transforms import Array
 
 _STATUS = highspy.HighsModelStatus

@@ -27,7 +27,6 @@ from planning.lego.bricks.contacts import (
 from planning.lego.stability.compression import Region, contains, resting_region
 from planning.lego.stability.force_program import ENOUGH, ForceProgram
 from planning.lego.stability.stability import (
-    STANDARD_GRAVITY,
     Hold,
     JointStrength,
     Load,
@@ -37,7 +36,7 @@ from planning.lego.stability.stability import (
     face_contacts,
     joint_contacts,
 )
-from planning.statics.equilibrium import StabilityReport
+from planning.statics.equilibrium import STANDARD_GRAVITY, StabilityReport
 
 Names = frozenset[str]
 

@@ -27,11 +27,8 @@ from planning.lego.bricks.contacts import (
     knob_points,
     stud_height,
 )
-from planning.statics.equilibrium import Equilibrium
+from planning.statics.equilibrium import STANDARD_GRAVITY, Equilibrium
 from planning.transforms import Array
-
-STANDARD_GRAVITY = 9.80665
-"""[m/s^2]."""
 
 UP = np.array([0.0, 0.0, 1.0])
 LEVEL = (np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
