@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,7 +10,7 @@ from planning.transforms import Transform
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step:
+class Step(ABC):
     """What all steps have in common.
 
     Attributes:
@@ -25,9 +26,9 @@ class Step:
     hold: str | None = None
 
     @property
+    @abstractmethod
     def words(self) -> str:
         """What it is, for people."""
-        raise NotImplementedError
 
     def done_by(self, robot: str) -> bool:
         """Tell whether a robot may do it."""
