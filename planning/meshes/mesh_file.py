@@ -52,12 +52,16 @@ def read_triangles(path: Path, content: bytes, scale: float | None) -> Triangles
     loaded: Any
     try:
         loaded = trimesh.load_mesh(
-            BytesIO(content), file_type=path.suffix.lower()[1:], process=False
+            BytesIO(_in_utf8(content)), file_type=path.suffix.lower()[1:], process=False
         )
         if isinstance(loaded, trimesh.Scene):
             loaded = loaded.to_mesh()
         vertices = np.array(loaded.vertices, dtype=np.float64).reshape(-1, 3)
         faces = np.array(loaded.faces, dtype=np.int64).reshape(-1, 3)
+    except ModuleNotFoundError:  # it takes the bytes for text, and guesses its encoding
+        raise ShapeError(
+            f"mesh {path} is cut off, or not written as {path.suffix[1:].upper()}: export it anew"
+        ) from None
     # Its readers raise whatever the bytes lead them to.
     except Exception as error:
         raise ShapeError(
@@ -101,6 +105,17 @@ def read_mesh_bytes(path: Path) -> bytes:
         ) from None
     except OSError as error:
         raise ShapeError(f"mesh {path} cannot be read: {error.strerror}") from None
+
+
+def _in_utf8(content: bytes) -> bytes:
+    """Return a mesh that is written as text in UTF-8, whatever its names are written in."""
+    try:
+        content.decode()
+    except UnicodeDecodeError:
+        written = content.lstrip().startswith((b"solid", b"#", b"v ", b"o ", b"g "))
+        if written and (b"facet" in content or b"\nf " in content):
+            return content.decode("latin-1").encode()
+    return content
 
 
 def _merged(vertices: Array, faces: Indices) -> Triangles:

@@ -152,6 +152,12 @@ LINE = stl([(0, 0, 0), (1, 0, 0), (2, 0, 0)])
             stl([(0, 0, 0)] * 3)[:-30],
             r"a\.stl (cannot be read|has no triangles).*export",
         ),
+        (
+            "a.stl",
+            stl(*[[(0.1, 0.7, -0.3), (0.9, 0.3, 0.1), (0.2, 0.1, 0.8)]] * 9)[:-30],
+            r"a\.stl (is cut off|cannot be read|has no triangles).*export",
+        ),
+        ("a.stl", bytes(range(256)) * 3, r"a\.stl (is cut off|cannot be read).*export"),
         ("a.obj", b"v 0 0 0\nv 1 0 0\n", r"a\.obj .*export"),
         ("a.obj", b"v 0 0 0\nf 1 2 3\n", r"a\.obj .*export"),
         ("a.stl", LINE, r"a\.stl has only triangles without an area"),
@@ -164,6 +170,18 @@ def test_useless_files_are_named_with_a_remedy(name, content, words, tmp_path):
         file.write_bytes(content)
     with pytest.raises(ShapeError, match=words):
         mesh_form(file)
+
+
+@pytest.mark.parametrize("kind", ["stl_ascii", "obj"])
+def test_names_in_any_encoding_do_no_harm(kind, tmp_path):
+    text = trimesh.exchange.export.export_mesh(
+        box((0.1, 0.2, 0.3)), None, file_type=kind
+    )
+    named = {"stl_ascii": b"solid Geh\xe4use", "obj": b"# Geh\xe4use"}[kind]
+    _, rest = text.encode().split(b"\n", 1)
+    file = tmp_path / ("a.stl" if kind == "stl_ascii" else "a.obj")
+    file.write_bytes(named + b"\n" + rest)
+    assert mesh_form(file).volume == pytest.approx(0.006)
 
 
 @pytest.mark.parametrize(
